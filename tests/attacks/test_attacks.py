@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import robustflow as rf
 from robustflow.attacks import Attack, load_attack
-from robustflow.attacks.ball import MOVED, Ball
+from robustflow.attacks.ball import MOVED, NORMS, Ball
 from robustflow.attacks.images import frames_of, images_of
 from robustflow.attacks.loss import LOSSES, Loss
 from robustflow.attacks.registry import SHIPPED, norm_of
@@ -30,6 +30,8 @@ FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd":
     "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4},
     "worst_of": {"parts": "fgsm+square", "queries": 30},
 }
+ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patch", "universal")]
+"""The attacks that need neither samples to train on nor frames of some size (see test_trained)."""
 """Options with which an attack is quick."""
 
 
@@ -42,7 +44,7 @@ def _attacked(name: str, model=None, severity: int = 4, seed: int = 0, **options
 
 @settings(max_examples=60)
 @given(
-    st.sampled_from(["linf", "rms"]),
+    st.sampled_from(NORMS),
     st.sampled_from(MOVED),
     st.floats(0.3, 40),
     st.integers(0, 10**6),
@@ -59,14 +61,15 @@ def test_projected_frames_never_exceed_the_budget_in_8_bits(norm, moved, budget,
     squares = (parts**2).mean(axis=(1, 2, 3))
     rms = np.sqrt(squares.max() if per_frame else squares.mean())
     assert ball.holds(images)
-    assert (np.abs(parts).max() if norm == "linf" else rms) <= budget
+    area = 100 * parts.any(axis=-1).mean(axis=(1, 2)).max()
+    assert {"linf": np.abs(parts).max(), "rms": rms, "area": area}[norm] <= budget
     still = {"first": 1, "second": 0}.get(moved)
     assert still is None or not change[still].any()
     assert moved != "joint" or np.array_equal(change[0], change[1])
 
 
 @pytest.mark.parametrize("severity", [1, 3, 5])
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", ON_SMALL_PAIRS)
 def test_every_attack_stays_inside_its_budget(name, severity):
     clean, attacked = _attacked(name, severity=severity)
 
@@ -75,7 +78,7 @@ def test_every_attack_stays_inside_its_budget(name, severity):
     assert (attacked.linf, attacked.rms) == (norms["linf"], norms["rms"])
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", ON_SMALL_PAIRS)
 def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
     first, again, other = (_attacked(name, seed=seed)[1].frames for seed in (1, 1, 2))
 
@@ -141,7 +144,7 @@ def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps
 
 
 def test_attacks_count_what_they_ask_for():
-    costs = {name: _attacked(name)[1] for name in SHIPPED}
+    costs = {name: _attacked(name)[1] for name in ON_SMALL_PAIRS}
 
     assert {name: (one.evaluations, one.gradients) for name, one in costs.items()} == {
         "random_sign": (0, 0),
@@ -419,7 +422,14 @@ def test_every_attack_is_documented_and_has_the_severities_of_its_norm():
         assert attack.name == name
         assert type(attack).__doc__
         budgets = [attack.budget(severity) for severity in range(1, 6)]
-        assert budgets == ([1, 2, 4, 8, 16] if attack.norm == "linf" else [0.5, 1.25, 2.5, 5, 12.5])
+        assert (
+            budgets
+            == {
+                "linf": [1, 2, 4, 8, 16],
+                "rms": [0.5, 1.25, 2.5, 5, 12.5],
+                "area": [0.1, 0.5, 1, 2, 5],
+            }[attack.norm]
+        )
 
 
 def test_a_ball_moves_uphill_by_the_size_of_its_step():

@@ -18,7 +18,7 @@ from .images import frames_of
 from .loss import Loss
 from .own import OwnAttack, is_own, register_attack, with_target_registered
 from .problem import Pair, Problem
-from .registry import ATTACKS, CONTROLS, split_name
+from .registry import ATTACKS, CONTROLS, PATCH_CONTROL, control_of, split_name
 from .result import Attacked, norms_of
 
 AnyAttack = str | Attack | Any
@@ -72,8 +72,8 @@ target, loss, reference, moved, steps, starts
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Names of attacks as a run has them (`Attack.label`), each once, after both kinds of random noise. Only
-    for what the user requests: `module.path:Attribute` is imported.
+    """Names of attacks as a run has them (`Attack.label`), each once, after both kinds of random noise, and after
+    random patches if there are patches. Only for what the user requests: `module.path:Attribute` is imported.
 
     Raises:
         UsageError: an unknown attack or option.
@@ -83,7 +83,8 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     """
     named = (with_target_registered(each) if isinstance(each, str) else each for each in attacks)
     asked = list(dict.fromkeys(load_attack(each).label for each in named))
-    return tuple(dict.fromkeys((*CONTROLS, *asked))) if asked else ()
+    patched = [PATCH_CONTROL] if PATCH_CONTROL in map(control_of, asked) else []
+    return tuple(dict.fromkeys((*CONTROLS, *patched, *asked))) if asked else ()
 
 
 def attack(

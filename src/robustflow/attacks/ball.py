@@ -13,11 +13,17 @@ from ..random.rng import Rng
 from ..sample import Frame
 from .images import WHITE, Images, grey_levels_of, images_of
 
-NORMS = ("linf", "rms")
-"""`linf`: the largest change of a value; `rms`: the root of the mean squared change over the values that may move."""
+NORMS = ("linf", "rms", "area")
+"""`linf`: the largest change of a value; `rms`: the root of the mean squared change over the values that may move;
+`area`: the share of a frame's pixels that change, by any amount."""
 
-GREY_LEVELS: dict[str, tuple[float, ...]] = {"linf": (1, 2, 4, 8, 16), "rms": (0.5, 1.25, 2.5, 5, 12.5)}
-"""The budgets of severities 1 to 5 by norm, in grey levels of 255. 1.275 grey levels are PCFA's bound of 0.005."""
+GREY_LEVELS: dict[str, tuple[float, ...]] = {
+    "linf": (1, 2, 4, 8, 16),
+    "rms": (0.5, 1.25, 2.5, 5, 12.5),
+    "area": (0.1, 0.5, 1, 2, 5),
+}
+"""The budgets of severities 1 to 5 by norm, in grey levels of 255; of "area" in % of the pixels. 1.275 grey levels are
+PCFA's bound of 0.005."""
 
 MOVED = ("both", "first", "second", "joint")
 """Which frames are perturbed: both, each by itself; one of them; or both by the same change."""
@@ -34,7 +40,7 @@ class Ball:
 
     Args:
         frame1, frame2: the clean pair, RGB uint8 (H, W, 3).
-        budget: grey levels of 255.
+        budget: grey levels of 255; % of the pixels for "area".
         norm: one of `NORMS`.
         moved: one of `MOVED`.
         per_frame: "rms" holds for each frame by itself, instead of for both together.
@@ -59,8 +65,9 @@ class Ball:
         for what, value, choice in (("norm", self.norm, NORMS), ("moved frames", self.moved, MOVED)):
             if value not in choice:
                 raise UsageError(f"unknown {what} '{value}' of an attack: choose from {', '.join(choice)}")
-        if not 0 < self.budget <= WHITE:
-            raise UsageError(f"a budget is more than 0 and at most {WHITE} grey levels, not {self.budget}")
+        most, unit = (100, "% of the pixels") if self.norm == "area" else (WHITE, "grey levels")
+        if not 0 < self.budget <= most:
+            raise UsageError(f"a budget is more than 0 and at most {most} {unit}, not {self.budget}")
 
     @cached_property
     def clean(self) -> Images:
@@ -69,8 +76,8 @@ class Ball:
 
     @property
     def radius(self) -> np.float32:
-        """The budget in units of `Images`."""
-        return np.float32(self.budget / WHITE)
+        """The budget in units of `Images`; of "area" in %."""
+        return np.float32(self.budget if self.norm == "area" else self.budget / WHITE)
 
     @property
     def _kept(self) -> slice:
@@ -82,6 +89,8 @@ class Ball:
         moved = change[self._kept].astype(np.float64)
         if self.norm == "linf":
             return float(np.abs(moved).max())
+        if self.norm == "area":
+            return float(100 * moved.any(axis=1).mean(axis=(1, 2)).max())
         means = (moved**2).mean(axis=(1, 2, 3))
         return float(np.sqrt(means.max() if self.per_frame else means.mean()))
 
@@ -104,6 +113,8 @@ class Ball:
     def _shortened(self, change: Images) -> Images:
         if self.norm == "linf":
             return np.clip(change, -self.radius, self.radius)
+        if self.norm == "area":
+            return self._largest(change)
         parts = change if self.per_frame else change[None]
         for part, moved in zip(parts, parts if self.per_frame else [change[self._kept]], strict=True):
             size = np.sqrt((moved.astype(np.float64) ** 2).mean())
@@ -111,19 +122,27 @@ class Ball:
                 part *= np.float32(self.radius / size)
         return change
 
+    def _largest(self, change: Images) -> Images:
+        """The change where it is largest, on as many pixels of each frame as the budget has."""
+        sizes = np.abs(change).max(axis=1).reshape(2, -1)
+        order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
+        kept = np.zeros_like(sizes, bool)
+        np.put_along_axis(kept, order, True, axis=1)
+        return change * kept.reshape(2, 1, *change.shape[2:])
+
     def step(self, images: Images, gradient: Images, size: float) -> Images:
         """One step uphill, and back into the ball.
 
         Args:
             images: where it begins.
             gradient: of what is to grow.
-            size: of the step in the ball's norm, in grey levels: along the sign of the gradient for "linf", along the
-                gradient for "rms".
+            size: of the step in grey levels: along the sign of the gradient, or along the gradient, and of this root
+                mean square, for "rms".
         """
         if self.moved == "joint":
             gradient = np.broadcast_to(gradient.sum(axis=0), gradient.shape)
         length = np.float32(size / WHITE)
-        if self.norm == "linf":
+        if self.norm != "rms":
             return self.project(np.asarray(images + length * np.sign(gradient), np.float32))
         squares = (gradient[self._kept].astype(np.float64) ** 2).mean(axis=(1, 2, 3), keepdims=True)
         squares = squares if self.per_frame else squares.mean(axis=0, keepdims=True)
@@ -133,11 +152,11 @@ class Ball:
         return self.project(images + length * direction)
 
     def random(self, rng: Rng) -> Images:
-        """A random start inside: uniform values for "linf", a uniform direction of full length for "rms"."""
+        """A random start inside: uniform values, and for "rms" a uniform direction of full length."""
         shape = self.clean.shape
         count = self.clean.size
-        if self.norm == "linf":
-            change = (2 * rng.uniforms(count) - 1) * float(self.radius)
+        if self.norm != "rms":
+            change = (2 * rng.uniforms(count) - 1) * (1 if self.norm == "area" else float(self.radius))
         else:
             change = rng.normals(count) * float(self.radius)
         images: Images = self.clean + change.astype(np.float32).reshape(shape)
@@ -146,7 +165,7 @@ class Ball:
     def _whole_length(self, images: Images) -> Images:
         """With "rms", the change brought to the ball's surface, before values are cut to 0..1."""
         size = self.size_of(images - self.clean)
-        if self.norm == "linf" or size == 0:
+        if self.norm != "rms" or size == 0:
             return images
         return self.clean + (images - self.clean) * np.float32(float(self.radius) / size)
 

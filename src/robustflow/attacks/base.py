@@ -18,7 +18,7 @@ from ..random.rng import Rng
 from ..sample import Flow
 from ..severity import check_severity
 from ..source_digest import source_digest
-from .ball import GREY_LEVELS, MOVED, NORMS, Ball
+from .ball import GREY_LEVELS, MOVED, Ball
 from .images import Images
 from .loss import LOSSES, Loss
 from .problem import Pair, Problem, refuse_without_gradient
@@ -64,7 +64,7 @@ class Attack(ABC):
     agreeing: ClassVar[bool] = False
     """Whether pixels count by CosPGD's weight."""
     variants: ClassVar[tuple[str, ...]] = ("default",)
-    norms: ClassVar[tuple[str, ...]] = NORMS
+    norms: ClassVar[tuple[str, ...]] = ("linf", "rms")
     targets: ClassVar[tuple[str, ...]] = TARGETS
     argument: ClassVar[str] = ""
     """The option that follows the name without its own: `transfer:tiny` is `transfer` with `model="tiny"`."""
@@ -119,7 +119,7 @@ class Attack(ABC):
         Raises:
             UsageError: an option that there is not.
         """
-        known = {each.name: each.default for each in fields(cls)}
+        known = {each.name: each.default for each in fields(cls) if each.compare}
         for option, value in options.items():
             if option not in known:
                 raise unknown_name(f"option of attack {cls.name}", option, known)
@@ -134,11 +134,12 @@ class Attack(ABC):
 
     def known_options(self) -> set[str]:
         """The options that there are."""
-        return {each.name for each in fields(self)}
+        return {each.name for each in fields(self) if each.compare}
 
     def options(self) -> dict[str, Any]:
         """The options that are not the default ones."""
-        return {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
+        values = ((each, getattr(self, each.name)) for each in fields(self) if each.compare)
+        return {each.name: value for each, value in values if value != each.default}
 
     @property
     def label(self) -> str:
@@ -152,6 +153,11 @@ class Attack(ABC):
         """A digest of what decides the frames besides the label: a different model, or source that is not this
         package's; empty for most attacks."""
         return "" if type(self).__module__.startswith(_PACKAGE) else source_digest(type(self))
+
+    @property
+    def trains(self) -> str:
+        """On what it is trained before it is tried: a number of samples, or a file that names them; empty for most."""
+        return ""
 
     @property
     def needs(self) -> str:

@@ -13,10 +13,13 @@ ATTACK_VERSION = 1
 
 CONTROLS = ("random_sign", "random_gauss")
 """Random noise of the attacks' norms, which an attack has to beat."""
+PATCH_CONTROL = "random_patch"
+"""What a patch has to beat."""
 
 _CLASSES = {
     "random_sign": "random_sign:RandomSign",
     "random_gauss": "random_gauss:RandomGauss",
+    "random_patch": "random_patch:RandomPatch",
     "fgsm": "fgsm:Fgsm",
     "bim": "bim:Bim",
     "pgd": "pgd:Pgd",
@@ -26,11 +29,13 @@ _CLASSES = {
     "square": "square:Square",
     "transfer": "transfer:Transfer",
     "worst_of": "worst_of:WorstOf",
+    "universal": "universal:Universal",
+    "patch": "patch:Patch",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
 """The attacks of this package; installed packages add others."""
 
-NORMS: dict[str, str] = {"random_gauss": "rms", "pcfa": "rms"}
+NORMS: dict[str, str] = {"random_gauss": "rms", "pcfa": "rms", "random_patch": "area", "patch": "area"}
 """The norm of an attack's budget in a run, where it is not "linf"."""
 
 
@@ -79,7 +84,7 @@ def control_of(name: str) -> str:
     >>> control_of("pgd")
     'random_sign'
     """
-    return next(control for control in CONTROLS if norm_of(control) == norm_of(name))
+    return next(control for control in (*CONTROLS, PATCH_CONTROL) if norm_of(control) == norm_of(name))
 
 
 for _name, _target in _CLASSES.items():

@@ -49,6 +49,10 @@ class Transfer(Attack):
         inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
         if isinstance(inner, Transfer):
             raise UsageError("a transfer of a transfer is that of the inner one; name its model alone")
+        if inner.trains:
+            raise UsageError(
+                f"attack transfer: {inner.name} is trained on samples; run it, then give file= what it kept"
+            )
         rest = tuple((option, value) for option, value in options.items() if option not in known)
         if rest and not isinstance(on, str):
             raise UsageError(f"attack transfer: '{rest[0][0]}' is no option of {inner.name}, and the model is built")

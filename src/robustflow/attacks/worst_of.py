@@ -50,6 +50,8 @@ class WorstOf(Attack):
             load_attack(name, **{option: value for option, value in options.items() if option in each})
             for name, each in zip(names, known, strict=True)
         ]
+        if trained := [part.name for part in parts if part.trains]:
+            raise UsageError(f"attack worst_of: {trained[0]} is trained on samples; run it by itself")
         norms = {part.norm for part in parts}
         if len(norms) != 1:
             raise UsageError(

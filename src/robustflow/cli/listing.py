@@ -163,7 +163,7 @@ def _attacks() -> list[str]:
         one = load_attack(name)
         budgets = ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES)
         lines.append(f"{name:14s} {one.norm:5s} {one.needs:10s} {budgets}")
-    return [*lines, "Budgets of severities 1 to 5 in grey levels of 255; docs: attacks."]
+    return [*lines, "Budgets of severities 1 to 5 in grey levels of 255, of area in % of the pixels; docs: attacks."]
 
 
 def _benchmarks() -> list[str]:

@@ -34,7 +34,7 @@ _COLUMNS = (
     "way gone (%)",
     "flows",
 )
-_NORMS = {"linf": "L-inf", "rms": "RMS"}
+_NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
     "Adversarial attacks, which no mean over corruptions includes. Budgets are grey levels of 255 and hold for the "
     "8-bit frames that were measured. Median: of the pixels of a pair, then the mean over pairs. Capped: no pixel "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,15 @@ from ..attacks import Attack, load_attack
 from ..attacks.api import answers_differ, attack_of_sample
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
+from ..attacks.trained import Trained
+from ..benchmarks import Benchmark
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, FlowModel, describe_cell
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow, Sample
+from .attack_training import training_digest
 from .seconds import Seconds, timed
 
 
@@ -40,7 +44,10 @@ class AttackStage:
         self.names = options.attacks
         for made in options.own_attacks:
             register_attack(made)
-        self._attacks = attacks_in_run(options.attacks, options.variant)
+        self._attacks = {
+            name: replace(one, learned=options.learned.get(name, {})) if isinstance(one, Trained) else one
+            for name, one in attacks_in_run(options.attacks, options.variant).items()
+        }
         self._model = model
         self._options = options
         self._seconds = seconds
@@ -83,16 +90,18 @@ def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
     return {name: load_attack(name).with_variant(variant) for name in names}
 
 
-def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> dict[str, str]:
-    """Check that a model can be attacked in these ways.
+def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
+    """Check that a model can be attacked in the ways of a benchmark.
 
     Returns:
-        For each attack that something else than its name decides, a digest of it (`Attack.source`).
+        For each attack that something else than its name decides, a digest of it (`Attack.source`), and of the samples
+        that it is trained on.
 
     Raises:
         UsageError: a model of clips or of flows computed elsewhere, or a variant that no attack has.
         ModelError: an attack needs gradients and the model has none.
     """
+    names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
         raise UsageError("attacks are made on two frames, which this model does not take; leave out --attacks")
     attacks = attacks_in_run(names, variant)
@@ -100,7 +109,8 @@ def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> dict
         raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run have it")
     for one in attacks.values():
         one.check(model)
-    return {name: one.source for name, one in attacks.items() if one.source}
+    trained = {name: training_digest(one, benchmark, seed) for name, one in attacks.items() if one.trains}
+    return {name: one.source for name, one in attacks.items() if one.source} | trained
 
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:

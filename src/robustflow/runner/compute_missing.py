@@ -15,6 +15,7 @@ from ..runs.manifest import Manifest, clips_of
 from ..runs.open_manifest import changed_files, now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
+from .attack_training import learned_patterns
 from .clean_row_check import kept_clean_rows
 from .engines.base import Engine, Job
 from .progress import NamesEngine, Progress
@@ -46,6 +47,8 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     folder.write_manifest(manifest)
     folder.settle(manifest.samples, unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
+    learned = learned_patterns(folder, plan, named.model, units)
+    job = replace(job, options=replace(plan.options, learned=learned))
     job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     del cells
     if units and isinstance(progress, NamesEngine):

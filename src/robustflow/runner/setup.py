@@ -84,7 +84,7 @@ def set_up(
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("flows from files are those of moving pairs; leave out --still, or name a model that predicts")
-    attack_sources = check_attacks(benchmark.attacks, variant, named.model)
+    attack_sources = check_attacks(benchmark, seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     options = _options(
         seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.classes

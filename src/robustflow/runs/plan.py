@@ -64,6 +64,8 @@ class RunOptions:
     """The conditions that are attacks on the model; the others are corruptions."""
     own_attacks: tuple[Any, ...] = ()
     """The user's own attacks, like `own` (see `attacks.own`)."""
+    learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
+    """What trained attacks have learned, by attack and severity."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
     """What decides attacks besides their names: name to digest."""
     pictures: Path | None = None

@@ -3,6 +3,7 @@
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
 clean/*.npy        clean flows of samples that are not finished yet (`clean_flows`)
+attacks/*.npy      perturbations that attacks were trained to make, stored like clean flows
 summary.json, report.html
 examples/           pictures of the worst and the median sample
 source.json        where model and data were on this machine
@@ -233,6 +234,10 @@ class RunFolder:
     def clean_path(self, key: str) -> Path:
         """Where the clean flow of a sample is stored until the sample is finished."""
         return self.path / "clean" / f"{_slug(key)}.npy"
+
+    def pattern_path(self, attack: str, severity: int) -> Path:
+        """Where the perturbation that an attack was trained to make is stored."""
+        return self.path / "attacks" / f"{_slug(attack)}.{severity}.npy"
 
 
 def _unit_name(unit: Unit) -> str:

@@ -13,7 +13,7 @@ from .canvas import ends_text, fair_limits, new_figure
 from .marks import Mark, MarkedFigure
 from .styles import model_styles
 
-NORMS = {"linf": "largest change", "rms": "root mean square of the change"}
+NORMS = {"linf": "largest change", "rms": "root mean square of the change", "area": "share of the pixels"}
 
 
 @default_style()
@@ -55,7 +55,7 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
         panel.set_xticks(list(places.values()), [f"{budget:g}" for budget in budgets])
         panel.set_ylim(fair_limits([0.0, *reached], zero=True))
         panel.set_title(NORMS[norm], fontsize=9)
-        panel.set_xlabel("budget (grey levels)", fontsize=8.5)
+        panel.set_xlabel("budget (%)" if norm == "area" else "budget (grey levels)", fontsize=8.5)
         panel.set_ylabel(metric_label(metric), fontsize=8.5)
     key = [(name_text(name), style, True) for name, style in styles.items()]
     figure.explain(key, legend)

@@ -1,0 +1,146 @@
+"""Patch: a disc pasted at one place into both frames (Ranjan et al. 2019; stripes: Schrodi et al. 2022)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DataError, unknown_name
+from ..random.rng import Rng
+from .images import Images
+from .problem import Problem
+from .trained import Pattern, Trained
+
+_STRIPE = 4
+"""Width of a stripe, pixels."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch(Trained):
+    """Paste a disc at a random place, the same in both frames: vertical stripes in black and white, which need no
+    training, or a pattern that was trained, in the size that the budget gives it in each frame."""
+
+    name: ClassVar[str] = "patch"
+    needs_gradients: ClassVar[bool] = False
+    norms: ClassVar[tuple[str, ...]] = ("area",)
+
+    norm: str = "area"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.moved == "joint":  # the same colours are not the same change
+            raise unknown_name("moved of attack patch", self.moved, ("both", "first", "second"))
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`; it asks the model nothing."""
+        pattern = self.pattern(problem)
+        return paste(problem, stripes(problem) if pattern is None else pattern)
+
+    def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
+        """See `Trained.first`: at random, in the size of the largest frame's disc."""
+        size = max(diameter(problem) for problem in problems)
+        return rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
+
+    def placed(self, problem: Problem, pattern: Pattern) -> Images:
+        """See `Trained.placed`."""
+        return paste(problem, pattern)
+
+    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern) -> Pattern:
+        """See `Trained.pulled`."""
+        place = Disc.of(problem)
+        there = (gradient[place.frames][(..., *place.where)] * place.mask).sum(axis=0)
+        pull, (rows, columns) = np.zeros_like(pattern), place.taken_from(pattern)
+        for channel, values in zip(pull, there, strict=True):
+            np.add.at(channel, (rows, columns), values)
+        return pull
+
+    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern) -> Pattern:
+        """See `Trained.stepped`."""
+        return np.clip(pattern + np.float32(2.5 / self.steps) * np.sign(pull), 0, 1).astype(np.float32)
+
+    def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
+        """See `Trained.checked_pattern`."""
+        if array.ndim != 3 or array.shape[0] != 3 or array.shape[1] != array.shape[2]:
+            raise DataError(f"{self.file} is an array {array.shape}; a patch is (3, N, N) with values in 0..1")
+        return np.clip(array, 0, 1)
+
+
+@dataclass(frozen=True)
+class Disc:
+    """Where a disc is in a pair.
+
+    Attributes:
+        frames: those that have it.
+        where: its square, rows and columns.
+        mask: bool, of the disc in the square.
+    """
+
+    frames: slice
+    where: tuple[slice, slice]
+    mask: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, problem: Problem) -> Disc:
+        """The disc of a pair: as large as the budget has pixels, at a place that the pair's stream draws.
+
+        Raises:
+            DataError: it is larger than the frames, or smaller than a pixel.
+        """
+        size = diameter(problem)
+        height, width = problem.ball.clean.shape[2:]
+        rng = problem.pair.stream("patch")
+        top, left = rng.integer(0, height - size + 1), rng.integer(0, width - size + 1)
+        frames = {"first": slice(0, 1), "second": slice(1, 2)}.get(problem.ball.moved, slice(0, 2))
+        return cls(frames, (slice(top, top + size), slice(left, left + size)), _disc(size))
+
+    def taken_from(self, pattern: Pattern) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """For each pixel of the square the nearest one of a pattern of any size, rows and columns."""
+        size = len(self.mask)
+        places = np.arange(size) * pattern.shape[1] // size
+        rows, columns = np.meshgrid(places, places, indexing="ij")
+        return rows, columns
+
+
+def diameter(problem: Problem) -> int:
+    """Of the largest disc inside the budget, pixels.
+
+    Raises:
+        DataError: it is larger than the frames, or smaller than a pixel.
+    """
+    height, width = problem.ball.clean.shape[2:]
+    most = problem.ball.budget / 100 * height * width
+    size = int(2 * np.sqrt(most / np.pi)) + 2
+    while size and np.count_nonzero(_disc(size)) > most:
+        size -= 1
+    if not 0 < size <= min(height, width):
+        raise DataError(
+            f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels has a diameter of {size}, which does not "
+            "fit into the frame; give another severity or budget, or larger frames"
+        )
+    return size
+
+
+def stripes(problem: Problem) -> Pattern:
+    """Black and white stripes from top to bottom, float32 (3, N, N)."""
+    size = diameter(problem)
+    white = (np.arange(size) // _STRIPE % 2).astype(np.float32)
+    return np.broadcast_to(white, (3, size, size)).copy()
+
+
+def paste(problem: Problem, pattern: Pattern) -> Images:
+    """The clean pair with a pattern in a disc."""
+    place = Disc.of(problem)
+    images = problem.ball.clean.copy()
+    rows, columns = place.taken_from(pattern)
+    square = images[place.frames][(..., *place.where)]
+    square[..., place.mask] = pattern[:, rows, columns][:, place.mask]
+    return images
+
+
+def _disc(size: int) -> npt.NDArray[np.bool_]:
+    distances = np.arange(size) - (size - 1) / 2
+    return np.hypot(distances[:, None], distances) <= size / 2

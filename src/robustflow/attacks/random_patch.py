@@ -1,0 +1,31 @@
+"""Control: a disc of random colours, where the attack `patch` has its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..random.rng import Rng
+from .base import Attack
+from .images import Images
+from .patch import diameter, paste
+from .problem import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomPatch(Attack):
+    """Random colours in a disc of the budget's area; it asks the model nothing."""
+
+    name: ClassVar[str] = "random_patch"
+    needs_gradients: ClassVar[bool] = False
+    norms: ClassVar[tuple[str, ...]] = ("area",)
+    control: ClassVar[bool] = True
+
+    norm: str = "area"
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        size = diameter(problem)
+        return paste(problem, rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size))

@@ -1,0 +1,114 @@
+"""Universal: one perturbation for all samples (Moosavi-Dezfooli et al. 2017; for flow Schmalfuss et al. 2022)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..digest import digest_of_bytes
+from ..errors import DataError, UsageError
+from ..models.base import AnyModel
+from ..random.rng import Rng
+from .ball import Ball
+from .images import Images
+from .problem import Problem
+from .trained import Pattern, Trained, read_array, read_file
+
+
+@dataclass(frozen=True, kw_only=True)
+class Universal(Trained):
+    """Add the same perturbation to every pair, cut to the budget and to 0..255.
+
+    In training, larger frames decide its size; a smaller frame gets the top left part. The perturbation of a file must
+    have the frames' size, and is shortened where it exceeds a budget, never lengthened.
+
+    Args:
+        second: file of frame 2's perturbation, as PCFA writes one for each frame; without it both frames get `file`'s.
+    """
+
+    name: ClassVar[str] = "universal"
+    needs_gradients: ClassVar[bool] = False
+
+    second: str = ""
+
+    @property
+    def source(self) -> str:
+        """A digest of the files."""
+        files = [read_file(each) for each in (self.file, self.second) if each]
+        return digest_of_bytes(*files, size=8) if files else ""
+
+    def check(self, model: AnyModel) -> None:
+        """See `Trained.check`.
+
+        Raises:
+            UsageError: neither samples to train on nor a file.
+        """
+        if not self.train and not self.file:
+            raise UsageError(
+                "attack universal needs samples to train on, universal:train=8 or universal:train=KEYS.txt, or a "
+                "stored perturbation, universal:file=PERTURBATION.npy"
+            )
+        super().check(model)
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`; it asks the model nothing."""
+        pattern = self.pattern(problem)
+        assert pattern is not None
+        return self.placed(problem, pattern)
+
+    def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
+        """See `Trained.first`: at random, of the largest frame's size."""
+        shapes = [problem.ball.clean.shape[2:] for problem in problems]
+        height, width = (max(sizes) for sizes in zip(*shapes, strict=True))
+        ball = self._around_grey(problems[0], (height, width))
+        return ball.random(rng) - ball.clean
+
+    def placed(self, problem: Problem, pattern: Pattern) -> Images:
+        """See `Trained.placed`."""
+        ball = problem.ball
+        height, width = ball.clean.shape[2:]
+        missing = [(0, 0), (0, 0), (0, max(height - pattern.shape[2], 0)), (0, max(width - pattern.shape[3], 0))]
+        change = np.pad(pattern, missing, mode="wrap")[..., :height, :width]
+        return ball.project(ball.clean + change)
+
+    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern) -> Pattern:
+        """See `Trained.pulled`."""
+        pull = np.zeros_like(pattern)
+        height, width = gradient.shape[2:]
+        pull[..., :height, :width] = gradient
+        return pull
+
+    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern) -> Pattern:
+        """See `Trained.stepped`."""
+        ball = self._around_grey(problem, pattern.shape[2:])
+        return ball.step(ball.clean + pattern, pull, 2.5 * ball.budget / self.steps) - ball.clean
+
+    def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
+        """See `Trained.checked_pattern`."""
+        first, second = self._frames(array, self.file), None
+        if self.second:
+            second = self._frames(read_array(self.second), self.second)
+            if len(first) != 1 or len(second) != 1 or first.shape != second.shape:
+                raise DataError(f"{self.file} and {self.second} are not the perturbations of two frames of one size")
+        shape, frames = first.shape[2:], problem.ball.clean.shape[2:]
+        if shape != frames:
+            raise DataError(
+                f"{self.file} is for frames of {shape[1]}x{shape[0]} pixels, and those of sample "
+                f"'{problem.pair.key}' have {frames[1]}x{frames[0]}; give one of that size"
+            )
+        return np.concatenate([first, first if second is None else second])[-2:] if len(first) == 1 else first
+
+    @staticmethod
+    def _frames(array: Pattern, path: str) -> Pattern:
+        whole = array[None] if array.ndim == 3 else array
+        if whole.shape[1] != 3 or len(whole) > 2:
+            raise DataError(f"{path} is an array {array.shape}; a perturbation is (3, H, W) or (1 or 2, 3, H, W)")
+        return whole
+
+    def _around_grey(self, problem: Problem, shape: tuple[int, ...]) -> Ball:
+        """The ball around grey frames, in which a perturbation is the change."""
+        grey = np.full((*shape, 3), 128, np.uint8)
+        return Ball(grey, grey, problem.ball.budget, self.norm, self.moved, self.per_frame)

@@ -1,0 +1,94 @@
+"""Train the attacks of a run that are trained: on samples that it does not measure, once, and kept in its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..attacks import Attack, load_attack
+from ..attacks.problem import Pair
+from ..attacks.trained import Pattern, Trained
+from ..benchmarks import Benchmark
+from ..datasets.split import read_split
+from ..digest import digest_of_value
+from ..errors import UsageError
+from ..models.base import AnyModel, predict_checked
+from ..random.rng import Rng, key_of
+from ..runs.clean_flows import read_clean, write_clean
+from ..runs.file_digests import file_digests
+from ..runs.plan import Plan, Unit
+from ..runs.store import RunFolder
+
+Learned = dict[str, dict[int, Pattern]]
+"""What trained attacks have learned, by attack and severity."""
+
+
+def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
+    """The samples that an attack is trained on, none of which is measured.
+
+    A number of samples is drawn by the seed from those that are not measured; a file names its own.
+
+    Raises:
+        UsageError: too few samples are left, or one of the file is measured.
+        DataError: the file cannot be read, or names no sample.
+    """
+    every, measured = benchmark.dataset.keys(), set(benchmark.keys)
+    if attack.trains.isdecimal():
+        left = [key for key in every if key not in measured]
+        if len(left) < int(attack.trains):
+            raise UsageError(
+                f"attack {attack.label} is trained on {attack.trains} samples that are not measured, and there are "
+                f"{len(left)}; measure fewer, with --limit or --split, or train on fewer"
+            )
+        return tuple(sorted(left, key=lambda key: (key_of("attack training", seed, key), key))[: int(attack.trains)])
+    keys = read_split(attack.trains, every)
+    if both := [key for key in keys if key in measured]:
+        raise UsageError(
+            f"attack {attack.label} would be trained on sample '{both[0]}', which is measured ({len(both)} are); leave "
+            "them out of the file, or measure others with --split"
+        )
+    return tuple(keys)
+
+
+def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
+    """A digest of the samples that an attack is trained on, and of their files."""
+    keys = training_keys(attack, benchmark, seed)
+    digests = file_digests({key: benchmark.dataset.files(key) for key in keys})
+    return digest_of_value([list(keys), digests])
+
+
+def learned_patterns(
+    folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]
+) -> dict[str, dict[int, Pattern]]:
+    """What the trained attacks of some units learn, read from the run's folder, where a digest verifies it, or trained
+    and stored there.
+
+    Raises:
+        DataError, ModelError: a sample cannot be read, or the model fails.
+    """
+    options = plan.options
+    attacks = {name: load_attack(name).with_variant(options.variant) for name in options.attacks}
+    trained = {name: one for name, one in attacks.items() if isinstance(one, Trained)}
+    learned: Learned = {name: {} for name, one in trained.items() if one.trains}
+    for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
+        if name not in learned:
+            continue
+        path, made_of = folder.pattern_path(name, severity), f"{plan.digest()} {name} {severity}"
+        pattern = read_clean(path, made_of)
+        if pattern is None:
+            pattern = _trained(trained[name], plan, model, severity)
+            path.parent.mkdir(exist_ok=True)
+            write_clean(path, pattern, made_of)
+        learned[name][severity] = pattern
+    return learned
+
+
+def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pattern:
+    options, benchmark = plan.options, plan.benchmark
+    pairs = []
+    for key in training_keys(attack, benchmark, options.seed):
+        sample = benchmark.dataset.load(key)
+        first, second = sample.frames[:2]
+        budget = attack.budget(severity)
+        pair = Pair((first, second), budget, sample.flow, sample.valid, key, options.seed, severity)
+        pairs.append((pair, predict_checked(model, pair.frames, key, "clean", 0)))  # type: ignore[arg-type]
+    return attack.learn(model, pairs, Rng.of(options.seed, "attack training", attack.name, severity))

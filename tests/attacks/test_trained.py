@@ -1,0 +1,293 @@
+"""Perturbations that are trained on some samples or read from files, and tried on others; patches."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import zipfile
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import robustflow as rf
+from robustflow.attacks import load_attack
+from robustflow.attacks.images import images_of
+from robustflow.attacks.problem import Pair
+from robustflow.benchmarks import Benchmark
+from robustflow.errors import DataError, ModelError, RunError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.random.rng import Rng
+from robustflow.report.attack_table import attack_table
+from robustflow.testing import TexturePairs
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+from .smooth_net import linear_model, random_pair, smooth_model
+
+TRUTH = np.zeros((8, 10, 2), np.float32)
+GREY = np.full((2, 8, 10, 3), 128, np.uint8)
+
+
+def still(frame1, frame2):
+    """A flow that depends on both frames, without a gradient."""
+    return (frame1.astype(np.float32) - frame2)[..., :2] / 20
+
+
+def _learned(name, model, severity=4, pairs=None, **options):
+    attack = load_attack(name, train="2", **options)
+    pairs = pairs or [random_pair(seed=seed) for seed in (1, 2)]
+    given = [
+        (Pair(tuple(frames), attack.budget(severity), TRUTH, None, str(number), 0, severity), model.predict(*frames))
+        for number, frames in enumerate(pairs)
+    ]
+    return attack, attack.learn(model, given, Rng.of(0)), given
+
+
+def test_a_universal_perturbation_on_a_linear_model_reaches_the_optimum():
+    model = linear_model()
+    _, pattern, _ = _learned("universal", model, 4, [GREY, GREY])
+
+    assert np.abs(pattern - 8 / 255 * np.sign(model.weights)).max() < 1e-6
+
+
+def test_a_universal_perturbation_under_rms_turns_to_the_gradient_of_a_linear_model():
+    model = linear_model()
+    _, pattern, _ = _learned("universal", model, 4, [GREY, GREY], norm="rms")
+
+    assert np.corrcoef(pattern.ravel(), model.weights.ravel())[0, 1] > 0.95  # a random start is a right angle away
+    assert np.sqrt((pattern**2).mean()) == pytest.approx(5 / 255, rel=1e-4)
+
+
+def test_training_raises_the_score_on_samples_that_it_did_not_see():
+    model = smooth_model()
+    _, pattern, _ = _learned("universal", model)
+    trained = load_attack("universal", file="unused.npy")
+    scores = []
+    for seed in range(5, 9):
+        frames = random_pair(seed=seed)
+        pair = Pair(frames, 8, TRUTH, None, str(seed), 0, 4)
+        problem = trained.problem(model, pair, model.predict(*frames))
+        noise = rf.attack(*frames, model, "random_sign", 4, flow=TRUTH).loss
+        scores.append(problem.score(trained.placed(problem, pattern)) - noise)
+
+    assert np.mean(scores) > 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from(["linf", "rms"]), st.sampled_from(["both", "first", "joint"]), st.integers(1, 4))
+def test_a_universal_perturbation_is_the_same_for_every_sample(tmp_path_factory, norm, moved, severity):
+    path = tmp_path_factory.mktemp("files") / "d.npy"
+    np.save(path, np.random.default_rng(severity).normal(0, 0.02, (2, 3, 8, 10)).astype(np.float32))
+    attack = load_attack(f"universal:file={path}", norm=norm, moved=moved)
+    frames = [np.random.default_rng(seed).integers(90, 160, (2, 8, 10, 3), np.uint8) for seed in (1, 2)]
+
+    changes = [np.stack(rf.attack(*pair, still, attack, severity).frames).astype(int) - pair for pair in frames]
+
+    assert np.array_equal(*changes)
+    assert changes[0].any()
+
+
+def test_the_files_of_pcfa_are_read_one_for_each_frame(tmp_path):
+    first, second = np.random.default_rng(0).normal(0, 0.01, (2, 1, 3, 8, 10)).astype(np.float32)
+    np.save(tmp_path / "1.npy", first)
+    np.save(tmp_path / "2.npy", second)
+
+    both = rf.attack(*GREY, still, f"universal:file={tmp_path}/1.npy:second={tmp_path}/2.npy", budget=127)
+    one = rf.attack(*GREY, still, f"universal:file={tmp_path}/1.npy", budget=127)
+
+    assert np.allclose(both.images, images_of(*GREY) + np.concatenate([first, second]), atol=1e-6)
+    assert np.allclose(one.images, images_of(*GREY) + first, atol=1e-6)
+
+
+def _npy(array):
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=True)
+    return file.getvalue()
+
+
+def _zip():
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("a.npy", _npy(np.zeros(3)))
+    return file.getvalue()
+
+
+BOMB = _npy(np.zeros((3, 8, 10), np.float32)).replace(b"(3, 8, 10)", b"(3, 8, 99)")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "is not a file"),
+        (b"", r"is no NumPy array \(.npy\)"),
+        (_zip(), r"is no NumPy array \(.npy\)"),
+        (pickle.dumps(partial(print, "run")), r"is no NumPy array \(.npy\)"),
+        (_npy(np.array([print, 1], object)), "is damaged, or no array of numbers"),
+        (BOMB, "is damaged, or no array of numbers"),
+        (b"\x93NUMPY\x01\x00\x10\x00{'descr': [[[[[[[", "is damaged, or no array of numbers"),
+        (_npy(np.zeros((3, 8, 10), int)), "an array int64"),
+        (_npy(np.zeros((8, 10))), r"an array float64 \(8, 10\)"),
+        (_npy(np.zeros((2, 2, 8, 10))), r"an array \(2, 2, 8, 10\)"),
+        (_npy(np.full((3, 8, 10), np.nan)), "NaN or infinite"),
+        (_npy(np.zeros((3, 9, 10))), "is for frames of 10x9 pixels, and those of sample '' have 10x8"),
+    ],
+)
+def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, content, message):
+    path = tmp_path / "d.npy"
+    if content is not None:
+        path.write_bytes(content)
+
+    with pytest.raises(DataError, match=message) as refused:
+        rf.attack(*GREY, still, f"universal:file={path}", 3)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "message"),
+    [
+        ("universal", UsageError, "needs samples to train on, universal:train=8"),
+        ("universal:train=2", ModelError, "offers no gradient"),
+        ("patch:train=2:file=a.npy", UsageError, "samples to train on or a file, not both"),
+        ("patch:train=0", UsageError, "leaves nothing to train on"),
+        ("patch:moved=joint", UsageError, "moved of attack patch 'joint'"),
+        ("worst_of:patch:train=3", UsageError, "is trained on samples; run it by itself"),
+        ("transfer:tiny:attack=universal:train=3", UsageError, "is trained on samples"),
+    ],
+)
+def test_a_trained_attack_that_cannot_be_made_is_refused_in_one_line(name, error, message):
+    with pytest.raises(error, match=message) as refused:
+        rf.attack(*GREY, still, name, 3)
+    assert "\n" not in str(refused.value)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(["patch", "random_patch"]),
+    st.sampled_from(["both", "first", "second"]),
+    st.integers(1, 5),
+    st.integers(30, 60),
+    st.integers(30, 60),
+    st.integers(0, 10**6),
+)
+def test_a_patch_is_one_disc_of_the_area_at_one_place(name, moved, severity, height, width, seed):
+    frames = np.random.default_rng(seed).integers(1, 255, (2, height, width, 3), np.uint8)
+    budget = (0.2, 0.5, 1, 2, 5)[severity - 1]
+
+    attacked = rf.attack(*frames, still, f"{name}:moved={moved}", budget=budget, seed=seed)
+
+    changed = (np.stack(attacked.frames) != frames).any(axis=-1)
+    kept = {"first": changed[:1], "second": changed[1:]}.get(moved, changed)
+    assert not changed[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
+    for one in kept:
+        assert 0 < 100 * one.mean() <= budget
+        rows, columns = np.nonzero(one)
+        side = max(np.ptp(rows), np.ptp(columns)) + 1
+        assert side <= 2 * np.sqrt(budget / 100 * height * width / np.pi) + 2
+    assert np.array_equal(kept[0], kept[-1])
+
+
+def test_a_trained_patch_beats_the_stripes_that_need_no_training():
+    model = smooth_model()
+    pairs = [random_pair(40, 48, seed) for seed in (1, 2)]
+    truth = np.zeros((40, 48, 2), np.float32)
+    attack = load_attack("patch", train="2", steps=12)
+    given = [(Pair(p, 5, truth, None, str(i), 0, 5), model.predict(*p)) for i, p in enumerate(pairs)]
+    pattern = attack.learn(model, given, Rng.of(0))
+    problems = [attack.problem(model, *each) for each in given]
+
+    trained = [problem.score(attack.placed(problem, pattern)) for problem in problems]
+    striped = [problem.score(load_attack("patch").run(problem, Rng.of(0))) for problem in problems]
+
+    assert np.mean(trained) > np.mean(striped)
+
+
+@pytest.mark.parametrize(("shape", "budget"), [((10, 400), 30), ((8, 8), 0.1)])
+def test_a_patch_that_does_not_fit_the_frame_is_refused_in_one_line(shape, budget):
+    frames = np.zeros((2, *shape, 3), np.uint8)
+
+    with pytest.raises(DataError, match="which does not fit into the frame") as refused:
+        rf.attack(*frames, still, "patch", budget=budget)
+    assert "\n" not in str(refused.value)
+
+
+DATA = TexturePairs(4, (40, 48))
+TINY = ModelSpec("tiny", (("device", "cpu"),))
+
+
+def _run(folder, attacks, keys=("0", "1"), model=TINY, **options):
+    benchmark = Benchmark("drawn", DATA, tuple(keys), (), (5,))
+    options = {"engine": "serial", "progress": False, **options}
+    return rf.evaluate(model, benchmark, None, folder, attacks=attacks, **options)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A run of trained attacks on two of four samples."""
+    return _run(tmp_path_factory.mktemp("runs") / "run", ["universal:train=2:steps=2", "patch:train=2:steps=1"])
+
+
+def test_a_trained_attack_is_trained_once_on_samples_that_are_not_measured(trained, monkeypatch):
+    rows = trained.attack_rows
+    assert set(rows["corruption"]) >= {"universal:train=2:steps=2", "patch:train=2:steps=1", "random_patch"}
+    assert set(trained.manifest.identity.frames.attack_sources) == {
+        "universal:train=2:steps=2",
+        "patch:train=2:steps=1",
+    }
+    assert len(list((trained.path / "attacks").glob("*.npy"))) == 2
+    lines = [line.label for section in attack_table(trained).sections for line in section.lines]
+    assert {"universal:train=2:steps=2 5", "patch:train=2:steps=1 5", "random_patch 5"} <= set(lines)
+
+
+def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not(trained, tmp_path, monkeypatch):
+    from robustflow.attacks.universal import Universal
+
+    names = ["universal:train=2:steps=2", "patch:train=2:steps=1"]
+    before = trained.attack_rows.sort("sample", "corruption")
+    learn, asked = Universal.learn, []
+    monkeypatch.setattr(Universal, "learn", lambda self, *given: asked.append(1) or learn(self, *given))
+
+    def again():
+        for shard in (trained.path / "rows").iterdir():
+            shard.unlink()
+        return _run(trained.path, names).attack_rows.sort("sample", "corruption")
+
+    assert again().equals(before)
+    assert not asked
+    (path,) = (trained.path / "attacks").glob("universal*")
+    damaged = bytearray(path.read_bytes())
+    damaged[200] ^= 1
+    path.write_bytes(damaged)
+    assert again().equals(before)
+    assert asked == [1]
+
+
+def test_what_a_run_trained_can_be_given_as_a_file_to_a_model_without_gradients(trained, tmp_path):
+    (path,) = (trained.path / "attacks").glob("universal*")
+
+    moved = _run(tmp_path / "run", f"universal:file={path}", model=ModelSpec("dis"))
+
+    rows, before = moved.attack_rows, trained.attack_rows
+    at = [
+        each.filter(sample="0", corruption=name)["frames_digest"][0]
+        for each, name in ((rows, f"universal:file={path}"), (before, "universal:train=2:steps=2"))
+    ]
+    assert at[0] == at[1]
+
+
+def test_samples_are_never_both_measured_and_trained_on(tmp_path):
+    keys = tmp_path / "keys.txt"
+    keys.write_text("1\n3\n")
+
+    with pytest.raises(UsageError, match=r"would be trained on sample '1', which is measured \(1 are\)"):
+        _run(tmp_path / "run", f"universal:train={keys}")
+    with pytest.raises(UsageError, match="trained on 3 samples that are not measured, and there are 2"):
+        _run(tmp_path / "run", "universal:train=3")
+    assert not (tmp_path / "run").exists()
+
+
+def test_other_training_samples_are_another_run(trained):
+    with pytest.raises(RunError, match=r"what decides the attack .* has changed since"):
+        _run(trained.path, ["universal:train=2:steps=2", "patch:train=2:steps=1"], keys=DATA.keys()[2:])
