@@ -3,9 +3,13 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from robustflow.errors import UsageError
+from robustflow.api import evaluate
+from robustflow.errors import RunError, UsageError
 from robustflow.metrics.summary import METRICS, Scores, Summary
 from robustflow.runs.aggregate import summarize
+from robustflow.runs.run import Run
+from robustflow.runs.shards import list_shards, read_shards, write_shard
+from robustflow.testing import ZeroFlow
 from tests.made_rows import rows_frame
 
 from .mean_rows import TWO_IMAGES, row
@@ -51,3 +55,21 @@ def test_json_has_the_documented_names_and_reads_back(summary):
 def test_a_mean_that_is_not_finite_cannot_be_written():
     with pytest.raises(ValidationError):
         Scores(epe=float("nan"))
+
+
+def test_means_from_shards_are_those_of_the_rows_without_holding_them(tmp_path):
+    path = evaluate(ZeroFlow(), "demo", output=tmp_path, corruptions=["contrast"], severities=[1, 2]).path
+    rows = read_shards(list_shards(path / "rows"))
+    for averaging in ("image", "pixel"):
+        run, paper = Run(path), ["contrast"]
+        made = run.summarize(averaging)
+        assert "rows" not in vars(run)
+        known = summarize(rows, averaging, run.planned(), paper=paper).model_copy(
+            update={"paper": made.paper, "paper_over": made.paper_over}
+        )
+        assert made == known
+    write_shard(path / "rows", "left-by-a-crash", rows.head(1))
+    assert Run(path).summarize("pixel") == made
+    (path / "rows" / list_shards(path / "rows")[0].name).write_bytes(b"PAR1")
+    with pytest.raises(RunError, match="is damaged"):
+        Run(path).summarize()

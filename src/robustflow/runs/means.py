@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from ..metrics.robustness import cre, crer
-from ..metrics.rows import CLEAN, ROW_KEY
+from ..metrics.rows import CLEAN
 from ..metrics.summary import METRICS, Averaging, Scores
 
 WHOLE = {
@@ -47,11 +47,10 @@ class RowPlaces:
 
     @classmethod
     def of(cls, rows: pl.LazyFrame) -> RowPlaces:
-        """Those of rows with the columns of `ROW_KEY`."""
-        keys = rows.select(ROW_KEY).collect()
-        samples, sample_of = _numbered(keys["sample"])
-        corruptions, corruption_of = _numbered(keys["corruption"])
-        severities = keys["severity"].to_numpy()
+        """Those of rows with a sample, a corruption and a severity, of which one is read at a time."""
+        samples, sample_of = _numbered(rows, "sample")
+        corruptions, corruption_of = _numbered(rows, "corruption")
+        severities = rows.select(pl.col("severity").cast(pl.Int8)).collect().to_series().to_numpy()
         out = {}
         for number, corruption in enumerate(corruptions):
             mine = np.flatnonzero(corruption_of == number).astype(np.int32)
@@ -71,10 +70,11 @@ class RowPlaces:
         return {sample: number for number, sample in enumerate(self.samples)}, numbers, count
 
 
-def _numbered(names: pl.Series) -> tuple[list[str], Places]:
-    """The different names, sorted, and the number of each."""
-    known = names.unique().sort().to_list()
-    return known, names.cast(pl.Enum(known)).to_physical().to_numpy().astype(np.int32)
+def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
+    """The different names in a column, sorted, and the number of each row's."""
+    known = rows.select(pl.col(column).unique().sort()).collect().to_series().to_list()
+    numbers = rows.select(pl.col(column).cast(pl.Enum(known)).to_physical().cast(pl.Int32)).collect()
+    return known, numbers.to_series().to_numpy()
 
 
 def scores_by_condition(
@@ -82,7 +82,7 @@ def scores_by_condition(
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
     """Scores on the clean frames, and at each (corruption, severity).
 
-    Two columns are read at a time: a run of a million rows would not fit into memory as Python's numbers.
+    A column is read at a time: a run of a million rows would not fit into memory as Python's numbers.
 
     Args:
         rows: in the same order whenever they are read.
@@ -92,12 +92,12 @@ def scores_by_condition(
     """
     means: dict[tuple[str, int], dict[str, float | None]] = {condition: {} for condition in where.places}
     for metric, (total, count, factor) in columns.items():
-        sums, counts = _arrays(rows, total, count)
+        sums, counts = _array(rows, total), _array(rows, count)
         for condition, places in where.places.items():
             means[condition][metric] = _mean_over(sums[places], counts[places], factor, averaging)
     total, count, factor = columns["epe"]
-    sums, counts = _arrays(rows, total, count)
-    before, _ = _arrays(rows, f"clean_{total}", count)
+    sums, counts = _array(rows, total), _array(rows, count)
+    before = _array(rows, f"clean_{total}")
     seen, with_clean = counts > 0, np.zeros(len(where.samples), bool)
     clean_places = where.places.get((CLEAN, 0), np.zeros(0, np.int32))
     with_clean[where.sample_of[clean_places[seen[clean_places]]]] = True
@@ -112,10 +112,9 @@ def scores_by_condition(
     return clean, by_condition
 
 
-def _arrays(rows: pl.LazyFrame, total: str, count: str) -> tuple[np.ndarray, np.ndarray]:
-    """The sums and counts of all rows; 0 where there are none."""
-    read = rows.select(pl.col(total).alias("total"), pl.col(count).alias("count")).fill_null(0).collect()
-    return read["total"].to_numpy(), read["count"].to_numpy()
+def _array(rows: pl.LazyFrame, column: str) -> np.ndarray:
+    """A column of all rows; 0 where there is no value."""
+    return rows.select(pl.col(column).fill_null(0)).collect().to_series().to_numpy()
 
 
 def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: Averaging) -> float | None:
@@ -131,7 +130,7 @@ def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: A
 def clean_flow_length(rows: pl.DataFrame | pl.LazyFrame, averaging: Averaging) -> float | None:
     """Mean length of the predicted flow on the clean frames, pixels, over all predicted pixels; None without any."""
     clean = rows.lazy().filter(corruption=CLEAN)
-    return _mean_over(*_arrays(clean, "pred_magnitude_sum", "n_all"), 1.0, averaging)
+    return _mean_over(_array(clean, "pred_magnitude_sum"), _array(clean, "n_all"), 1.0, averaging)
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
