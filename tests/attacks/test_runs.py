@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -409,3 +412,28 @@ def test_square_attacks_any_model_in_a_run(tmp_path):
     square, noise = (done.attack_rows.filter(corruption=name)["epe_sum"][0] for name in ("square", "random_sign"))
     assert square > noise
     assert done.attack_rows.filter(corruption="square")["attack_evaluations"].to_list() == [1000]
+
+
+def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
+    from robustflow.runner.progress import TerminalProgress
+
+    def model(frame1, frame2):
+        return (frame1.astype(np.float32) - frame2)[..., :2] / 20
+
+    with TerminalProgress() as progress:
+        run(tmp_path / "run", model, attacks="square:queries=7", severities=[1, 3], count=2, progress=progress)
+
+    shown = capsys.readouterr().err
+    assert "8 steps (a pair under one condition each)" in shown
+    assert "28 model evaluations by attacks" in shown
+
+
+def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
+    """SIGKILL in the middle of an attack, of the first pair and of the second, and then none."""
+    script = Path(__file__).with_name("killed_run.py")
+    subprocess.run([sys.executable, str(script), str(tmp_path / "killed"), "20", "45"], check=True, timeout=300)
+    subprocess.run([sys.executable, str(script), str(tmp_path / "whole")], check=True, timeout=300)
+
+    killed, whole = (rf.load_run(tmp_path / name) for name in ("killed", "whole"))
+    assert every(killed).equals(every(whole))
+    assert killed.attack_rows.filter(corruption="square:queries=9").height == 4

@@ -11,14 +11,17 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
+from robustflow.cli.gallery import gallery as gallery_command
 from robustflow.cli.main import main
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
 from robustflow.corruptions.scale import calibrated_levels
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
+from robustflow.report.gallery.attacks import draw_attacks
 from robustflow.report.gallery.figure import draw_figure
 from robustflow.report.gallery.page import WIDEST, render_page
 from robustflow.report.gallery.pictures import CorruptedPicture, gallery
+from robustflow.testing import TexturePairs
 
 from .elements import Elements
 
@@ -154,3 +157,25 @@ def test_the_command_writes_three_files(tmp_path, monkeypatch, capsys, pair):
     assert call("-c", "frosst")[0] == 2
     assert call("-c", "contrast", "--severity-scale", "other")[0] == 2
     assert call("--frames", "a.png", "none.png")[0] == 1
+
+
+def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(tmp_path, monkeypatch, capsys):
+    rows = []
+
+    def drawn(clean, attacked, model):
+        rows.extend((one.attack, one.linf, one.clean_flow.shape) for one in attacked)
+        return draw_attacks(clean, attacked, model)
+
+    monkeypatch.setattr("robustflow.report.gallery.attacks.draw_attacks", drawn)
+    frames = tmp_path / "a.png", tmp_path / "b.png"
+    for path, frame in zip(frames, TexturePairs(1, (40, 48)).load("0").frames, strict=True):
+        write_image(path, frame)
+    gallery_command(frames=frames, model="dis", attacks="square:queries=5", severity=3, output=tmp_path / "out")
+
+    assert [(name, linf) for name, linf, _ in rows if name != "random_gauss"] == [("random_sign", 4), ("square", 4)]
+    assert len(rows) == 3
+    width, height = Image.open(tmp_path / "out" / "attacks.webp").size
+    assert width > height / 3 * 4
+    assert capsys.readouterr().out == f"{tmp_path / 'out' / 'attacks.webp'}\n"
+    with pytest.raises(UsageError, match="name it with --model"):
+        gallery_command(frames=frames, attacks="square")

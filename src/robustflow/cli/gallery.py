@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .options import Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_dir
+from .options import Attacks, Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_dir
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -31,6 +31,7 @@ def gallery(
     length: Annotated[int | None, typer.Option("--length", help="Frames of the clip to show, 10 by default.")] = None,
     severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
+    attacks: Attacks = None,
     severity_scale: SeverityScale = "paper",
     psf_dir: PsfDir = None,
     seed: Seed = 0,
@@ -45,10 +46,13 @@ def gallery(
     For a clip, the page shows frames from --start, or from its middle, to play or to step through, including H.264
     compression and bit errors, for which two frames are not enough.
 
+    With --attacks and a model, attacks.webp: the attacked frame, what was added to it, and the flow before and after.
+
     \b
     Examples:
       robustflow gallery --severity 4
       robustflow gallery --model dis --corruptions fog,frost,snow
+      robustflow gallery --model tiny --attacks pgd,square:queries=200
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
@@ -60,6 +64,8 @@ def gallery(
         raise UsageError("--start, --stop and --length are for a clip: give --clip")
     if clip is not None and model is not None:
         raise UsageError("--model draws the flow of two frames; leave out --clip, or use `robustflow predict`")
+    if attacks is not None and model is None:
+        raise UsageError("--attacks are made on a model: name it with --model")
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
@@ -67,6 +73,10 @@ def gallery(
         from ..corruptions import corruption_name
 
         wanted = [corruption_name(name) for name in wanted]
+    if attacks is not None and model is not None:
+        _attacked(frames, severity, names(attacks) or [], seed, output, model)
+        if wanted is None:
+            return
     if clip is None:
         _of_pair(frames, severity, wanted, severity_scale, seed, output, model)
     else:
@@ -83,20 +93,12 @@ def _of_pair(
     model: str | None,
 ) -> None:
     from ..benchmarks.demo import DEMO_CLASSES
-    from ..datasets import load_dataset
-    from ..images.io import read_image
     from ..report.gallery.page import render_page
     from ..report.gallery.pictures import gallery as cells_of
-    from ..sample import Sample
     from ..severity import SEVERITIES
 
-    if frames is None:
-        key, what = "motorcycle", "the motorcycle pair"
-        sample = load_dataset("motorcycle", None).load(key)
-    else:
-        key, what = frames[0].stem, f"{frames[0].name}, {frames[1].name}"
-        sample = Sample(key, (read_image(frames[0]), read_image(frames[1])))
-    pair = sample.frames
+    sample, what = _sample_of(frames)
+    key, pair = sample.key, sample.frames
     classes = DEMO_CLASSES if frames is None else {}
     cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, classes))
     title = f"Corruptions of {what}, {scale} scale"
@@ -107,6 +109,40 @@ def _of_pair(
         _write_strip(
             output, sample, model, [cell.name for cell in at if cell.frame is not None], severity, seed, scale, classes
         )
+
+
+def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
+    """The pair, and what it is called."""
+    from ..datasets import load_dataset
+    from ..images.io import read_image
+    from ..sample import Sample
+
+    if frames is None:
+        return load_dataset("motorcycle", None).load("motorcycle"), "the motorcycle pair"
+    pair = read_image(frames[0]), read_image(frames[1])
+    return Sample(frames[0].stem, pair), f"{frames[0].name}, {frames[1].name}"
+
+
+def _attacked(
+    frames: tuple[Path, Path] | None, severity: int, attacks: list[str], seed: int, output: Path, model: str
+) -> None:
+    from ..atomic import make_folder, write_bytes
+    from ..attacks import attack, load_attack
+    from ..attacks.api import with_controls
+    from ..models import load_model
+    from ..report.gallery.attacks import draw_attacks
+
+    chosen = [load_attack(name) for name in with_controls(attacks)]
+    sample, _ = _sample_of(frames)
+    loaded = load_model(model)
+    first, second = sample.frames[:2]
+    made = [
+        attack(first, second, loaded, each, severity, flow=sample.flow, valid=sample.valid, seed=seed, key=sample.key)
+        for each in chosen
+    ]
+    make_folder(output)
+    write_bytes(output / "attacks.webp", draw_attacks(first, made, model))
+    typer.echo(str(output / "attacks.webp"))
 
 
 def _write_strip(

@@ -71,7 +71,7 @@ class TerminalProgress:
         self._bar = ProgressBar()
         self._folder: Path | None = None
         self._engine = ""
-        self._total = self._finished = 0
+        self._total = self._finished = self._evaluations = 0
 
     def __enter__(self) -> TerminalProgress:
         return self
@@ -87,10 +87,10 @@ class TerminalProgress:
 
     def start(self, folder: Path, total: int, finished: int) -> None:
         """A run of `total` units starts; `finished` of them were finished by an earlier call."""
-        self._folder, self._total, self._finished = folder, total, finished
+        self._folder, self._total, self._finished, self._evaluations = folder, total, finished, 0
         kept = f", {finished} of them already there" if finished else ""
         self._console.print(
-            f"{folder}: {counted(total, 'step')} (a pair under one corruption each){kept}{self._engine}",
+            f"{folder}: {counted(total, 'step')} (a pair under one condition each){kept}{self._engine}",
             highlight=False,
             soft_wrap=True,
         )
@@ -100,8 +100,10 @@ class TerminalProgress:
     def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
         self._finished += 1
+        self._evaluations += sum(row.get("attack_evaluations") or 0 for row in done.rows)
         place = f" on {done.place}" if done.place else ""
-        self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}")
+        asked = f"; {self._evaluations:,} model evaluations by attacks" if self._evaluations else ""
+        self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{asked}")
 
     def kept(self) -> str:
         """What a stopped run has kept, as a sentence."""
