@@ -119,9 +119,6 @@ def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
     assert values_frame(again).drop("decimals").equals(values_frame(lines).drop("decimals"))
 
 
-_FIVE = [1, 2, 3, 4, 5]
-
-
 @pytest.mark.parametrize(
     ("content", "says"),
     [

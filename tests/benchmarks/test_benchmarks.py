@@ -105,7 +105,7 @@ def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc
         assert words not in said[occ]
 
 
-def test_real_non_occluded_ground_truth_is_refused_or_named(shared, tmp_path):
+def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
     for name, folder in (("kitti2015", "kitti2015_noc_only"), ("kitti2012", "kitti2012_colour_noc_only")):
         with pytest.warns(UserWarning, match="no flow_occ/, so errors are measured on non-occluded ground truth"):
             assert load_benchmark(name, shared(f"data/{folder}")).protocol == {"ground_truth": "non-occluded"}

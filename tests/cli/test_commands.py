@@ -468,7 +468,7 @@ def test_a_read_only_file_system(robustflow, tmp_path, monkeypatch):
         subprocess.run(["umount", str(place)], check=True)
 
 
-def test_a_full_disk(robustflow, tmp_path, monkeypatch):
+def test_a_full_disk(robustflow, monkeypatch):
     """The real error of a real full device, met where a shard is renamed into place."""
     import robustflow.atomic as atomic
 

@@ -24,7 +24,7 @@ def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
     assert one.name == "onnx:net"
 
 
-def test_the_network_given_twice(robustflow, tmp_path):
+def test_the_network_given_twice(robustflow):
     Path("net.onnx").write_bytes(b"a network")
     code, _, said = robustflow("run", "--model", "net.onnx", "--checkpoint", "net.onnx")
     assert code == 2

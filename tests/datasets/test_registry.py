@@ -1,4 +1,4 @@
-"""Every data set opens by its name, and its options are checked."""
+"""Every data set opens by its name, its options are checked, and it is a sequence."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import pytest
 
 from robustflow.datasets import DATASETS, Dataset, PreCorrupted, dataset_facts, load_dataset
 from robustflow.errors import AssetError, RobustFlowError, UsageError
+
+from .layouts import picture
 
 
 def test_motorcycle_is_a_dataset() -> None:
@@ -43,7 +45,7 @@ def test_usage(tmp_path) -> None:
     ("former", "name", "benchmark"),
     [("kitti_fc", "kitti_fc_released", "KITTI-FC"), ("gopro_fc", "gopro_fc_prepared", "GoPro-FC")],
 )
-def test_a_benchmark_and_a_data_set_have_names_apart(tmp_path, former: str, name: str, benchmark: str) -> None:
+def test_a_benchmark_and_a_data_set_have_names_apart(former: str, name: str, benchmark: str) -> None:
     """`kitti-fc` is the benchmark; its files are `kitti_fc_released`, and the former name opens them too."""
     assert name in DATASETS.names()
     assert former not in DATASETS.names()
@@ -56,3 +58,17 @@ def test_a_benchmark_and_a_data_set_have_names_apart(tmp_path, former: str, name
     assert DATASETS.recorded_name("gopro_fc_released") == "gopro_fc_released"
     with pytest.raises(RobustFlowError, match="former name"):
         DATASETS.add(former, "mine:Mine")
+
+
+def test_a_data_set_is_a_sequence(tmp_path):
+    for number in range(4):
+        picture(tmp_path / f"{number}.png")
+    pairs = load_dataset("folder", tmp_path)
+    assert len(pairs) == 3
+    assert repr(pairs) == "<FrameFolder: 3 pairs, no ground truth>"
+    assert [sample.key for sample in pairs] == pairs.keys() == ["0", "1", "2"]
+    assert (pairs[0].key, pairs[-1].key, pairs["1"].key) == ("0", "2", "1")
+    with pytest.raises(IndexError):
+        pairs[3]
+    with pytest.raises(UsageError, match="no sample '9'"):
+        pairs["9"]

@@ -29,10 +29,6 @@ def scene(number):
     return draw_scene(Rng.of("test", number), SHAPE, 1.0, procedural_textures(0, "test"))
 
 
-def mean_length(sample):
-    return np.hypot(*sample.flow.reshape(-1, 2).T).mean()
-
-
 def depths(scene, points):
     """How far inside each layer points of frame 1 are, (layers, points)."""
     return np.array([[depth(outline, x, y) for x, y in points] for outline in scene.outlines])

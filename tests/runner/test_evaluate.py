@@ -164,19 +164,20 @@ def test_options_that_cannot_be_meant(tmp_path, options):
 
 
 @pytest.mark.parametrize(
-    ("model", "workers", "says"),
+    ("model", "engine", "says"),
     [
-        ("with_nan", 1, "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
-        ("wrong_shape", 1, r"returned float32 \(2, 500, 741\)"),
-        ("ends_the_program", 1, "raised SystemExit on sample 'motorcycle', clean: 2"),
-        ("ends_the_program", 2, "raised SystemExit on sample 'motorcycle', clean: 2"),
-        ("raises", 1, "raised ValueError on sample 'motorcycle', clean: no weights"),
-        ("raises", 2, "raised ValueError on sample 'motorcycle', clean: no weights"),
+        ("with_nan", "serial", "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
+        ("wrong_shape", "serial", r"returned float32 \(2, 500, 741\)"),
+        ("ends_the_program", "serial", "raised SystemExit on sample 'motorcycle', clean: 2"),
+        ("ends_the_program", "processes", "raised SystemExit on sample 'motorcycle', clean: 2"),
+        ("raises", "serial", "raised ValueError on sample 'motorcycle', clean: no weights"),
+        ("raises", "processes", "raised ValueError on sample 'motorcycle', clean: no weights"),
     ],
 )
-def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, workers, says):
+def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, engine, says):
+    options = {"output": tmp_path / "run", "corruptions": FAST, "engine": engine, "workers": 1}
     with pytest.raises(ModelError, match=says):
-        rf.evaluate(f"models_for_tests:{model}", output=tmp_path / "run", corruptions=FAST, workers=workers)
+        rf.evaluate(f"models_for_tests:{model}", **options)
     assert not list((tmp_path / "run" / "rows").iterdir())
 
 
@@ -208,7 +209,7 @@ def test_a_model_that_hangs_is_stopped(tmp_path, models_on_path):
 
 def test_a_model_that_takes_its_process_down(tmp_path, models_on_path):
     with pytest.raises(RunError, match="exit code 17"):
-        rf.evaluate("models_for_tests:dies", output=tmp_path / "run", corruptions=FAST, workers=2)
+        rf.evaluate("models_for_tests:dies", output=tmp_path / "run", corruptions=FAST, engine="processes", workers=1)
 
 
 def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path, models_on_path):

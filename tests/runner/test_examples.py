@@ -185,7 +185,7 @@ def test_a_run_folder_cannot_name_code_or_files(what, drawn, tmp_path, monkeypat
     assert "marker_module" not in sys.modules
 
 
-def test_the_user_may_name_the_model_again(tmp_path):
+def test_the_user_may_name_the_model_again():
     given = {"checkpoint": "things"}
     source = RunSource(ModelSpec("raft", (("checkpoint", "/elsewhere/w.pth"), ("iters", 8))))
     assert source.model_to_reuse(given) == ModelSpec("raft", (("iters", 8), ("checkpoint", "things")))

@@ -61,15 +61,15 @@ def test_an_object_runs_in_processes_as_in_this_one(package):
     from rain_module import Rain
 
     runs = [
-        rf.evaluate(ZeroFlow(), output=package / str(workers), corruptions=["contrast", Rain(2)], severities=[1, 2],
-                    workers=workers)
-        for workers in (1, 2)
+        rf.evaluate(ZeroFlow(), output=package / engine, corruptions=["contrast", Rain(2)], severities=[1, 2],
+                    engine=engine, workers=1)
+        for engine in ("serial", "processes")
     ]  # fmt: skip
     one, two = (run.rows.filter(pl.col("corruption") == "rain").sort("severity")["frames_digest"] for run in runs)
     assert one.to_list() == two.to_list()
     assert len(set(one)) == 2
     with pytest.raises(RobustFlowError, match="source of the corruption rain has changed"):
-        rf.evaluate(ZeroFlow(), output=package / "1", corruptions=["contrast", Rain(3)], severities=[1, 2])
+        rf.evaluate(ZeroFlow(), output=package / "serial", corruptions=["contrast", Rain(3)], severities=[1, 2])
 
 
 def test_common_draws_are_another_run_with_the_same_places(package):

@@ -95,7 +95,7 @@ def _check_equal(result, undisturbed):
     assert (result.path / "summary.json").read_bytes() == (undisturbed.path / "summary.json").read_bytes()
 
 
-def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_path, faults, monkeypatch):
+def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_path, faults):
     log = faults.parent / "gpus.log"
     result = _run(
         tmp_path / "run",

@@ -92,7 +92,7 @@ def test_every_sample_that_continues_is_compared_not_only_the_first(tmp_path):
         _run_drawn(tmp_path, Drawn(0, 9), [1, 2])
 
 
-def test_another_ground_truth_of_the_same_size_stops_a_run(tmp_path):
+def test_another_ground_truth_of_the_same_size_stops_a_run():
     truth = np.ones((40, 48, 2), np.float32)
 
     frame = np.zeros((40, 48, 3), np.uint8)

@@ -99,7 +99,7 @@ def test_opencvs_threads_do_not_matter():
     assert (results[0] == results[1]).all()
 
 
-def test_no_interpolator_is_chosen_silently(tmp_path):
+def test_no_interpolator_is_chosen_silently():
     assert load_interpolator(None, 1, None) is None
     with pytest.raises(UsageError, match=r"none was named.*flavr.*flow"):
         load_interpolator(None, 4, None)
