@@ -312,6 +312,24 @@ def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):
         np.testing.assert_array_equal(cv2.imread(f"out/impulse_noise_4/{path.name}")[..., ::-1], frame)
 
 
+def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(robustflow, monkeypatch):
+    from robustflow.corruptions import machine_check
+
+    monkeypatch.setattr(machine_check, "CHECKED", ("contrast", "pixelate"))
+    assert robustflow("corrupt", "--check")[:2] == (0, "2 of 2 corruptions give the package's bytes on this machine\n")
+    monkeypatch.setattr(machine_check, "_SEED", machine_check._SEED + 1)  # contrast and pixelate draw nothing
+    assert robustflow("corrupt", "--check")[0] == 0
+    monkeypatch.setattr(machine_check, "_SHIFT", (2, 6))
+    code, out, _ = robustflow("corrupt", "--check")
+    assert (code, out.splitlines()[0]) == (1, "contrast: other bytes at severity 1, 3, 5")
+
+
+def test_corrupt_without_frames_says_what_to_give(robustflow):
+    code, _, err = robustflow("corrupt", "-c", "fog")
+    assert code == 2
+    assert "give two frames and --corruptions, or --check alone" in err
+
+
 LISTED = {"models": "farneback", "corruptions": "glass_blur", "benchmarks": "kitti-fc", "datasets": "sintel"}
 
 

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from robustflow.corruptions import machine_check
+
 SCRIPT = """
 import hashlib
 import cv2
@@ -48,3 +50,10 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path):
     here = digests()
     assert len(here) >= 19
     assert digests(NUMBA_CACHE_DIR=str(tmp_path), **OLDEST) == here
+
+
+@pytest.mark.slow  # half a minute to compile and to compute: psf_blur alone takes five seconds
+def test_this_machine_gives_the_bytes_of_the_packages_digests():
+    compared = dict(machine_check.compare_with_package())
+    assert len(compared) >= 21
+    assert {name: what for name, what in compared.items() if what and not what.startswith("not compared")} == {}

@@ -10,10 +10,10 @@ from .options import CommonDraws, PsfDir, Seed, SeverityScale, Variant, names, n
 
 
 def corrupt(
-    frame1: Annotated[Path, typer.Argument(help="First frame.")],
-    frame2: Annotated[Path, typer.Argument(help="Second frame, of the same size.")],
+    frame1: Annotated[Path | None, typer.Argument(help="First frame.")] = None,
+    frame2: Annotated[Path | None, typer.Argument(help="Second frame, of the same size.")] = None,
     corruptions: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--corruptions",
             "--corruption",
@@ -21,7 +21,7 @@ def corrupt(
             autocompletion=complete.corruptions,
             help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own.",
         ),
-    ],
+    ] = None,
     severities: Annotated[
         str, typer.Option("--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")
     ] = "3",
@@ -33,6 +33,9 @@ def corrupt(
     severity_scale: SeverityScale = "paper",
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Compare this machine's bytes with the package's, without frames.")
+    ] = False,
 ) -> None:
     """Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.
 
@@ -40,7 +43,11 @@ def corrupt(
     Examples:
       robustflow corrupt a.png b.png --corruptions fog
       robustflow corrupt a.png b.png -c snow,frost -s 1,3,5 --seed 7 -o corrupted
+      robustflow corrupt --check
     """
+    if check:
+        _check_machine()
+        return
     from ..atomic import make_folder
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions import corruption_name, load_corruption
@@ -48,6 +55,8 @@ def corrupt(
     from ..images.io import read_image, write_image
     from ..severity import check_severity
 
+    if frame1 is None or frame2 is None or corruptions is None:
+        raise UsageError("give two frames and --corruptions, or --check alone")
     use_psf_dir(psf_dir)
     chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]
     levels = [check_severity(level) for level in numbers(severities) or []]
@@ -66,3 +75,17 @@ def corrupt(
             for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
             typer.echo(str(folder))
+
+
+def _check_machine() -> None:
+    """Print a line for every corruption that this machine computes differently, and exit with 1 if there is one."""
+    from ..corruptions.machine_check import compare_with_package
+
+    compared = list(compare_with_package())
+    for name, difference in compared:
+        if difference:
+            typer.echo(f"{name}: {difference}")
+    same = sum(not difference for _, difference in compared)
+    typer.echo(f"{same} of {len(compared)} corruptions give the package's bytes on this machine")
+    if same < len(compared):
+        raise typer.Exit(1)

@@ -1,0 +1,65 @@
+"""Whether this machine gives the bytes that the package promises: every corruption of pairs against stored digests."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib import resources
+
+import numpy as np
+
+from ..digest import quick_digest_of_bytes
+from ..errors import AssetError, first_line
+from ..random.rng import Rng
+from ..sample import Frame
+from ..threads import one_opencv_thread
+from .api import corrupt
+from .registry import CLIP, SHIPPED
+
+CHECKED: tuple[str, ...] = tuple(name for name in SHIPPED if name not in CLIP)
+"""The corruptions with digests: all that need no clip."""
+SEVERITIES = (1, 3, 5)
+_SEED = 3
+_BLOCKS, _SIDE = (12, 20), 8
+_SHIFT = (2, 5)
+
+
+def compare_with_package() -> Iterator[tuple[str, str]]:
+    """Each corruption, and how this machine's frames differ from the package's: an empty text if they do not."""
+    path = resources.files(__package__) / "data" / "digests.json"
+    expected = json.loads(path.read_text(encoding="utf-8"))
+    for name in CHECKED:
+        try:
+            found = digests_of(name)
+        except AssetError as error:
+            yield name, f"not compared: {first_line(error)}"
+            continue
+        differing = [str(level) for level in SEVERITIES if found[str(level)] != expected[name][str(level)]]
+        yield name, f"other bytes at severity {', '.join(differing)}" if differing else ""
+
+
+def digests_of(name: str) -> dict[str, str]:
+    """Severity -> the digest of this machine's corrupted pair.
+
+    >>> sorted(digests_of("contrast"))
+    ['1', '3', '5']
+
+    Raises:
+        AssetError: files that the corruption needs are not here, and cannot be fetched.
+    """
+    pair = _pair()
+    with one_opencv_thread():
+        made = {str(level): corrupt(*pair, name, level, _SEED) for level in SEVERITIES}
+    return {level: quick_digest_of_bytes(*(frame.tobytes() for frame in frames)) for level, frames in made.items()}
+
+
+def _pair() -> tuple[Frame, Frame]:
+    """Coloured blocks under noise, 96x160, and the same moved; integers alone, so that no machine makes them
+    differently."""
+    rng = Rng.of("machine check")
+    height, width = (blocks * _SIDE for blocks in _BLOCKS)
+    colours = rng.bits(_BLOCKS[0] * _BLOCKS[1] * 3) % 224
+    noise = rng.bits(height * width * 3) % 32
+    blocks = colours.reshape(*_BLOCKS, 3).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)
+    frame = (blocks + noise.reshape(height, width, 3)).astype(np.uint8)
+    return frame, np.roll(frame, _SHIFT, axis=(0, 1))
