@@ -142,12 +142,12 @@ def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -
 
 def test_interval_of_crer_over_unequal_sequences_covers_more_than_that_of_a_mean():
     found = _crer_coverage(0.7, 0.5, repeats=250, seed=40)
-    assert found["log"] >= 92
+    assert found["log"] >= 93.5
     assert found["log"] >= found["plain"] + 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("spread", "of_sequence", "least"), [(0.5, 0.0, 93.0), (0.7, 0.5, 93.0), (1.0, 0.8, 91.0)])
+@pytest.mark.parametrize(("spread", "of_sequence", "least"), [(0.5, 0.0, 94.5), (0.7, 0.5, 94.5), (1.0, 0.8, 93.0)])
 def test_coverage_of_crer_over_unequal_sequences(spread, of_sequence, least):
     found = _crer_coverage(spread, of_sequence, repeats=2000, seed=41)
     assert least <= found["log"] <= HIGH, found

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import false_discovery_control
 
 from robustflow.analysis.uncertainty import compare_all, compare_rows, intervals
-from robustflow.analysis.uncertainty.bootstrap import FEW, bootstrap, enough_clusters
+from robustflow.analysis.uncertainty.bootstrap import FEW, _resamples, bootstrap, enough_clusters
 from robustflow.analysis.uncertainty.estimates import weighted_means
 from robustflow.analysis.uncertainty.holm import holm
 from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
@@ -152,6 +152,30 @@ def test_the_interval_is_nearly_students_for_normal_numbers():
     half = 1.966 * values.std(ddof=1) / 20
     assert one.high - one.low == pytest.approx(2 * half, rel=0.05)
     assert one.estimate == pytest.approx(values.mean())
+
+
+def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
+    """The symmetric bootstrap-t of ln(corrupted / clean), scaled by the jackknife's standard error."""
+    rng = np.random.default_rng(9)
+    count = np.array([40.0, 1, 2, 1, 3, 1, 2, 9, 1, 1, 2, 1, 1])
+    clean = count * rng.lognormal(0, 0.5, 13)
+    corrupted = clean * rng.lognormal(1, 0.4, 13)
+    means = (Mean(sums[:, None], count[:, None], np.ones(1)) for sums in (corrupted - clean, clean))
+    found = bootstrap({"crer": Statistic([Term(*means)])}, 13, resamples=999, relative={"crer"})["crer"]
+
+    def ratio(weights: np.ndarray) -> float:
+        return math.log((weights * corrupted).sum() / (weights * clean).sum())
+
+    whole = ratio(np.ones(13))
+    pivots = []
+    for weights in (drawn for block in _resamples(13, 999, 0) for drawn in block):
+        shares = corrupted / (weights * corrupted).sum() - clean / (weights * clean).sum()
+        pivots.append((ratio(weights) - whole) / math.sqrt(13 / 12 * (weights * shares**2).sum()))
+    without = [ratio(np.arange(13) != left_out) for left_out in range(13)]
+    error = math.sqrt(12 / 13 * sum((one - sum(without) / 13) ** 2 for one in without))
+    reach = error * np.quantile(np.abs(pivots), 0.95, method="inverted_cdf")
+    assert found.low == pytest.approx(math.exp(whole - reach) - 1)
+    assert found.high == pytest.approx(math.exp(whole + reach) - 1)
 
 
 def test_an_interval_leans_to_where_the_tail_is():

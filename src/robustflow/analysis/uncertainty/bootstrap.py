@@ -10,9 +10,9 @@ exactly if the interval of level 1 - a excludes 0, up to the granularity of the 
 
 Errors are skewed, so the two tails of a mean are estimated separately. They are estimated together (quantiles of |t*|,
 a symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
-otherwise; for CREr, a ratio of two means, of which ln(1 + CREr) is studentised; and for fewer than `FEW` clusters, for
-which one tail alone would rest on too few distinct resamples. With so few that the resamples without any spread
-outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
+otherwise; for CREr, a ratio of two means, of which ln(1 + CREr) is studentised and its jackknife standard error taken;
+and for fewer than `FEW` clusters, for which one tail alone would rest on too few distinct resamples. With so few that
+the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
 """
 
 from __future__ import annotations
@@ -99,6 +99,7 @@ def bootstrap(
     if not enough_clusters(clusters, level):
         return {key: _without_interval(estimates) for key, estimates in estimates_of.items()}
     logarithms = {key: _logarithm(values) for key, values in estimates_of.items() if key in relative}
+    errors = _jackknife({key: statistics[key] for key in logarithms}, clusters)
     pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
     for weights in _resamples(clusters, resamples, seed):
         for key, values in _values(statistics, weights):
@@ -111,7 +112,8 @@ def bootstrap(
     for key, values in estimates_of.items():
         made = np.concatenate(pivots[key])
         if key in logarithms:
-            intervals[key] = _exponential(_interval(logarithms[key], made, True, level), values)
+            logarithm = logarithms[key]._replace(standard_error=errors[key])
+            intervals[key] = _exponential(_interval(logarithm, made, True, level), values)
         else:
             intervals[key] = _interval(values, made, together, level)
     return intervals
@@ -126,6 +128,19 @@ def _logarithm(values: StatisticValues) -> _Logarithm:
     """ln(1 + statistic) with its standard error, to first order; NaN up to -1."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return _Logarithm(np.log1p(values.theta), values.standard_error / (1 + values.theta))
+
+
+def _jackknife(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, Array]:
+    """The standard error of each `_logarithm`, from leaving out one cluster after the other: that of the sandwich
+    formula is too small where a few large clusters make up most of a mean."""
+    without: dict[Key, list[Array]] = {key: [] for key in statistics}
+    block = max(1, _BLOCK // clusters)
+    for start in range(0, clusters if statistics else 0, block):
+        left_out = np.arange(start, min(start + block, clusters))
+        weights = (left_out[:, None] != np.arange(clusters)).astype(np.float64)
+        for key, values in _values(statistics, weights):
+            without[key].append(_logarithm(values).theta)
+    return {key: np.sqrt([(clusters - 1) * np.concatenate(parts).var()]) for key, parts in without.items()}
 
 
 def _exponential(interval: Interval, values: StatisticValues) -> Interval:
