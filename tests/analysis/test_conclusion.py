@@ -11,7 +11,7 @@ import pytest
 from skimage import data
 
 from robustflow.analysis.conclusion import CAVEAT, conclusions, without_truth
-from robustflow.analysis.run_results import comparison_note
+from robustflow.analysis.run_results import comparison_note, run_results
 from robustflow.api import Result, evaluate
 from robustflow.cli.main import main
 from robustflow.images.io import write_image
@@ -66,7 +66,7 @@ def _scenes(run: Result, worse: float, scenes: int, seed: int = 0) -> Result:
 def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     dis = runs[0]
     assert without_truth(dis)
-    (said,) = conclusions([dis])
+    (said,) = conclusions(run_results([dis]))
     values = {name: scores.rcre for name, scores in dis.summary.corruptions.items()}
     order = (
         ["Gaussian noise", "Contrast"] if values["gaussian_noise"] > values["contrast"] else ["Contrast", "Gaussian"]
@@ -85,7 +85,7 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
 
 def test_several_runs_say_which_changes_least_under_what(runs):
     dis, rgb, _ = runs
-    (said,) = conclusions([dis, rgb])
+    (said,) = conclusions(run_results([dis, rgb]))
     first = min((dis, rgb), key=lambda run: run.summary.rcre)
     assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px where its clean flow is" in said
     for name in ("contrast", "gaussian_noise"):
@@ -95,24 +95,24 @@ def test_several_runs_say_which_changes_least_under_what(runs):
 
 
 def test_a_blind_model_is_not_the_one_that_changes_least(runs):
-    (said,) = conclusions(runs)
+    (said,) = conclusions(run_results(runs))
     assert runs[2].summary.rcre == 0
     assert f"{runs[2].name} changes least" not in said
     assert "No conclusion about" in said
     assert "its flow hardly depends on the frames" in said
-    (alone,) = conclusions([runs[2]])
+    (alone,) = conclusions(run_results([runs[2]]))
     assert alone.startswith("No conclusion about")
 
 
 def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     calm, shaky = _scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.5, 40)
-    (said,) = conclusions([calm])
+    (said,) = conclusions(run_results([calm]))
     assert "Over 40 pairs, " in said
     assert "95 % interval" in said
     assert "more pairs of other scenes" in said
-    (said,) = conclusions([calm, shaky])
+    (said,) = conclusions(run_results([calm, shaky]))
     assert "the lead of DIS over DIS-RGB is more than chance (p < 0.001)" in said
-    (said,) = conclusions([_scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.0, 40)])
+    (said,) = conclusions(run_results([_scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.0, 40)]))
     assert "is more than chance" not in said
 
 
@@ -127,9 +127,9 @@ def test_nothing_is_measured_against_the_paper(runs):
 
 
 def test_pages_tables_and_the_terminal_conclude(runs, frames, tmp_path, monkeypatch, capsys):
-    (said,) = conclusions(runs[:2])
+    (said,) = conclusions(run_results(runs[:2]))
     assert headline(whole_content(runs[:2], published=False)) == [said]
-    assert headline(run_content(runs[0])) == conclusions(runs[:1])
+    assert headline(run_content(runs[0])) == conclusions(run_results(runs[:1]))
     for wanted in (None, ["rcre"], ["means"]):
         tables = tables_of(runs[:2], published=False, wanted=wanted)
         assert all(column.label != "clean EPE (px)" for table in tables for column in table.columns)
@@ -144,5 +144,5 @@ def test_pages_tables_and_the_terminal_conclude(runs, frames, tmp_path, monkeypa
 def test_with_ground_truth_nothing_of_this_is_said(tmp_path):
     run = evaluate("dis", "demo", output=tmp_path, corruptions=["contrast"], severities=[1], examples=False)
     assert not without_truth(run)
-    assert conclusions([run]) == []
+    assert conclusions(run_results([run])) == []
     assert comparison_note(run) == "1 pair of the demo; average over contrast; severity 1 only"

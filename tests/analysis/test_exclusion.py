@@ -11,11 +11,11 @@ from robustflow.analysis.conclusion import conclusions
 from robustflow.analysis.exclusion import (
     ACCURATE_BELOW,
     clean_epe,
-    excluded_runs,
     exclusion_reasons,
     reasons_from_rows,
     zero_flow_epe,
 )
+from robustflow.analysis.run_results import run_results
 from robustflow.analysis.uncertainty import compare_all, compare_rows
 from robustflow.api import evaluate
 from robustflow.cli.compare import compare
@@ -164,10 +164,10 @@ def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_doubted(tmp
     ]
     assert runs[1].rcre < 0.2 * runs[0].rcre
     assert not any(exclusion_reasons(run) for run in runs)
-    ((_, name), reason), *others = excluded_runs(runs).items()
-    assert (name, others) == ("0.1 x DIS", [])
-    assert "less than half of the" in reason
-    (sentence,) = conclusions(runs)
+    lines = run_results(runs)
+    assert [line.name for line in lines if line.excluded] == ["0.1 x DIS"]
+    assert "less than half of the" in lines[1].excluded
+    (sentence,) = conclusions(lines)
     assert "No conclusion about 0.1 x DIS, because its clean flow is" in sentence
     assert "changes least" not in sentence
 

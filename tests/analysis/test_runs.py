@@ -138,7 +138,7 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     entries = {entry.name: entry for entry in content.entries}
     assert not entries["Useless"].best
     assert ("epe", "average") in entries["Good"].best
-    assert "zero flow" in entries["Useless"].doubt
+    assert "zero flow" in entries["Useless"].excluded
 
 
 def _made(base, name, rows, tmp_path):

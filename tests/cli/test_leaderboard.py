@@ -10,6 +10,7 @@ from robustflow.analysis.imported import NOTE
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results_file import read_results
 from robustflow.api import evaluate
+from tests.made_rows import values_frame
 
 _RESULTS = "setting,model,metric,corruption,value\nOOD,Mine,epe,clean,2.50\nOOD,Mine,epe,average,5.00\n"
 
@@ -31,7 +32,7 @@ def test_the_published_results_alone(robustflow, monkeypatch):
     assert code == 0
     assert out.split() == ["site/index.html"]
     assert sorted(path.name for path in Path("site").iterdir()) == ["index.html", "results.csv"]
-    assert list(map(vars, read_results("site/results.csv"))) == list(map(vars, published_results()))
+    assert values_frame(read_results("site/results.csv")).equals(values_frame(published_results()))
 
 
 def test_runs_and_files_beside_them(robustflow, run):

@@ -50,9 +50,9 @@ def measured(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def no_doubts(monkeypatch):
+def no_exclusions(monkeypatch):
     """Models that move every pixel alike hardly depend on the frames; their ranks are what is tested here."""
-    monkeypatch.setattr("robustflow.analysis.run_results.excluded_runs", lambda runs: {})
+    monkeypatch.setattr("robustflow.analysis.run_results.exclusions", lambda runs: [""] * len(runs))
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What attacks did to a model: errors, the gain over random noise of the same norm, costs, and doubts about them."""
+"""What attacks did to a model: errors, the gain over random noise of the same norm, costs, and warnings about them."""
 
 from __future__ import annotations
 

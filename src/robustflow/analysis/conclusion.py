@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..benchmarks import benchmark_facts
 from ..errors import RunError
 from ..metrics.rows import CLEAN
-from ..runs.comparable import sample_set
 from ..text import counted, plain
-from .exclusion import excluded_runs
 from .labels import long_label
+from .model_result import ModelResult, by_frames, ranked
 from .results import AVERAGE
-from .run_names import run_names
 from .uncertainty import compare_all, intervals
 from .uncertainty.bootstrap import enough_clusters, fewest_clusters
 from .uncertainty.sentences import p_text
@@ -35,29 +33,17 @@ def without_truth(run: Run) -> bool:
     return not benchmark_facts(benchmark).published and run.summary.epe_clean is None and run.summary.rcre is not None
 
 
-def conclusions(runs: Sequence[Run]) -> list[str]:
+def conclusions(results: Iterable[ModelResult]) -> list[str]:
     """One conclusion for each set of frames that runs measured without ground truth: which corruption changes the flow
     most, or which model changes least under which; how strong the evidence is; and what would settle it."""
-    doubted = excluded_runs(runs)
-    groups: dict[str, dict[str, Run]] = {}
-    against: dict[str, dict[str, str]] = {}
-    for run, name in zip(runs, run_names(runs), strict=True):
-        if without_truth(run):
-            frames = sample_set(run)
-            groups.setdefault(frames, {})[plain(name)] = run
-            against.setdefault(frames, {})[plain(name)] = doubted.get((frames, name), "")
-    return [conclusion(group, against[frames]) for frames, group in groups.items()]
+    own = (line for line in results if line.run is not None and without_truth(line.run))
+    return [conclusion(lines) for lines in by_frames(own).values()]
 
 
-def conclusion(runs: Mapping[str, Run], against: Mapping[str, str]) -> str:
-    """The conclusion of runs, by name, over the same frames without ground truth.
-
-    Args:
-        runs: by name.
-        against: by name, why a run is not ranked (`exclusion.excluded_runs`); "" if there is no reason.
-    """
-    sound = {name: run for name, run in runs.items() if not against[name]}
-    reasons = [f"{name}, because {against[name]}" for name in runs if against[name]]
+def conclusion(results: Sequence[ModelResult]) -> str:
+    """The conclusion of the lines of runs over the same frames without ground truth."""
+    sound = {plain(line.name): line.run for line in ranked(results) if line.run is not None}
+    reasons = [f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded]
     sentences = []
     if len(sound) == 1:
         sentences.append(_of_one(*next(iter(sound.items()))))

@@ -110,7 +110,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
         metric: "epe", "cre", "crer" or "rcre".
 
     Raises:
-        RunError: doubts leave fewer than two models to order.
+        RunError: fewer than two of the models are ranked.
     """
     rows, remark = _in_all(runs)
     parts = [dict(one) for one in measured_in_words(runs)]
@@ -122,26 +122,29 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     conditions = _named(parts, keys)
     models = _model_names(runs)
     scores: dict[str, dict[str, float]] = {condition: {} for condition in conditions.values()}
+    why: dict[str, str] = {}
     for run, one, key in zip(runs, rows, keys, strict=True):
         value = getattr(summarize(one), metric)
         if value is not None:
             of_condition = scores[conditions[key]]
             name = models[_model(run)]
             again = sum(known == name or known.startswith(f"{name} #") for known in of_condition)
-            of_condition[f"{name} #{again + 1}" if again else name] = value
+            name = f"{name} #{again + 1}" if again else name
+            of_condition[name] = value
+            if reasons := exclusion_reasons(run):
+                why[name] = reasons[0]
     everywhere = set.intersection(*map(set, scores.values()))
     if len(scores) < 2 or len(everywhere) < 2:
         return None
-    against = {models[_model(run)]: found[0] for run in runs if (found := exclusion_reasons(run))}
-    doubted = {name: against[base] for name in sorted(everywhere) if (base := name.partition(" #")[0]) in against}
-    reasons = "; ".join(f"{plain(name)}, because {reason}" for name, reason in doubted.items())
-    if len(everywhere) - len(doubted) < 2:
+    unranked = "; ".join(f"{plain(name)}, because {why[name]}" for name in sorted(everywhere & why.keys()))
+    if len(everywhere - why.keys()) < 2:
         raise RunError(
-            f"an order of models needs two that can be ranked; not ranked: {reasons}; add runs of another model"
+            f"an order of models needs two that can be ranked; not ranked: {unranked}; add runs of another model"
         )
-    if doubted:
-        remark = " ".join(filter(None, (remark, f"Not ranked: {reasons}.")))
-        scores = {key: {name: one[name] for name in one if name not in doubted} for key, one in scores.items()}
+    if unranked:
+        remark = " ".join(filter(None, (remark, f"Not ranked: {unranked}.")))
+        everywhere -= why.keys()
+        scores = {key: {name: one[name] for name in one if name not in why} for key, one in scores.items()}
     if others := sorted({name for one in scores.values() for name in one} - everywhere):
         remark = " ".join(filter(None, (remark, f"Left out, because not under every condition: {joined(others)}.")))
     return Orders(scores, remark)

@@ -13,8 +13,6 @@ from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
 from ..runs.means import clean_flow_length
 from ..runs.run import Run
-from ..text import plain
-from .run_names import run_names
 
 ACCURATE_BELOW = 0.5
 """Fraction of zero flow's EPE that the clean EPE of a sound model is below. A flow with a larger error gains as much by
@@ -38,32 +36,27 @@ def exclusion_reasons(run: Run) -> list[str]:
     return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 
-def excluded_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
-    """(sample set, name) -> why a run should not be ranked, for the runs with such a reason.
+def exclusions(runs: Sequence[Run]) -> list[str]:
+    """Why each run should not be ranked; "" for one that should.
 
     Without ground truth a short flow has a small RCRE, so a run whose clean flow is less than half as long as that of
     at least half of the others on the same frames is excluded, too.
     """
-    reasons = {(sample_set(run), name): exclusion_reasons(run) for name, run in zip(run_names(runs), runs, strict=True)}
-    lengths: dict[str, dict[str, float]] = {}
-    for (frames, name), run in zip(reasons, runs, strict=True):
+    reasons = [list(exclusion_reasons(run)) for run in runs]
+    lengths: dict[str, dict[int, float]] = {}
+    for index, run in enumerate(runs):
         length = run.summary.clean_flow_length
-        if length is not None and run.summary.epe_clean is None and not reasons[frames, name]:
-            lengths.setdefault(frames, {})[name] = length
-    for frames, of_runs in lengths.items():
-        for name, length in of_runs.items():
-            others = [other for key, other in of_runs.items() if key != name]
+        if length is not None and run.summary.epe_clean is None and not reasons[index]:
+            lengths.setdefault(sample_set(run), {})[index] = length
+    for of_frames in lengths.values():
+        for index, length in of_frames.items():
+            others = [other for key, other in of_frames.items() if key != index]
             if others and length < ACCURATE_BELOW * median_low(others):
-                reasons[frames, name].append(
+                reasons[index].append(
                     f"its clean flow is {length:.2f} px long on average, less than half of the "
                     f"{median_low(others):.2f} px of the other models (median)"
                 )
-    return {key: " and ".join(clauses) for key, clauses in reasons.items() if clauses}
-
-
-def not_ranked(runs: Sequence[Run]) -> dict[str, str]:
-    """Name -> why a run is not ranked, as a sentence."""
-    return {name: plain(f"Not ranked: {name}, because {why}.", None) for (_, name), why in excluded_runs(runs).items()}
+    return list(map(" and ".join, reasons))
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:

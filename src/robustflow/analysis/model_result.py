@@ -55,7 +55,7 @@ class ModelResult:
         values: (metric, condition) -> value.
         run: whose line it is; None for the paper and results files.
         beside_published: whether averages are over the paper's corruptions only, to compare with the published ones.
-        exclusions: key -> why its model is not ranked, for the runs that this one was read with.
+        exclusion: gives `excluded`, which depends on the runs that this one was read with.
     """
 
     benchmark: str
@@ -66,7 +66,7 @@ class ModelResult:
     values: Mapping[ValueKey, Value]
     run: Run | None = None
     beside_published: bool = False
-    exclusions: Callable[[], Mapping[tuple[str, str], str]] = field(default=dict, repr=False)
+    exclusion: Callable[[], str] = field(default=str, repr=False)
 
     @property
     def key(self) -> tuple[str, str]:
@@ -76,7 +76,7 @@ class ModelResult:
     @cached_property
     def excluded(self) -> str:
         """Why the model is not ranked; "" for one that is."""
-        return self.exclusions().get(self.key, "")
+        return self.exclusion()
 
     @cached_property
     def cost(self) -> RunCost | None:
@@ -144,6 +144,11 @@ def _joined(lines: Sequence[ModelResult], where: str) -> dict[ValueKey, Value]:
 def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
     """The lines without those whose model is not ranked, for statements about models in general."""
     return [line for line in results if not line.excluded]
+
+
+def not_ranked(results: Iterable[ModelResult]) -> list[str]:
+    """A sentence for each line whose model is not ranked."""
+    return [plain(f"Not ranked: {line.name}, because {line.excluded}.", None) for line in results if line.excluded]
 
 
 def by_frames(results: Iterable[ModelResult]) -> dict[str, Sequence[ModelResult]]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import truth_remark
 from ..runs.comparable import conditions_of, sample_set
 from ..text import counted, joined
-from .exclusion import excluded_runs
+from .exclusion import exclusions
 from .labels import benchmark_words, inside, long_label
 from .model_result import ModelResult, Value
 from .paper_means import more_than_paper, paper_means
@@ -38,9 +38,10 @@ def run_results(
     `comparison_notes` of the runs. Two runs of the same name are distinguished by what differs.
     """
     names = run_names(runs)
-    exclusions = cache(lambda: excluded_runs(runs))
+    reasons = cache(lambda: exclusions(runs))
     results = []
-    for run, name, note in zip(runs, names, notes or comparison_notes(runs, beside_published), strict=True):
+    notes = notes or comparison_notes(runs, beside_published)
+    for index, (run, name, note) in enumerate(zip(runs, names, notes, strict=True)):
         summary = run.summary
         means = paper_means(run) if beside_published else summary
         numbers = {("epe", CLEAN): summary.epe_clean}
@@ -50,7 +51,8 @@ def run_results(
         digest = run.manifest.identity_digest
         values = {key: Value(float(number), source=digest) for key, number in numbers.items() if number is not None}
         head = (run.benchmark, sample_set(run), run_setting(run), name, note)
-        results.append(ModelResult(*head, values, run, beside_published, exclusions))
+        exclusion = partial(lambda index: reasons()[index], index)
+        results.append(ModelResult(*head, values, run, beside_published, exclusion))
     return results
 
 

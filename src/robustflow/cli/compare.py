@@ -44,9 +44,9 @@ def compare(
     import polars as pl
 
     from ..analysis.conditions import orders, seeds_of
-    from ..analysis.exclusion import not_ranked
     from ..analysis.labels import METRIC_LABELS
-    from ..analysis.run_names import run_names
+    from ..analysis.model_result import not_ranked
+    from ..analysis.run_results import run_results
     from ..analysis.uncertainty import compare_all, rank_stability, standings, variance_split
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from ..atomic import write_bytes
@@ -89,16 +89,16 @@ def compare(
         comparison = compare_two(*loaded, level=level, resamples=resamples, seed=seed)
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
-        common = common_to(dict(zip(run_names(loaded), loaded, strict=True)))
+        lines = run_results(loaded)
+        common = common_to(dict(zip((line.name for line in lines), loaded, strict=True)))
         rows, note = common.rows, common.remark
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
             label = METRIC_LABELS[chosen]
             raise RunError(f"no two of these runs have an average {label} in common; compare two, or another --metric")
-        unranked = not_ranked(loaded)
-        ranked = [name for name in rows if name not in unranked]
+        ranked = [line.name for line in lines if not line.excluded]
         sound = table.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))
-        note = " ".join(filter(None, [note, *unranked.values()]))
+        note = " ".join(filter(None, [note, *not_ranked(lines)]))
     on_screen = format == "terminal" and output is None
     if as_json:
         text = table.write_json() + "\n"

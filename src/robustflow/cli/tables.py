@@ -15,9 +15,10 @@ from rich.table import Table
 from ..analysis.attacks import attack_scores
 from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
 from ..analysis.conditions import seed_groups, seeds_of
-from ..analysis.exclusion import exclusion_reasons, not_ranked
+from ..analysis.exclusion import exclusion_reasons
 from ..analysis.labels import METRIC_LABELS
-from ..analysis.run_names import run_names
+from ..analysis.model_result import ModelResult, not_ranked, ranked
+from ..analysis.run_results import run_results
 from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..benchmarks.facts import is_still, truth_remark
@@ -74,7 +75,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
         console.print(line, highlight=False, soft_wrap=True)
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
-    _print_conclusions(console, [result])
+    _print_conclusions(console, run_results([result]))
     if missing:
         cells = "row is" if missing == 1 else "rows are"
         console.print(f"Incomplete: {missing} planned {cells} missing; the means are over the rest.")
@@ -100,7 +101,8 @@ def print_results(results: Sequence[Run]) -> None:
     if all(summary.epe_clean is None for summary in summaries):
         headings["clean_flow_length"] = "clean flow (px)"
     shown = [name for name in headings if any(getattr(summary, name) is not None for summary in summaries)]
-    names, groups = run_names(results), seed_groups(results)
+    lines, groups = run_results(results), seed_groups(results)
+    names = [line.name for line in lines]
     table = Table(title=f"{len(results)} {'runs' if groups else 'models'}", title_justify="left")
     table.add_column("model")
     for name in shown:
@@ -119,27 +121,27 @@ def print_results(results: Sequence[Run]) -> None:
     for run in results:
         if phantom := phantom_motion(run):
             console.print(f"{plain(run.name)}: {plain(phantom)}", highlight=False, soft_wrap=True)
-    for sentence in not_ranked([run for run in results if not without_truth(run)]).values():
+    for sentence in not_ranked(line for line in lines if line.run is not None and not without_truth(line.run)):
         console.print(sentence, highlight=False, soft_wrap=True)
-    _print_conclusions(console, results)
-    if all(map(enough_to_compare, results)) and (question := _question(results, len(groups))):
+    _print_conclusions(console, lines)
+    if all(map(enough_to_compare, results)) and (question := _question(lines, len(groups))):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)
         console.print(f"{question} robustflow compare {folders}", highlight=False, soft_wrap=True)
 
 
-def _question(results: Sequence[Run], groups: int) -> str:
+def _question(lines: Sequence[ModelResult], groups: int) -> str:
     """What `compare` can say about the runs; "" if it would refuse."""
     if not groups:
         return "Is the difference real?"
-    if seeds_of(results) is not None:
+    if seeds_of([line.run for line in lines if line.run is not None]) is not None:
         return "How much depends on the seed?"
-    if len(not_ranked(results)) == 0:
+    if len(ranked(lines)) == len(lines):
         return "Do the models keep their order with every seed?"
     return ""
 
 
-def _print_conclusions(console: Console, runs: Sequence[Run]) -> None:
-    for conclusion in conclusions(runs):
+def _print_conclusions(console: Console, lines: Sequence[ModelResult]) -> None:
+    for conclusion in conclusions(lines):
         console.print(conclusion, highlight=False, soft_wrap=True)
 
 

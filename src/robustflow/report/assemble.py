@@ -91,7 +91,7 @@ def tables_of(
     }
     makers |= {name: partial(_attack_tables, name, runs, seed) for name in ATTACK_TABLES}
     if wanted is not None:
-        return _concluded([table for name in wanted for table in makers[name]()], runs)
+        return _concluded([table for name in wanted for table in makers[name]()], results)
     makers["observations"] = lambda: _by_sample_set(about, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
@@ -100,16 +100,16 @@ def tables_of(
         except UsageError:
             # Not everything can be made from every run; what was not requested by name is left out.
             continue
-    return _concluded(tables, runs)
+    return _concluded(tables, results)
 
 
-def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
+def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
     """The tables without columns of dashes; the last one of RCRE ends with what can be concluded from runs without
     ground truth."""
     tables = [table.without_empty_columns() for table in tables]
     last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
     if last is not None:
-        tables[last] = replace(tables[last], remarks=(*tables[last].remarks, *conclusions(runs)))
+        tables[last] = replace(tables[last], remarks=(*tables[last].remarks, *conclusions(results)))
     return tables
 
 

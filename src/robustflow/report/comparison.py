@@ -8,9 +8,10 @@ from typing import Any
 
 import polars as pl
 
-from ..analysis.exclusion import not_ranked
 from ..analysis.labels import METRIC_LABELS, long_label, metric_label
+from ..analysis.model_result import not_ranked
 from ..analysis.run_names import run_names
+from ..analysis.run_results import run_results
 from ..analysis.uncertainty import compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..analysis.uncertainty.sentences import p_text
@@ -188,7 +189,7 @@ def compare(
     common = common_to(dict(zip(names, runs, strict=True)))
     one, other = common.rows.values()
     frame = compare_rows(one, other, names, level=level, resamples=resamples, seed=seed)
-    return Comparison(names, frame, " ".join(filter(None, (common.remark, *not_ranked(runs).values()))))
+    return Comparison(names, frame, " ".join(filter(None, (common.remark, *not_ranked(run_results(runs))))))
 
 
 def _opened(run: AnyRun) -> Run:

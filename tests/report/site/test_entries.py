@@ -128,14 +128,14 @@ def _measured(*models: tuple[str, str, float]):
             *("kitti-fc", "here", setting, name, ""),
             {("epe", "average"): Value(number)},
             run=object(),
-            exclusions=lambda: {("here", "Blind"): "it is blind"},
+            exclusion=lambda name=name: "it is blind" if name == "Blind" else "",
         )
         for name, setting, number in models
     ]
     return {entry.name: entry.texts.get(PLACE) for entry in entries_of(lines, {})}
 
 
-def test_measured_models_of_every_setting_are_ranked_together_and_doubted_ones_not():
+def test_measured_models_of_every_setting_are_ranked_together_and_excluded_ones_not():
     sound = [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0)]
     ranks = _measured(*sound, ("Blind", "OOD", 1.0))
     assert ranks == {"DIS": "2", "Blind": None, "A": "1", "B": "2", "C": "4"}

@@ -14,7 +14,7 @@ from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_l
 from ...analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ...corruptions.names import MEMBERS, ordered
 from ...text import plain
-from ..table import Table
+from ..table import Table, with_exclusion
 from .board import Board
 from .entries import LeaderboardEntry, NumberKey
 from .models import HeatTable, ModelPage, interval_text
@@ -78,7 +78,7 @@ def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> 
         "frames": plain(entry.sample_set, 200),
         "note": entry.note,
         "remark": _remark(entry, title),
-        "doubted": bool(entry.doubt),
+        "excluded": bool(entry.excluded),
         "values": values,
         "best": sorted(place[key] for key in entry.best),
         "derived": sorted(place[key] for key in entry.derived),
@@ -89,8 +89,7 @@ def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> 
 
 def _remark(entry: LeaderboardEntry, title: str) -> str:
     """Below the name: how it differs, unless the heading says so, and why it is not ranked."""
-    doubt = f"not ranked: {plain(entry.doubt, 300)}" if entry.doubt else ""
-    return "; ".join(part for part in (plain(entry.note, 80) if entry.note not in title else "", doubt) if part)
+    return with_exclusion(plain(entry.note, 80) if entry.note not in title else "", plain(entry.excluded, 300))
 
 
 def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:

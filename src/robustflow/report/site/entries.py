@@ -47,7 +47,7 @@ class LeaderboardEntry:
         derived: keys of numbers that the paper does not print and that are computed from its others.
         best: keys whose printed number is the smallest among the models of its setting and sample set.
         intervals: 95 % confidence intervals, if any.
-        doubt: why its model is not ranked; "" for a sound one.
+        excluded: why its model is not ranked; "" for one that is.
         measured: whether it is a run's.
     """
 
@@ -63,7 +63,7 @@ class LeaderboardEntry:
     derived: set[NumberKey] = field(default_factory=set)
     best: set[NumberKey] = field(default_factory=set)
     intervals: dict[NumberKey, Interval] = field(default_factory=dict)
-    doubt: str = ""
+    excluded: str = ""
     measured: bool = False
 
     def set(self, key: NumberKey, value: float | None, decimals: int | None = None) -> None:
@@ -92,7 +92,7 @@ def entries_of(
             *(plain(line.setting, 40), plain(line.name), line.name, plain(line.note, 300)),
             page=slugs.of(line.key, line.name),
             intervals=line.intervals(detailed),
-            doubt=line.excluded,
+            excluded=line.excluded,
             measured=line.run is not None,
         )
         entries.append(entry)
@@ -141,7 +141,7 @@ def _mark_best(entries: list[LeaderboardEntry]) -> None:
         unmarked = entry.texts.keys() if never else entry.derived | _UNMARKED
         texts = {key: text for key, text in entry.texts.items() if key not in unmarked}
         group = (entry.benchmark, entry.sample_set, entry.setting)
-        lines.append(Compared(group, texts, bool(entry.doubt)))
+        lines.append(Compared(group, texts, bool(entry.excluded)))
     for entry, best in zip(entries, best_of_columns(lines), strict=True):
         entry.best |= best
 
@@ -151,7 +151,7 @@ def _rank_measured(entries: list[LeaderboardEntry]) -> None:
     all of them have; equal printed values share it."""
     groups: dict[tuple[str, str], list[LeaderboardEntry]] = {}
     for entry in entries:
-        if entry.measured and not entry.doubt:
+        if entry.measured and not entry.excluded:
             groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
     for group in groups.values():
         key = next((key for key in START if all(key in entry.texts for entry in group)), None)
@@ -162,6 +162,6 @@ def _rank_measured(entries: list[LeaderboardEntry]) -> None:
 
 
 def default_order(entry: LeaderboardEntry) -> tuple[bool, bool, float, str]:
-    """By `START`, then by name; doubted models, which have no rank, last."""
+    """By `START`, then by name; excluded models, which have no rank, last."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
-    return bool(entry.doubt), value is None, value or 0.0, entry.model
+    return bool(entry.excluded), value is None, value or 0.0, entry.model

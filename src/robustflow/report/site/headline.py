@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ...analysis.audit.rounding import misfits
 from ...analysis.conclusion import conclusion, without_truth
@@ -19,9 +18,6 @@ from ...errors import RunError
 from ...text import counted, joined, plain
 from .content import Content
 from .entries import LeaderboardEntry, NumberKey
-
-if TYPE_CHECKING:
-    from ...runs.run import Run
 
 MOST_COMPARED = 8
 _CLEAN: NumberKey = ("epe", CLEAN)
@@ -44,8 +40,8 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
         elif frames == PAPER:
             best = _best_of_settings(entries)
             published += [f"on {benchmark_words(of)} {best}"] if best else []
-        elif own := _own_without_truth(entries, content):
-            sentences.append(conclusion(own, {entry.model: entry.doubt for entry in entries}))
+        elif own := [line for line in content.lines if line.frames == frames and line.run and without_truth(line.run)]:
+            sentences.append(conclusion(own))
         elif is_still(of):
             sentences += [*_phantom(entries, content), PHANTOM]
         elif len(entries) == 1:
@@ -67,12 +63,6 @@ def _phantom(entries: Sequence[LeaderboardEntry], content: Content) -> list[str]
     runs = {entry.model: content.runs.get((entry.sample_set, entry.name)) for entry in entries}
     known = {model: phantom_motion(run) for model, run in runs.items() if run is not None}
     return [f"{plain(model)}: {sentence}." for model, sentence in known.items() if sentence]
-
-
-def _own_without_truth(entries: Sequence[LeaderboardEntry], content: Content) -> dict[str, Run]:
-    """The runs of a group over frames without ground truth that the paper has no results on; empty for others."""
-    runs = {entry.model: content.runs.get((entry.sample_set, entry.name)) for entry in entries}
-    return {name: run for name, run in runs.items() if run is not None and without_truth(run)}
 
 
 _LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
@@ -122,9 +112,9 @@ def _alone(entry: LeaderboardEntry) -> list[str]:
 
 
 def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
-    """Which error grows least, if that is more than chance, and the accuracy; among the models without doubts."""
+    """Which error grows least, if that is more than chance, and the accuracy; among the models that are ranked."""
     left_out = _not_ranked(entries, "Not ranked")
-    sound = [entry for entry in entries if not entry.doubt]
+    sound = [entry for entry in entries if not entry.excluded]
     ranked = _ranked(sound)
     if ranked is None:
         return [sentence for entry in sound for sentence in _alone(entry)] + left_out
@@ -157,7 +147,7 @@ def _shown(entry: LeaderboardEntry, key: NumberKey) -> str:
 
 def _not_ranked(entries: Sequence[LeaderboardEntry], start: str) -> list[str]:
     """Which models are not called robust, and why."""
-    reasons = [f"{entry.model}, because {entry.doubt}" for entry in entries if entry.doubt]
+    reasons = [f"{entry.model}, because {entry.excluded}" for entry in entries if entry.excluded]
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 

@@ -18,7 +18,7 @@ function lineOf(entry, columns, head) {
   const small = make("small", { class: "of-narrow" }, settingChip(entry.setting));
   const name = make("th", { scope: "row" }, link, small, entry.remark ? make("small", {}, entry.remark) : null);
   const cells = columns.map((key, index) => cellOf(entry, key, head[index + 2].hidden));
-  const attributes = { "data-setting": entry.setting, "data-page": entry.page, "data-doubted": entry.doubted ?? false };
+  const attributes = { "data-setting": entry.setting, "data-page": entry.page, "data-excluded": entry.excluded ?? false };
   return make("tr", attributes, name, make("td", {}, settingChip(entry.setting)), ...cells);
 }
 
@@ -86,7 +86,7 @@ function cellKey(line, index, text) {
 }
 
 // Within its group only: lines of different groups were measured on different frames. What is missing comes last, and
-// after it models that are doubted, whose numbers are not ranked.
+// after it models that are not ranked.
 function sortLines(board) {
   const { sort, down } = board;
   const text = board.head[sort].dataset.kind === "text";
@@ -98,7 +98,7 @@ function sortLines(board) {
   for (const { body, lines } of board.bodies) {
     const keys = new Map(lines.map((line) => [line, cellKey(line, sort, text)]));
     lines.sort((a, b) => {
-      const [s, t] = [a, b].map((line) => Number("doubted" in line.dataset));
+      const [s, t] = [a, b].map((line) => Number("excluded" in line.dataset));
       if (s !== t && !text) return s - t;
       const [x, y] = [keys.get(a), keys.get(b)];
       if (x === null || y === null) return (x === null) - (y === null);
