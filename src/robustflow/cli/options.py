@@ -160,6 +160,15 @@ SeverityScale = Annotated[
 ]
 
 
+ComparedRuns = Annotated[
+    list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
+]
+Format = Annotated[
+    str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
+]
+OutputFile = Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")]
+
+
 def use_own_corruptions(targets: list[str] | None) -> None:
     """Import the user's own corruptions, so that runs with them can be recomputed.
 

@@ -1,22 +1,19 @@
 """`robustflow power`: how many pairs does a comparison need?"""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from .options import ComparedRuns, Format, OutputFile
+
 
 def power(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
-    ],
+    runs: ComparedRuns,
     effect: Annotated[float, typer.Option("--effect", help="The difference that has to be found, in pixels.")] = 0.1,
     power: Annotated[float, typer.Option("--power", help="The probability of finding it.")] = 0.8,
     level: Annotated[float, typer.Option(help="1 minus the significance of the test.")] = 0.95,
-    format: Annotated[
-        str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
-    ] = "terminal",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")] = None,
+    format: Format = "terminal",
+    output: OutputFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON.")] = False,
 ) -> None:
     """Say how many pairs detect a difference between models, from the variances of runs that exist.
@@ -31,28 +28,13 @@ def power(
     """
     from ..analysis.run_names import run_names
     from ..analysis.uncertainty.power import plan_pairs
-    from ..atomic import write_bytes
-    from ..errors import UsageError
     from ..records.load import load_any_run
     from ..report.power_table import power_table
-    from ..report.render import render, renderer
-    from .tables import for_stdout
+    from .tables import as_text, check_format, write_text
 
-    renderer(format)  # refuse an unknown format before reading anything
-    if as_json and format != "terminal":
-        raise UsageError(f"--json and --format {format} exclude each other; leave out one of them")
+    check_format(format, as_json)
     loaded = [load_any_run(run) for run in runs]
     rows = {name: run.rows for name, run in zip(run_names(loaded), loaded, strict=True)}
     plan = plan_pairs(rows, effect, power=power, level=level)
-    table = power_table(plan, power, level)
-    if as_json:
-        text = plan.write_json() + "\n"
-    elif format == "terminal" and output is None:
-        text = for_stdout(table)
-    else:
-        text = render(table, format)
-    if output is None:
-        typer.echo(text, nl=False)
-    else:
-        write_bytes(output, text.encode())
-        typer.echo(str(output))
+    text = plan.write_json() + "\n" if as_json else as_text(power_table(plan, power, level), format, output)
+    write_text(text, output)

@@ -59,16 +59,15 @@ def report(
       robustflow report runs/mine runs/other --published --format page -o report.html
     """
     from ..analysis.imported.flowbench_attacks import read_stored_attacks
-    from ..atomic import write_bytes
     from ..errors import UsageError, unknown_name
     from ..records.load import load_any_run, with_runs_inside
     from ..report.assemble import ROW, figures_of, tables_of
     from ..report.attack_table import stored_attacks_table
-    from ..report.render import FORMATS, render
+    from ..report.render import FORMATS
     from ..report.render.latex import only_lines
     from ..target import is_target
     from .options import names
-    from .tables import for_stdout
+    from .tables import as_text, write_text
 
     if format != PAGE and not is_target(format) and format not in FORMATS.names():
         raise unknown_name("format", format, (*FORMATS.names(), PAGE))
@@ -86,19 +85,14 @@ def report(
     if format == PAGE:
         text = _page(loaded, published, only_own, table)
     else:
-        on_screen = format == "terminal" and output is None
         tables = []
         if loaded or published:
             tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
         if stored:
             tables.append(stored_attacks_table(read_stored_attacks(stored)))
         texts = map(only_lines, tables) if row_alone else ()
-        text = "".join(texts) or "\n".join(for_stdout(one) if on_screen else render(one, format) for one in tables)
-    if output is not None:
-        write_bytes(output, text.encode())
-        typer.echo(str(output))
-    else:
-        typer.echo(text, nl=False)
+        text = "".join(texts) or "\n".join(as_text(one, format, output) for one in tables)
+    write_text(text, output)
     if figures is not None:
         from ..report.figures import write_figures
 

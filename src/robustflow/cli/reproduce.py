@@ -166,7 +166,6 @@ def _draw(artefact: Artefact, runs: list[Result], output: Path) -> list[Path]:
 
 
 def _print(table: Table, format: str) -> None:
-    from ..report.render import render
-    from .tables import for_stdout
+    from .tables import as_text
 
-    typer.echo(for_stdout(table) if format == "terminal" else render(table, format), nl=False)
+    typer.echo(as_text(table, format, None), nl=False)

@@ -8,7 +8,9 @@ import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 
+import typer
 from rich.console import Console
 from rich.table import Table
 
@@ -21,11 +23,13 @@ from ..analysis.model_result import ModelResult, not_ranked, ranked
 from ..analysis.run_results import run_results
 from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
+from ..atomic import write_bytes
 from ..benchmarks.facts import is_still, truth_remark
-from ..errors import unknown_name
+from ..errors import UsageError, unknown_name
 from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
 from ..report.attack_table import attack_table
+from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
@@ -143,6 +147,27 @@ def _question(lines: Sequence[ModelResult], groups: int) -> str:
 def _print_conclusions(console: Console, lines: Sequence[ModelResult]) -> None:
     for conclusion in conclusions(lines):
         console.print(conclusion, highlight=False, soft_wrap=True)
+
+
+def check_format(format: str, as_json: bool) -> None:
+    """Refuse an unknown format before anything is read, and one beside `--json`."""
+    renderer(format)
+    if as_json and format != "terminal":
+        raise UsageError(f"--json and --format {format} exclude each other; leave out one of them")
+
+
+def as_text(table: report_table.Table, format: str, output: Path | None) -> str:
+    """A table in a format; on the terminal, which has no `output`, see `for_stdout`."""
+    return for_stdout(table) if format == "terminal" and output is None else render(table, format)
+
+
+def write_text(text: str, output: Path | None) -> None:
+    """Print a text, or write it to a file and print its path."""
+    if output is None:
+        typer.echo(text, nl=False)
+    else:
+        write_bytes(output, text.encode())
+        typer.echo(str(output))
 
 
 def for_stdout(table: report_table.Table) -> str:
