@@ -1,13 +1,9 @@
 """The table of drives against what is known of it, and rows that were written before there was one."""
 
 from itertools import pairwise
-from pathlib import Path
-
-import polars as pl
-import pytest
 
 from robustflow.datasets.kitti import Kitti2015
-from robustflow.datasets.kitti_drives import drive_groups, drives, related, with_groups
+from robustflow.datasets.kitti_drives import drive_groups, drives, related
 from robustflow.datasets.split import kitti_split
 
 KEYS = [f"{number:06d}" for number in range(200)]
@@ -58,43 +54,3 @@ def test_samples_have_their_drive_as_group(shared):
     groups = {key: dataset.load(key).group for key in keys}
     assert groups == {key: drive_groups("kitti2015")[key] for key in groups}
     assert groups["000002"] == groups["000003"] == "2011_09_26_drive_0005"
-
-
-def test_older_rows_get_their_groups_when_they_are_read():
-    rows = pl.DataFrame({"sample": ["000007", "000012", "mine"], "group": ["000007", "elsewhere", "mine"], "n_all": 1})
-    assert with_groups(rows, "kitti2015")["group"].to_list() == ["2011_09_26_drive_0009", "elsewhere", "mine"]
-    assert with_groups(rows, "kitti2015").columns == rows.columns
-    assert with_groups(rows, "folder").equals(rows)
-
-
-@pytest.fixture
-def old_folder(shared, tmp_path):
-    """A run of two pairs of one drive, as it was written before samples had drives."""
-    from robustflow.api import evaluate
-    from robustflow.runs.shards import list_shards, shard_name, write_shard
-    from robustflow.runs.store import RunFolder
-
-    root = Path(shared("data/kitti2015"))
-    run = evaluate("dis", "kitti-fc", root, tmp_path / "run", corruptions=["contrast"], severities=[1], limit=2)
-    folder = RunFolder(run.path)
-    for path in list_shards(folder.rows_folder):
-        rows = pl.read_parquet(path).with_columns(group=pl.col("sample"))
-        path.unlink()
-        write_shard(path.parent, shard_name(path), rows)
-    return root, run.path
-
-
-def test_an_older_run_is_read_and_resumed(old_folder):
-    from robustflow import load_run
-    from robustflow.api import evaluate
-    from robustflow.runner.recheck import recheck
-
-    root, path = old_folder
-    before = load_run(path)
-    assert set(before.rows["group"]) == {"2011_09_26_drive_0005"}
-    after = evaluate("dis", "kitti-fc", root, path, corruptions=["contrast"], severities=[1, 2], limit=2)
-    assert after.rows.height == before.rows.height + 2
-    assert set(after.rows["group"]) == {"2011_09_26_drive_0005"}
-    on_disk = pl.concat([pl.read_parquet(file) for file in (path / "rows").glob("*.parquet")])
-    report = recheck(after.manifest.identity, on_disk, root, count=100)
-    assert report.startswith(f"{on_disk.height} of {on_disk.height} rows")

@@ -23,8 +23,6 @@ from functools import cache
 from importlib.resources import files
 from itertools import groupby
 
-import polars as pl
-
 _TABLES = {
     "kitti2015": ("kitti2015", 200),
     "kitti_fc_released": ("kitti2015", 200),
@@ -82,17 +80,3 @@ def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti20
     known = drives(dataset)
     others = {known[pair] for pair in second if pair in known}
     return [pair for pair in first if known.get(pair) in others]
-
-
-def with_groups(rows: pl.DataFrame, dataset: str) -> pl.DataFrame:
-    """The rows of a run, with the groups of its data set if they were written before there was a table.
-
-    Args:
-        rows: columns `sample` and `group`, strings, among others.
-        dataset: its name. The rows of data sets other than KITTI's are returned unchanged.
-    """
-    groups = drive_groups(dataset)
-    if not groups:
-        return rows
-    alone = pl.col("group") == pl.col("sample")
-    return rows.with_columns(group=pl.when(alone).then(pl.col("sample").replace(dict(groups))).otherwise("group"))

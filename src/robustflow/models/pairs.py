@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..errors import ModelError, UsageError
+from ..errors import UsageError
 from ..sample import Flow, Frame
 
 
@@ -78,7 +78,7 @@ def predict_by_size(
         raise UsageError(f"{len(frames1)} first frames but {len(frames2)} second frames; give pairs")
     sizes: dict[tuple[int, ...], list[int]] = {}
     for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
-        _check_pair(frame1, frame2)
+        check_pair(frame1, frame2)
         sizes.setdefault(frame1.shape, []).append(i)
     flows: dict[int, Flow] = {}
     for members in sizes.values():
@@ -87,24 +87,15 @@ def predict_by_size(
     return [flows[i] for i in range(len(frames1))]
 
 
-def _check_pair(frame1: Frame, frame2: Frame) -> None:
+def check_pair(frame1: Frame, frame2: Frame) -> None:
+    """Check what a model is given.
+
+    Raises:
+        UsageError: not two RGB uint8 frames (H, W, 3) of one size.
+    """
     for frame in (frame1, frame2):
         if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
             what = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
             raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
     if frame1.shape != frame2.shape:
         raise UsageError(f"frames of one pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")
-
-
-def check_pair(model: str, frame1: Frame, frame2: Frame) -> None:
-    """Raise unless frames are RGB uint8 (H, W, 3) of one size.
-
-    Raises:
-        ModelError: they are not; `model` is named.
-    """
-    for frame in (frame1, frame2):
-        if frame.dtype != np.uint8 or frame.shape != frame1.shape or frame.ndim != 3 or frame.shape[2] != 3:
-            raise ModelError(
-                f"{model} was given {frame1.dtype} {frame1.shape} and {frame2.dtype} {frame2.shape}; "
-                "it needs two RGB uint8 frames (H, W, 3) of one size"
-            )

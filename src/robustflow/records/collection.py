@@ -26,7 +26,7 @@ from .verify import verify_read
 
 LIST = "records.json"
 RECORDS = "records"
-VERSION = 2
+VERSION = 3
 """Of `records.json`."""
 
 
@@ -72,7 +72,7 @@ def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) 
             "sha256": verification.sha256,
             "model": subject.model,
             "benchmark": subject.benchmark,
-            "says": subject.sentence(),
+            "sentence": subject.sentence(),
         }
         contents[folder / name] = data
     about = {(entry["model"], entry["benchmark"]) for entry in entries.values()}
@@ -87,10 +87,10 @@ def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) 
     write_json(folder / LIST, {"version": VERSION, "records": ordered})
     for entry in earlier if supersede else ():
         (folder / entry["file"]).unlink()
-    return Added(list(contents), [f"{entry['file']} ({entry['says']})" for entry in earlier])
+    return Added(list(contents), [f"{entry['file']} ({entry['sentence']})" for entry in earlier])
 
 
-_ENTRY = ("file", "sha256", "model", "benchmark", "says")
+_ENTRY = ("file", "sha256", "model", "benchmark", "sentence")
 
 
 def is_collection(folder: Path) -> bool:

@@ -13,7 +13,6 @@ import polars as pl
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import is_still, truth_remark
-from ..datasets.kitti_drives import with_groups
 from ..errors import RobustFlowError, RunError
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
@@ -73,7 +72,7 @@ class Run:
         _ = (
             self.rows_digest
         )  # before the rows are read: rows that arrive in between must not pass for those of the digest
-        return with_groups(self._folder.rows(), self.manifest.identity.frames.dataset)
+        return self._folder.rows()
 
     @cached_property
     def rows_digest(self) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from robustflow import load_model
 from robustflow.datasets import load_dataset
-from robustflow.errors import ModelError, UsageError
+from robustflow.errors import UsageError
 from robustflow.models.tiny.shipped import SHIPPED, shipped_weights
 from robustflow.testing import check_model
 
@@ -88,7 +88,7 @@ def test_options_that_numpy_does_not_have(options):
 
 
 def test_frames_of_two_sizes():
-    with pytest.raises(ModelError, match="of one size"):
+    with pytest.raises(UsageError, match="differ in size"):
         load_model("tiny", runtime="numpy").predict(np.zeros((40, 40, 3), np.uint8), np.zeros((40, 41, 3), np.uint8))
 
 

@@ -103,9 +103,9 @@ class DisRgb:
         """See `FlowModel.predict`. Frames of any size; motion up to a fifth of the longer side is within reach.
 
         Raises:
-            ModelError: frames that are not RGB uint8 of one size.
+            UsageError: frames that are not RGB uint8 of one size.
         """
-        check_pair("dis_rgb", frame1, frame2)
+        check_pair(frame1, frame2)
         point = OPERATING_POINTS[self._number]
         height, width = frame1.shape[:2]
         coarsest, finest = point.scales(height, width)

@@ -104,7 +104,7 @@ class NumpyTiny:
         """See `FlowModel.predict`. Frames of any size.
 
         Raises:
-            ModelError: frames that are not RGB uint8 of one size.
+            UsageError: frames that are not RGB uint8 of one size.
         """
-        check_pair(self.name, frame1, frame2)
+        check_pair(frame1, frame2)
         return predict(self._weights.arrays, frame1, frame2)
