@@ -114,7 +114,7 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
         assert cells["AVG EPE"] == f"{101 * mean / 2:.2f}"
         assert "average over contrast and elastic transform" in note
     content = whole_content([whole])
-    entry = next(entry for entry in content.entries if entry.name == "DIS" and entry.note)
+    entry = next(entry for entry in content.entries if entry.model == "DIS" and entry.note)
     assert entry.texts["epe", "average"] == f"{mean:.2f}"
 
 
@@ -135,10 +135,10 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     assert best["Good"][0] > 0
     assert {line.name for line in ranked(run_results([useless, *others]))} == {"Good", "Bad"}
     content = whole_content([useless, *others], published=False)
-    entries = {entry.name: entry for entry in content.entries}
+    entries = {entry.model: entry for entry in content.entries}
     assert not entries["Useless"].best
     assert ("epe", "average") in entries["Good"].best
-    assert "zero flow" in entries["Useless"].excluded
+    assert "zero flow" in entries["Useless"].line.excluded
 
 
 def _made(base, name, rows, tmp_path):
@@ -181,7 +181,7 @@ def test_doubted_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_t
     trend = next(one for one in group.figures if one.title == "Effective robustness")
     assert {label for label, _ in trend.lines} == set(models)
     assert "Not drawn, because not ranked: Useless." in trend.caption
-    assert [entry.name for entry in sorted(content.entries, key=default_order)][-1] == "Useless"
+    assert [entry.model for entry in sorted(content.entries, key=default_order)][-1] == "Useless"
 
 
 def _marked(runs):

@@ -88,7 +88,7 @@ def test_costs_and_average_ranks_of_runs(runs):
     assert {name: found[name]["Avg. rank OOD"] for name in crer} == expected
     assert not any("Avg. rank other" in cells for cells in found.values())  # "four" is the only one of its setting
     assert {cells["Param. (M)"] for cells in found.values()} == {"1.50"}
-    board = {entry.name: entry.texts for entry in whole_content(runs, published=True).entries if entry.name in found}
+    board = {entry.model: entry.texts for entry in whole_content(runs, published=True).entries if entry.model in found}
     assert {name: texts.get(("rank", ""), "-") for name, texts in board.items()} == {**expected, "four": "-"}
     assert {name: texts["flops", ""] for name, texts in board.items()} == {
         "one": "30.0",

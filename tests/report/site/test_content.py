@@ -135,7 +135,7 @@ def test_the_paper_has_no_significance():
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
     content = run_content(small_run)
-    assert {line.frames for line in content.focus} == {content.entries[0].sample_set}
+    assert {line.frames for line in content.focus} == {content.entries[0].line.frames}
     assert len(content.entries) == 1 + 29 + 11
 
 

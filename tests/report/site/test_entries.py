@@ -26,7 +26,7 @@ def test_values_and_marks_are_those_of_the_tables(table):
     benchmark = "gopro-fc" if table.startswith("gopro") else "kitti-fc"
     built = build_table(table, published_results())
     names = ["clean"] * (metric == "epe")
-    measured = {c for e in _ENTRIES if e.benchmark == benchmark for m, c in e.texts if m == metric}
+    measured = {c for e in _ENTRIES if e.line.benchmark == benchmark for m, c in e.texts if m == metric}
     names += [name for name in PAPER_ORDER if name in measured] + ["average"]
     count = 0
     for section in built.sections:
@@ -34,7 +34,7 @@ def test_values_and_marks_are_those_of_the_tables(table):
             entry = next(
                 e
                 for e in _ENTRIES
-                if (e.benchmark, e.setting, e.model) == (benchmark, _SETTING_OF[section.title], line.label)
+                if (e.line.benchmark, e.setting, e.model) == (benchmark, _SETTING_OF[section.title], line.label)
             )
             for name, cell in zip(names, line.cells, strict=True):
                 assert entry.texts[metric, name] == cell.text
@@ -51,7 +51,7 @@ def test_ranks_and_cost_are_those_that_the_paper_prints():
         ):
             if rank is None:
                 continue
-            entry = next(e for e in _ENTRIES if (e.benchmark, e.setting, e.model) == ("kitti-fc", setting, name))
+            entry = next(e for e in _ENTRIES if (e.line.benchmark, e.setting, e.model) == ("kitti-fc", setting, name))
             assert entry.numbers["rank", ""] == rank
             assert entry.texts["crer", "average"] == f"{crer:.2f}"
             assert (("rank", "") in entry.best) == (rank == 1)
@@ -60,16 +60,16 @@ def test_ranks_and_cost_are_those_that_the_paper_prints():
 
 
 def test_crer_that_the_paper_does_not_print_is_derived_and_unmarked():
-    entry = next(e for e in _ENTRIES if (e.benchmark, e.setting, e.model) == ("kitti-fc", "OOD", "FlowDiffuser"))
+    entry = next(e for e in _ENTRIES if (e.line.benchmark, e.setting, e.model) == ("kitti-fc", "OOD", "FlowDiffuser"))
     clean, whole = entry.numbers["epe", "clean"], entry.numbers["epe", "average"]
     assert entry.numbers["crer", "average"] == pytest.approx((whole - clean) / clean)
     assert ("crer", "average") in entry.derived
     assert ("crer", "average") not in entry.best
-    assert not any(("crer", "average") in e.texts for e in _ENTRIES if e.benchmark == "gopro-fc")
+    assert not any(("crer", "average") in e.texts for e in _ENTRIES if e.line.benchmark == "gopro-fc")
 
 
 def test_class_means_are_means_of_the_printed_values():
-    entry = next(e for e in _ENTRIES if (e.benchmark, e.setting, e.model) == ("kitti-fc", "OOD", "CSFlow"))
+    entry = next(e for e in _ENTRIES if (e.line.benchmark, e.setting, e.model) == ("kitti-fc", "OOD", "CSFlow"))
     for family in ("weather", "noise"):
         values = [entry.numbers["cre", name] for name in FAMILIES[family]]
         assert entry.numbers["cre", family] == pytest.approx(fmean(values))
@@ -90,10 +90,12 @@ def test_same_name_on_other_frames_is_another_page_and_no_rival():
 
     entries = entries_of(merged([*parse_results(text, "a.csv", "a"), *published_results()]), published_costs())
     mine = entries[0]
-    assert mine.page != next(e for e in entries if e.model == "RAFT" and e.sample_set == "paper").page
+    assert mine.page != next(e for e in entries if e.model == "RAFT" and e.line.frames == "paper").page
     assert ("flops", "") not in mine.texts
-    before = {(e.setting, e.model): e.best for e in _ENTRIES if e.benchmark == "kitti-fc"}
-    after = {(e.setting, e.model): e.best for e in entries if e.benchmark == "kitti-fc" and e.sample_set == "paper"}
+    before = {(e.setting, e.model): e.best for e in _ENTRIES if e.line.benchmark == "kitti-fc"}
+    after = {
+        (e.setting, e.model): e.best for e in entries if e.line.benchmark == "kitti-fc" and e.line.frames == "paper"
+    }
     assert after == before
 
 
@@ -132,7 +134,7 @@ def _measured(*models: tuple[str, str, float]):
         )
         for name, setting, number in models
     ]
-    return {entry.name: entry.texts.get(PLACE) for entry in entries_of(lines, {})}
+    return {entry.line.name: entry.texts.get(PLACE) for entry in entries_of(lines, {})}
 
 
 def test_measured_models_of_every_setting_are_ranked_together_and_excluded_ones_not():

@@ -5,6 +5,7 @@ from functools import partial
 
 import pytest
 
+from robustflow.analysis.run_results import run_results
 from robustflow.api import evaluate
 from robustflow.cache import CACHE_VARIABLE
 from robustflow.corruptions.weather.frost import photograph
@@ -20,9 +21,9 @@ from tests.made_rows import change_manifest
 def test_panels_of_twelve_runs_and_of_more_the_first(tmp_path):
     run = evaluate("dis", output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
     assert MOST_RUNS == 12
-    keys = [("frames", f"run {index}") for index in range(MOST_RUNS + 1)]
-    assert list(examples_of(dict.fromkeys(keys[:MOST_RUNS], run)).panels) == keys[:MOST_RUNS]
-    assert list(examples_of(dict.fromkeys(keys, run)).panels) == keys[:1]
+    lines = [line for _ in range(MOST_RUNS + 1) for line in run_results([run])]
+    assert list(examples_of(lines[:MOST_RUNS]).panels) == lines[:MOST_RUNS]
+    assert list(examples_of(lines).panels) == lines[:1]
 
 
 def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):

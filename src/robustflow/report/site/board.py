@@ -104,10 +104,10 @@ def boards_of(entries: Sequence[LeaderboardEntry], group_titles: dict[str, str])
     """
     of_benchmark: dict[str, list[LeaderboardEntry]] = {}
     for entry in entries:
-        of_benchmark.setdefault(entry.benchmark, []).append(entry)
+        of_benchmark.setdefault(entry.line.benchmark, []).append(entry)
 
     def place(lines: list[LeaderboardEntry]) -> tuple[int, int]:
-        return -sum(entry.measured for entry in lines), -len({entry.model for entry in lines})
+        return -sum(entry.line.run is not None for entry in lines), -len({entry.model for entry in lines})
 
     order = sorted(of_benchmark.items(), key=lambda item: place(item[1]))
     return [_board(name, lines, group_titles) for name, lines in order]
@@ -160,16 +160,16 @@ def _remarks(entries: list[LeaderboardEntry]) -> Iterator[str]:
             "In brackets: 95 % confidence intervals of runs, by a bootstrap over images (over sequences where pairs "
             "share one)."
         )
-    elif any(entry.measured for entry in entries):
+    elif any(entry.line.run is not None for entry in entries):
         yield "No confidence intervals: too few images, or sequences, for one."
-    if len({entry.sample_set for entry in entries}) > 1:
+    if len({entry.line.frames for entry in entries}) > 1:
         yield "Lines are sorted within their group."
 
 
 def _groups(entries: list[LeaderboardEntry], titles: dict[str, str]) -> tuple[Group, ...]:
     groups = []
-    for frames in dict.fromkeys(entry.sample_set for entry in entries):
-        lines = sorted((entry for entry in entries if entry.sample_set == frames), key=default_order)
+    for frames in dict.fromkeys(entry.line.frames for entry in entries):
+        lines = sorted((entry for entry in entries if entry.line.frames == frames), key=default_order)
         groups.append(Group(titles.get(frames, plain(frames, 200)), frames == PAPER, tuple(lines)))
     return tuple(groups)
 

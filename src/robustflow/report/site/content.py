@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ...analysis.exclusion import exclusion_reasons
@@ -52,15 +51,10 @@ class Content:
     alone: bool
     of_paper: bool
 
-    @cached_property
-    def runs(self) -> dict[tuple[str, str], Run]:
-        """(sample set, name) -> run."""
-        return {line.key: line.run for line in self.lines if line.run}
-
     @property
     def of_one_run(self) -> bool:
         """Whether the page is the report of a single run, whose own page then comes first."""
-        return self.alone and len(self.runs) == 1
+        return self.alone and sum(line.run is not None for line in self.lines) == 1
 
     @property
     def focus(self) -> list[ModelResult]:

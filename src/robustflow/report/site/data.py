@@ -75,10 +75,10 @@ def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> 
         "name": entry.model,
         "setting": entry.setting,
         "page": entry.page,
-        "frames": plain(entry.sample_set, 200),
+        "frames": plain(entry.line.frames, 200),
         "note": entry.note,
         "remark": _remark(entry, title),
-        "excluded": bool(entry.excluded),
+        "excluded": bool(entry.line.excluded),
         "values": values,
         "best": sorted(place[key] for key in entry.best),
         "derived": sorted(place[key] for key in entry.derived),
@@ -89,13 +89,13 @@ def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> 
 
 def _remark(entry: LeaderboardEntry, title: str) -> str:
     """Below the name: how it differs, unless the heading says so, and why it is not ranked."""
-    return with_exclusion(plain(entry.note, 80) if entry.note not in title else "", plain(entry.excluded, 300))
+    return with_exclusion(plain(entry.note, 80) if entry.note not in title else "", plain(entry.line.excluded, 300))
 
 
 def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
     tiles = [
         {
-            "benchmark": benchmark_label(entry.benchmark),
+            "benchmark": benchmark_label(entry.line.benchmark),
             "setting": entry.setting,
             "note": entry.note,
             "scores": scores,

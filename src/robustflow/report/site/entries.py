@@ -37,34 +37,37 @@ class LeaderboardEntry:
     """A line of the leaderboard.
 
     Attributes:
-        benchmark, sample_set, setting: what it was measured on, and how that relates to the model's training.
-        model: the name, as one printable line, as `setting` and `note` are.
-        name: the name as the results have it.
-        note: how it differs from the paper's measurement; "" if not at all.
+        line: what it shows.
         page: the id of the model's page.
+        intervals: 95 % confidence intervals, if any.
         texts: the printed numbers.
         numbers: the same as numbers.
         derived: keys of numbers that the paper does not print and that are computed from its others.
         best: keys whose printed number is the smallest among the models of its setting and sample set.
-        intervals: 95 % confidence intervals, if any.
-        excluded: why its model is not ranked; "" for one that is.
-        measured: whether it is a run's.
     """
 
-    benchmark: str
-    sample_set: str
-    setting: str
-    model: str
-    name: str
-    note: str
+    line: ModelResult
     page: str
+    intervals: Mapping[NumberKey, Interval]
     texts: dict[NumberKey, str] = field(default_factory=dict)
     numbers: dict[NumberKey, float] = field(default_factory=dict)
     derived: set[NumberKey] = field(default_factory=set)
     best: set[NumberKey] = field(default_factory=set)
-    intervals: dict[NumberKey, Interval] = field(default_factory=dict)
-    excluded: str = ""
-    measured: bool = False
+
+    @property
+    def model(self) -> str:
+        """The name as one printable line."""
+        return plain(self.line.name)
+
+    @property
+    def setting(self) -> str:
+        """The setting as one printable line."""
+        return plain(self.line.setting, 40)
+
+    @property
+    def note(self) -> str:
+        """How it differs from the paper's measurement, as one printable line; "" if not at all."""
+        return plain(self.line.note, 300)
 
     def set(self, key: NumberKey, value: float | None, decimals: int | None = None) -> None:
         """Store a number as printed; None is skipped."""
@@ -87,14 +90,7 @@ def entries_of(
     own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     entries = []
     for line in results:
-        entry = LeaderboardEntry(
-            *(line.benchmark, line.frames),
-            *(plain(line.setting, 40), plain(line.name), line.name, plain(line.note, 300)),
-            page=slugs.of(line.key, line.name),
-            intervals=line.intervals(detailed),
-            excluded=line.excluded,
-            measured=line.run is not None,
-        )
+        entry = LeaderboardEntry(line, slugs.of(line.key, line.name), line.intervals(detailed))
         entries.append(entry)
         for key, value in line.values.items():
             entry.set(key, value.number, value.decimals)
@@ -126,7 +122,7 @@ def _add_published(entry: LeaderboardEntry, cost: Cost, ranks: Mapping[str, Mapp
         if printed is not None:
             entry.set(("crer", AVERAGE), printed)
             entry.derived.discard(("crer", AVERAGE))
-        entry.set(("rank", ""), ranks[f"average_{setting}"].get(entry.name), 0)
+        entry.set(("rank", ""), ranks[f"average_{setting}"].get(entry.line.name), 0)
 
 
 _UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
@@ -140,8 +136,8 @@ def _mark_best(entries: list[LeaderboardEntry]) -> None:
         never = entry.setting == "knowledge" or entry.note == IMPORTED
         unmarked = entry.texts.keys() if never else entry.derived | _UNMARKED
         texts = {key: text for key, text in entry.texts.items() if key not in unmarked}
-        group = (entry.benchmark, entry.sample_set, entry.setting)
-        lines.append(Compared(group, texts, bool(entry.excluded)))
+        group = (entry.line.benchmark, entry.line.frames, entry.setting)
+        lines.append(Compared(group, texts, bool(entry.line.excluded)))
     for entry, best in zip(entries, best_of_columns(lines), strict=True):
         entry.best |= best
 
@@ -151,8 +147,8 @@ def _rank_measured(entries: list[LeaderboardEntry]) -> None:
     all of them have; equal printed values share it."""
     groups: dict[tuple[str, str], list[LeaderboardEntry]] = {}
     for entry in entries:
-        if entry.measured and not entry.excluded:
-            groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
+        if entry.line.run is not None and not entry.line.excluded:
+            groups.setdefault((entry.line.benchmark, entry.line.frames), []).append(entry)
     for group in groups.values():
         key = next((key for key in START if all(key in entry.texts for entry in group)), None)
         if key is not None and len(group) > 1:
@@ -164,4 +160,4 @@ def _rank_measured(entries: list[LeaderboardEntry]) -> None:
 def default_order(entry: LeaderboardEntry) -> tuple[bool, bool, float, str]:
     """By `START`, then by name; excluded models, which have no rank, last."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
-    return bool(entry.excluded), value is None, value or 0.0, entry.model
+    return bool(entry.line.excluded), value is None, value or 0.0, entry.model

@@ -6,7 +6,7 @@ again, so that nothing but pixels reaches the page.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, ValidationError
 
 from ...analysis.labels import long_label
+from ...analysis.model_result import ModelResult
 from ...errors import DataError, first_misfit
 from ...images.io import jpeg_address, read_image, shrunk
 from ...runs.example_list import EXAMPLES_FILE, FOLDER
@@ -67,10 +68,10 @@ class _ExampleList(Untrusted):
 
 @dataclass(frozen=True)
 class Examples:
-    """The pictures of a page: a slider, and panels by (sample set, name) of the run."""
+    """The pictures of a page: a slider, and the panels of each run."""
 
     slider: Slider
-    panels: Mapping[tuple[str, str], list[PanelPicture]] = field(default_factory=dict)
+    panels: Mapping[ModelResult, list[PanelPicture]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -106,16 +107,17 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     return slider, [_panel(folder, panel) for panel in shown.panels]
 
 
-def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
-    """The slider of the first run with examples, and the panels of all of them; among more than `MOST_RUNS` runs, only
+def examples_of(lines: Sequence[ModelResult]) -> Examples | None:
+    """The slider of the first run with examples, and the panels of all of them; of more than `MOST_RUNS` runs, only
     those of the first."""
     slider: Slider | None = None
-    panels: dict[tuple[str, str], list[PanelPicture]] = {}
-    for key, run in runs.items():
-        pictures = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
+    panels: dict[ModelResult, list[PanelPicture]] = {}
+    most = MOST_RUNS if len(lines) <= MOST_RUNS else 1
+    for line in lines:
+        pictures = run_examples(line.run) if line.run and len(panels) < most else None
         if pictures is not None:
             slider = slider or pictures[0]
-            panels[key] = pictures[1]
+            panels[line] = pictures[1]
     return None if slider is None else Examples(slider, panels)
 
 

@@ -94,7 +94,7 @@ def page_figures(content: Content) -> list[FigureGroup]:
         for figures in figures_by_sample_set(part, looks).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
         drawn += _of_runs(frames, content, looks.get(frames, Looks()))
-        pages = {entry.name: entry.page for entry in content.entries if entry.sample_set == frames}
+        pages = {entry.line.name: entry.page for entry in content.entries if entry.line.frames == frames}
         made = []
         for name, figure, note in drawn:
             made.append(_page_figure(f"figure-{count}", name, figure, note, pages))
@@ -117,23 +117,23 @@ def page_looks(content: Content) -> dict[str, Looks]:
     """Sample set -> the looks of its models: those of one name are alike in every set, and nothing else is."""
     places: dict[tuple[str, int], int] = {}
     looks = {}
-    for frames in dict.fromkeys(entry.sample_set for entry in content.entries if entry.sample_set != PAPER):
+    for frames in dict.fromkeys(entry.line.frames for entry in content.entries if entry.line.frames != PAPER):
         seen: Counter[str] = Counter()
         styles: dict[str, Style] = {}
-        entries = sorted((entry for entry in content.entries if entry.sample_set == frames), key=default_order)
+        entries = sorted((entry for entry in content.entries if entry.line.frames == frames), key=default_order)
         for entry in entries:
-            run = content.runs.get((frames, entry.name))
-            name = entry.name if run is None else run.name
+            run = entry.line.run
+            name = entry.line.name if run is None else run.name
             place = places.setdefault((name, seen[name]), len(places))
-            styles[entry.name] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
+            styles[entry.line.name] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
             seen[name] += 1
-        looks[frames] = Looks(styles, {entry.name: entry.intervals for entry in entries}, legend=False)
+        looks[frames] = Looks(styles, {entry.line.name: entry.intervals for entry in entries}, legend=False)
     return {PAPER: Looks(legend=False), **looks}
 
 
 def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str, MarkedFigure, str]]:
     """(name, figure, what it leaves out) of the figures that need rows."""
-    of_frames = {name: run for (of, name), run in content.runs.items() if of == frames}
+    of_frames = {line.name: line.run for line in content.lines if line.frames == frames and line.run is not None}
     runs = _best_runs(list(of_frames), frames, content)
     try:
         curves = severity_curves({name: of_frames[name].rows for name in runs}, looks=looks)
@@ -153,8 +153,8 @@ def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
     there are more, those that are first on the leaderboard."""
     if len(names) <= len(MODEL_STYLES):
         return names
-    entries = sorted((entry for entry in content.entries if entry.sample_set == frames), key=default_order)
-    best = {entry.name for entry in entries[: len(MODEL_STYLES)]}
+    entries = sorted((entry for entry in content.entries if entry.line.frames == frames), key=default_order)
+    best = {entry.line.name for entry in entries[: len(MODEL_STYLES)]}
     return [name for name in names if name in best]
 
 

@@ -30,8 +30,8 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
     sentences: list[str] = []
     groups: dict[tuple[str, str], list[LeaderboardEntry]] = {}
     for entry in content.entries:
-        if benchmark in (None, entry.benchmark):
-            groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
+        if benchmark in (None, entry.line.benchmark):
+            groups.setdefault((entry.line.benchmark, entry.line.frames), []).append(entry)
     published = []
     imported = 0
     for (of, frames), entries in groups.items():
@@ -43,7 +43,7 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
         elif own := [line for line in content.lines if line.frames == frames and line.run and without_truth(line.run)]:
             sentences.append(conclusion(own))
         elif is_still(of):
-            sentences += [*_phantom(entries, content), PHANTOM]
+            sentences += [*_phantom(entries), PHANTOM]
         elif len(entries) == 1:
             sentences += _alone(entries[0]) + _not_ranked(entries, "No sign of robustness")
         else:
@@ -58,11 +58,10 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
     return sentences
 
 
-def _phantom(entries: Sequence[LeaderboardEntry], content: Content) -> list[str]:
+def _phantom(entries: Sequence[LeaderboardEntry]) -> list[str]:
     """The phantom motion of each run of a group over still scenes."""
-    runs = {entry.model: content.runs.get((entry.sample_set, entry.name)) for entry in entries}
-    known = {model: phantom_motion(run) for model, run in runs.items() if run is not None}
-    return [f"{plain(model)}: {sentence}." for model, sentence in known.items() if sentence]
+    known = {entry.model: phantom_motion(entry.line.run) for entry in entries if entry.line.run is not None}
+    return [f"{model}: {sentence}." for model, sentence in known.items() if sentence]
 
 
 _LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
@@ -90,7 +89,7 @@ def _printed(entry: LeaderboardEntry, key: NumberKey) -> str:
 
 
 def _alone(entry: LeaderboardEntry) -> list[str]:
-    where = on_benchmark(entry.model, entry.benchmark)
+    where = on_benchmark(entry.model, entry.line.benchmark)
     clean, whole = entry.texts.get(("epe", CLEAN)), entry.texts.get(("epe", AVERAGE))
     if clean is None or whole is None:
         moved = entry.texts.get(("rcre", AVERAGE))
@@ -114,13 +113,13 @@ def _alone(entry: LeaderboardEntry) -> list[str]:
 def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
     """Which error grows least, if that is more than chance, and the accuracy; among the models that are ranked."""
     left_out = _not_ranked(entries, "Not ranked")
-    sound = [entry for entry in entries if not entry.excluded]
+    sound = [entry for entry in entries if not entry.line.excluded]
     ranked = _ranked(sound)
     if ranked is None:
         return [sentence for entry in sound for sentence in _alone(entry)] + left_out
     key, order = ranked
     best, second = order[0], order[1]
-    start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
+    start = f"{benchmark_label(best.line.benchmark)}, {len(sound)} models on the same frames: "
     if best.numbers[key] == second.numbers[key]:
         return [f"{start}{best.model} and {second.model} share the lead ({_shown(best, key)}).", *left_out]
     sure, evidence = _difference(key[0], order, content)
@@ -147,23 +146,23 @@ def _shown(entry: LeaderboardEntry, key: NumberKey) -> str:
 
 def _not_ranked(entries: Sequence[LeaderboardEntry], start: str) -> list[str]:
     """Which models are not called robust, and why."""
-    reasons = [f"{entry.model}, because {entry.excluded}" for entry in entries if entry.excluded]
+    reasons = [f"{entry.model}, because {entry.line.excluded}" for entry in entries if entry.line.excluded]
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 
 def _difference(metric: str, order: Sequence[LeaderboardEntry], content: Content) -> tuple[bool, list[str]]:
     """Whether the best leads the second by more than chance, and the sentence about it; corrected for every pair of the
     best `MOST_COMPARED`, because the two were chosen by looking at all."""
-    runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
+    lines = [entry.line for entry in order[:MOST_COMPARED]]
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
-    measured = {name: rows(run) for name, run in runs.items() if run is not None}
-    if len(measured) < len(runs):
+    measured = {line.name: rows(line.run) for line in lines if line.run is not None}
+    if len(measured) < len(lines):
         return False, []  # Results files have no values per image.
     try:
         table = compare_all(measured, metric)
     except RunError:
         return False, []  # Records may group the same samples differently; the leaderboard still shows their values.
-    pair = table.filter(first=order[0].name, second=order[1].name)
+    pair = table.filter(first=order[0].line.name, second=order[1].line.name)
     sure = any(p is not None and p < 0.05 for p in pair["p_holm"])
     return sure, [plain(sentence, None) for sentence in pair["sentence"]]
 

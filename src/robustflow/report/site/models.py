@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...analysis.anatomy import by_severity
 from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
+from ...analysis.model_result import ModelResult
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.names import ORDER
 from ...text import plain
@@ -68,24 +69,23 @@ class ModelPage:
     panels: tuple[PanelPicture, ...] = ()
 
 
-def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[PanelPicture]]) -> list[ModelPage]:
+def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPicture]]) -> list[ModelPage]:
     """A page for each model of each sample set, in the order of the entries.
 
     Args:
         content: of the page.
-        panels: pictures of predictions, by (sample set, name) of a run.
+        panels: pictures of predictions, of the lines of runs.
     """
     by_page: dict[str, list[LeaderboardEntry]] = {}
     for entry in content.entries:
         by_page.setdefault(entry.page, []).append(entry)
     pages = []
     for page, entries in by_page.items():
-        key = (entries[0].sample_set, entries[0].name)
-        run = content.runs.get(key)
-        if run is None:
-            pages.append(_of_results(page, entries, content))
+        line = entries[0].line
+        if line.run is None:
+            pages.append(_of_results(page, entries))
         else:
-            pages.append(_of_run(page, entries[0], run, tuple(panels.get(key, ()))))
+            pages.append(_of_run(page, entries[0], line.run, tuple(panels.get(line, ()))))
     return pages
 
 
@@ -104,12 +104,12 @@ def _of_run(page: str, entry: LeaderboardEntry, run: Run, panels: tuple[PanelPic
     )
 
 
-def _of_results(page: str, entries: list[LeaderboardEntry], content: Content) -> ModelPage:
+def _of_results(page: str, entries: list[LeaderboardEntry]) -> ModelPage:
     first = entries[0]
-    of_model = [line for line in content.lines if line.key == (first.sample_set, first.name)]
+    sources = dict.fromkeys(value.source for entry in entries for value in entry.line.values.values())
     tables = []
-    for benchmark in dict.fromkeys(entry.benchmark for entry in entries):
-        shown = [entry for entry in entries if entry.benchmark == benchmark]
+    for benchmark in dict.fromkeys(entry.line.benchmark for entry in entries):
+        shown = [entry for entry in entries if entry.line.benchmark == benchmark]
         tables.append(_settings_table(benchmark_label(benchmark), shown))
     return ModelPage(
         id=page,
@@ -117,9 +117,7 @@ def _of_results(page: str, entries: list[LeaderboardEntry], content: Content) ->
         tiles=tuple((entry, _tiles(entry)) for entry in entries),
         sentences=tuple(sentence for entry in entries for sentence in _sentences(entry)),
         tables=tuple(tables),
-        facts=published_facts(
-            first.name, list(dict.fromkeys(value.source for line in of_model for value in line.values.values()))
-        ),
+        facts=published_facts(first.line.name, list(sources)),
         anatomy=None,
     )
 
@@ -149,7 +147,7 @@ def _sentences(entry: LeaderboardEntry) -> tuple[str, ...]:
         named = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
         worst = named[:-1][:3]
         are = "is" if len(worst) == 1 else "are"
-        where = f"{benchmark_label(entry.benchmark)}, {setting_words(entry.setting)}"
+        where = f"{benchmark_label(entry.line.benchmark)}, {setting_words(entry.setting)}"
         return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {named[-1]}.",)
     return ()
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 
 from jinja2 import Environment
 from markupsafe import Markup
 
+from ...analysis.model_result import ModelResult
 from ...errors import RunError
 from ...runs.run import Run
 from ...text import plain
@@ -41,18 +42,18 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     """
     boards = boards_of(content.entries, dict(content.group_titles))
     order = [board.benchmark for board in boards]
-    runs = dict(sorted(content.runs.items(), key=lambda item: order.index(item[1].benchmark)))
+    runs = sorted((line for line in content.lines if line.run), key=lambda line: order.index(line.benchmark))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
     pages = model_pages(content, examples.panels if examples else {})
     sections = sections_of(content, boards, page_figures(content))
-    pictured = content.runs[next(iter(examples.panels))].benchmark if examples and examples.panels else None
+    pictured = next(iter(examples.panels)).benchmark if examples and examples.panels else None
     return (
         _environment()
         .get_template("page.html")
         .render(
             content=content,
             attacks=_attacks(runs),
-            predictions=_predictions(list(runs.values())),
+            predictions=_predictions([line.run for line in runs if line.run]),
             sections=sections,
             primary=pages[0].id if content.of_one_run else "",
             examples=examples,
@@ -67,9 +68,9 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     )
 
 
-def _attacks(runs: Mapping[tuple[str, str], Run]) -> list[tuple[str, Table, PageFigure | None]]:
+def _attacks(lines: Sequence[ModelResult]) -> list[tuple[str, Table, PageFigure | None]]:
     """Name, table and security curves of each run with attacks."""
-    tables = [(name, run, attack_table(run)) for (_, name), run in runs.items()]
+    tables = [(line.name, line.run, attack_table(line.run)) for line in lines if line.run]
     return [(name, table, attack_figure(at, run)) for at, (name, run, table) in enumerate(tables) if table is not None]
 
 
