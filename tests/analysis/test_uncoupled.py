@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from scipy.stats import rankdata, spearmanr
 
-from robustflow.analysis.rank_correlation import partial_spearman, spearman
+from robustflow.analysis.ranking import partial_spearman, spearman
 from robustflow.analysis.uncoupled import (
     UNCOUPLED,
     UncoupledScores,

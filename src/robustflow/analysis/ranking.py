@@ -1,4 +1,4 @@
-"""Ranks as in the paper's Tab. 3.
+"""Ranks as in the paper's Tab. 3, and rank correlation.
 
 Equal printed values share the smallest rank, and the next one is skipped (1, 2, 2, 4). FLOPs are ranked over all 14
 models whatever the setting, CREr over the models of the setting, both as printed; the average rank is the rank, in
@@ -7,9 +7,12 @@ the same way, of the mean of the two. This rule gives every rank the paper print
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import TypeVar
+
+import numpy as np
 
 Name = TypeVar("Name", bound=Hashable)
 
@@ -46,3 +49,32 @@ def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:
     """
     names = [name for name in rankings[0] if all(name in ranking for ranking in rankings)]
     return competition_ranks({name: sum(ranking[name] for ranking in rankings) for name in names})
+
+
+def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
+    """Rank correlation, ties sharing their mean rank; None if one of the two does not vary.
+
+    >>> spearman([1, 2, 3], [10, 30, 20])
+    0.5
+    """
+    a, b = (np.array(middle_ranks(list(values))) for values in (first, second))
+    a, b = a - a.mean(), b - b.mean()
+    scale = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / scale if scale else None
+
+
+def partial_spearman(first: Sequence[float], second: Sequence[float], given: Sequence[float]) -> float | None:
+    """Rank correlation of two variables with the ranks of a third removed from both; None if nothing is left to
+    correlate.
+
+    >>> partial_spearman([1, 2, 3, 4], [1, 2, 4, 3], [1, 2, 3, 4]) is None
+    True
+    """
+    pairs = ((first, second), (first, given), (second, given))
+    both, one, other = (spearman(*pair) for pair in pairs)
+    if both is None:
+        return None
+    if one is None or other is None:
+        return both  # What does not vary explains nothing.
+    rest = (1 - one * one) * (1 - other * other)
+    return (both - one * other) / math.sqrt(rest) if rest > 1e-12 else None

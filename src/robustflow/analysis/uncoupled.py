@@ -17,7 +17,7 @@ import polars as pl
 from ..corruptions.names import ordered
 from ..errors import unknown_name
 from ..metrics.rows import CLEAN
-from .rank_correlation import partial_spearman, spearman
+from .ranking import partial_spearman, spearman
 from .results import AVERAGE
 
 LEAST_IMAGES = 5

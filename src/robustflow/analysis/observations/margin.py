@@ -16,7 +16,7 @@ import polars as pl
 from scipy.special import betaincinv, ndtri, stdtr, stdtrit
 
 from ...text import counted
-from ..rank_correlation import spearman
+from ..ranking import spearman
 from ..uncertainty.bootstrap import LEVEL
 from ..uncertainty.holm import holm
 from ..uncertainty.standings import standings

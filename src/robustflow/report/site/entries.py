@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ...analysis.best import Compared, best_of_columns
@@ -16,7 +17,6 @@ from ...benchmarks import benchmark_facts
 from ...runs.family_means import family_means
 from ...text import plain
 from ..table import number_text
-from .slugs import Slugs
 
 NumberKey = tuple[str, str]
 """(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", ""), ("rank", ""),
@@ -161,3 +161,30 @@ def default_order(entry: LeaderboardEntry) -> tuple[bool, bool, float, str]:
     """By `START`, then by name; excluded models, which have no rank, last."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
     return bool(entry.line.excluded), value is None, value or 0.0, entry.model
+
+
+_LONGEST_ID = 40
+
+
+class Slugs:
+    """Gives every model's page its id of letters, digits and hyphens, safe in an address and an attribute.
+
+    >>> slugs = Slugs()
+    >>> slugs.of(1, "SAMFlow-H"), slugs.of(2, "samflow h"), slugs.of(1, "SAMFlow-H"), slugs.of(3, "<>")
+    ('samflow-h', 'samflow-h-2', 'samflow-h', 'model')
+    """
+
+    def __init__(self) -> None:
+        self._of: dict[Hashable, str] = {}
+
+    def of(self, thing: Hashable, name: str) -> str:
+        """The id of a thing called `name`."""
+        if thing not in self._of:
+            words = name.replace("+", " plus ").lower()
+            stem = re.sub(r"[^a-z0-9]+", "-", words)[:_LONGEST_ID].strip("-") or "model"
+            known, slug, count = set(self._of.values()), stem, 1
+            while slug in known:
+                count += 1
+                slug = f"{stem}-{count}"
+            self._of[thing] = slug
+        return self._of[thing]

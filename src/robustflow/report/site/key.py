@@ -34,9 +34,7 @@ def key_markup(key: Sequence[tuple[str, Style, bool]]) -> Markup:
     if not key:
         return Markup("")
     items = Markup("").join(
-        Markup(
-            '<li><svg class="glyph" viewBox="-6 -6 12 12" aria-hidden="true"><path d="{}" {}></path></svg>{}</li>'
-        ).format(_SHAPES[style.marker], _paint(page_colour(style.colour), filled), plain(label))
+        _ITEM.format(_SHAPES[style.marker], _paint(page_colour(style.colour), filled), plain(label))
         for label, style, filled in key
     )
     return Markup('<ul class="key">{}</ul>').format(items)

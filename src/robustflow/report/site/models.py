@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,6 @@ from .content import Content
 from .entries import LeaderboardEntry, NumberKey
 from .examples import PanelPicture
 from .facts import Facts, published_facts, run_facts
-from .heat import scale_top
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -191,6 +190,17 @@ def _anatomy(run: Run) -> Table | None:
     kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
     remarks = tuple(remark.partition("; slope: ")[0] + "." for remark in whole.remarks)
     return replace(whole, columns=whole.columns[:-1], sections=(Section("", kept),), remarks=remarks)
+
+
+def scale_top(values: Iterable[float | None]) -> float:
+    """The value of the strongest colour, which the page's script divides into steps: the 95th percentile, so that one
+    outlier does not make all others pale.
+
+    >>> scale_top([1.0, None, 2.0, -3.0])
+    3.0
+    """
+    known = sorted(abs(value) for value in values if value is not None)
+    return known[min(len(known) - 1, int(0.95 * len(known)))] if known else 0.0
 
 
 def _number(value: float | None) -> str:

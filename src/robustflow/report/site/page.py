@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 
 from jinja2 import Environment
 from markupsafe import Markup
 
+from ...analysis.audit import Audit
 from ...analysis.model_result import ModelResult
 from ...errors import RunError
 from ...runs.run import Run
@@ -19,14 +21,14 @@ from ..render.html import render as render_table
 from ..slider import Slider, slider_markup
 from ..table import Table
 from . import assets
-from .board import boards_of
+from .board import Board, boards_of
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
-from .figures import PageFigure, attack_figure, page_figures
-from .findings import VERDICT_CLASSES, by_check
+from .figures import FigureGroup, PageFigure, attack_figure, page_figures
+from .findings import VERDICT_CLASSES, Checked, audits, by_check, checked_observations
+from .headline import headline
 from .models import model_pages
-from .sections import sections_of
 
 
 def render_site(content: Content, gallery: Slider | None = None) -> str:
@@ -45,7 +47,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     runs = sorted((line for line in content.lines if line.run), key=lambda line: order.index(line.benchmark))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
     pages = model_pages(content, examples.panels if examples else {})
-    sections = sections_of(content, boards, page_figures(content))
+    sections = _sections_of(content, boards, page_figures(content))
     pictured = next(iter(examples.panels)).benchmark if examples and examples.panels else None
     return (
         _environment()
@@ -79,6 +81,37 @@ def _predictions(runs: Sequence[Run]) -> Table | None:
         return prediction_table(runs)
     except RunError:  # without frames in common there is nothing to correlate
         return None
+
+
+@dataclass(frozen=True)
+class BenchmarkSection:
+    """What a page shows of one benchmark; one is shown at a time.
+
+    Attributes:
+        board: its part of the leaderboard.
+        headline: the first sentences.
+        figures: by the frames they are of.
+        observations, audits: what was checked of its results.
+    """
+
+    board: Board
+    headline: Sequence[str]
+    figures: Sequence[FigureGroup]
+    observations: Sequence[Checked]
+    audits: Sequence[Audit]
+
+
+def _sections_of(content: Content, boards: Sequence[Board], figures: Sequence[FigureGroup]) -> list[BenchmarkSection]:
+    return [
+        BenchmarkSection(
+            board=board,
+            headline=headline(content, board.benchmark),
+            figures=[group for group in figures if group.benchmark == board.benchmark],
+            observations=checked_observations(content, board.benchmark),
+            audits=audits(content, board.benchmark),
+        )
+        for board in boards
+    ]
 
 
 @cache

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from ...atomic import write_bytes
 from ...runs.run import Run
 from ...runs.staleness import is_current, note_made, source_digest
-
-if TYPE_CHECKING:
-    pass
 
 REPORT = "report.html"
 
