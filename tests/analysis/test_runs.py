@@ -128,7 +128,7 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     low = rows.with_columns(epe_sum=pl.col("epe_sum") / 100, clean_epe_sum=pl.col("clean_epe_sum") / 100)
     others = [made("Good", rows), made("Bad", rows.with_columns(epe_sum=2 * pl.col("epe_sum")))]
     assert _marked([made("Lucky", low), *others])["Lucky"][0] > 0, "without a doubt it is the best"
-    useless = made("Useless", low.with_columns(magnitude_sum=pl.lit(0.0)))
+    useless = made("Useless", low.with_columns(magnitude_sum=pl.col("n_valid") * 0.001))
     best = _marked([useless, *others])
     assert best["Useless"][0] == 0
     assert "not ranked: its clean EPE of 0.03 px is not below half of the 0.00 px of zero flow" in best["Useless"][1]

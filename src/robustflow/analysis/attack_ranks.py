@@ -10,8 +10,8 @@ from ..runs.aggregate import summarize
 from ..runs.comparable import common_to
 from ..runs.run import Run
 from .attacks import attack_scores
-from .exclusion import excluded_runs
-from .rank_correlation import spearman
+from .exclusion import exclusions
+from .ranking import spearman
 from .run_names import run_names
 
 LEAST_MODELS = 5
@@ -52,11 +52,12 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     Raises:
         RunError: the runs have no frames in common.
     """
-    named = {name: run for name, run in zip(run_names(runs), runs, strict=True) if run.attacks}
+    names = run_names(runs)
+    named = {name: run for name, run in zip(names, runs, strict=True) if run.attacks}
     named = {name: run for name, run in named.items() if run.manifest.selection.corruptions}
     if len(named) < 2:
         return []
-    unranked = {name: why for (_, name), why in excluded_runs(runs).items()}
+    unranked = {name: why for name, why in zip(names, exclusions(runs), strict=True) if why}
     scores = {name: attack_scores(run) for name, run in named.items()}
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
     before = _corrupted(named, metric)

@@ -74,7 +74,7 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
 def test_no_useless_model_is_crowned(many_images, monkeypatch):
     """A model whose error is that of zero flow has the lowest CRE, for it can hardly get worse."""
     useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
-    rows = useless.rows.with_columns(magnitude_sum=pl.lit(0.0), rcre_all_sum=pl.lit(0.0))
+    rows = useless.rows.with_columns(magnitude_sum=pl.col("n_valid") * 0.001, rcre_all_sum=pl.lit(0.0))
     monkeypatch.setitem(useless.__dict__, "rows", rows)
     sentences = headline(whole_content([useless, sound], published=False))
     assert not any("Blind has the lowest" in sentence or "for Blind" in sentence for sentence in sentences)
