@@ -13,7 +13,7 @@ from pathlib import Path
 from ..errors import DataError
 from ..layout import choice, locate, numbered, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
 
@@ -56,7 +56,7 @@ class FlyingChairs(PairDataset):
         if split != "all":
             marks = _marks(folder, numbers)
             numbers = [number for number in numbers if marks[number - 1] == {"train": "1", "val": "2"}[split]]
-        pairs = {f"{n:05d}": Pair((files["img1"][n], files["img2"][n]), files["flow"][n]) for n in numbers}
+        pairs = {f"{n:05d}": PairFiles((files["img1"][n], files["img2"][n]), files["flow"][n]) for n in numbers}
         super().__init__(pairs, folder)
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from ..errors import DataError
 from ..layout import choice, consecutive, folders, locate, numbered, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 
 class FlyingThings3D(PairDataset):
@@ -66,7 +66,7 @@ class FlyingThings3D(PairDataset):
             super().__init__(_subset(part, render_pass, side, direction), part)
             return
         folder = locate("FlyingThings3D", root, [images], expected=_expected(images, split, part.name, render_pass))
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for letter in folders(folder / images):
             for scene in folders(letter):
                 group = f"{split}/{letter.name}/{scene.name}"
@@ -75,7 +75,7 @@ class FlyingThings3D(PairDataset):
         super().__init__(pairs, folder)
 
 
-def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> dict[str, Pair]:
+def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> dict[str, PairFiles]:
     if not images.is_dir():
         return {}
     frames = numbered(images, r"(\d{4})\.(?:png|webp)")
@@ -84,7 +84,7 @@ def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> 
         first, second = (before, after) if direction == "future" else (after, before)
         name = f"OpticalFlowInto{direction.capitalize()}_{first:04d}_{side[0].upper()}.pfm"
         flow = partner(flows / name, frames[first])
-        pairs[f"{group}/{first:04d}"] = Pair((frames[first], frames[second]), flow, group=group)
+        pairs[f"{group}/{first:04d}"] = PairFiles((frames[first], frames[second]), flow, group=group)
     return pairs
 
 
@@ -92,7 +92,7 @@ def _expected(images: str, split: str, part: str, render_pass: str) -> str:
     return f"{images}/A/0000/ and optical_flow/{split}/, or of the subset {part}/image_{render_pass}/ and {part}/flow/"
 
 
-def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str, Pair]:
+def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str, PairFiles]:
     images, flows = part / f"image_{render_pass}" / side, part / "flow" / side / f"into_{direction}"
     for needed in (images, flows):
         if not needed.is_dir():
@@ -101,5 +101,5 @@ def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str
     pairs = {}
     for number, flow in numbered(flows, r"(\d{7})\.flo").items():
         first, second = (partner(images / f"{one:07d}.png", flow) for one in (number, number + ahead))
-        pairs[f"{part.name}/{number:07d}"] = Pair((first, second), flow, group=part.name)
+        pairs[f"{part.name}/{number:07d}"] = PairFiles((first, second), flow, group=part.name)
     return pairs

@@ -13,7 +13,7 @@ from ..errors import DataError, UsageError
 from ..images.io import IMAGE_SUFFIXES, image_size
 from ..layout import VIDEO_SUFFIXES, folders, positive
 from .facts import DatasetFacts, described
-from .pairs import Pair, PairDataset, pairs_at_step
+from .pairs import PairDataset, PairFiles, pairs_at_step
 from .section import Position, position
 from .video import Video
 
@@ -55,7 +55,7 @@ class FrameFolder(PairDataset):
         positive("step", step)
         begin, end = _frame_number("start", start), _frame_number("stop", stop)
         sequences = {"": _pictures(root)} if _pictures(root) else {f.name: _pictures(f) for f in folders(root)}
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for group, every in sequences.items():
             frames = every[begin:end]
             if not every:
@@ -65,7 +65,7 @@ class FrameFolder(PairDataset):
             for first, second in at_step:
                 # Consecutive pairs are not independent, whatever the folder: statistics treat them as one group.
                 key, sequence = (f"{group}/{first.stem}", group) if group else (first.stem, ALONE)
-                pairs[key] = Pair((first, second), group=sequence)
+                pairs[key] = PairFiles((first, second), group=sequence)
         if not pairs:
             kinds = ", ".join(IMAGE_SUFFIXES)
             raise DataError(f"{root}: no pictures in it ({kinds}); give a folder of frames or a video file")

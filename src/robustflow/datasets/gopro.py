@@ -13,7 +13,7 @@ from pathlib import Path
 from ..errors import DataError
 from ..layout import choice, consecutive, folders, locate, numbered, positive
 from .facts import DatasetFacts
-from .pairs import Pair, PairDataset, pairs_at_step
+from .pairs import PairDataset, PairFiles, pairs_at_step
 
 _FRAME = r"(\d{1,9})\.png"
 _KINDS = ("sharp", "blur", "blur_gamma")
@@ -49,11 +49,11 @@ class GoPro(PairDataset):
         choice("images", images, _KINDS)
         positive("step", step)
         root = Path(root).expanduser()
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for sequence in _sequences(root, split):
             group = sequence.relative_to(root).as_posix()
             for first, second in pairs_at_step(_frames(sequence, images), step, sequence):
-                pairs[f"{group}/{first.stem}"] = Pair((first, second), group=group)
+                pairs[f"{group}/{first.stem}"] = PairFiles((first, second), group=group)
         super().__init__(pairs, root)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..layout import folders, locate, numbered, partner
 from .facts import FC_PAPER, DatasetFacts
-from .pairs import Pair
+from .pairs import PairFiles
 from .released import ReleasedPairs
 
 
@@ -40,11 +40,11 @@ class GoProFCReleased(ReleasedPairs):
         self.root = locate(
             "GoPro-FC", root, ["clean"], expected="clean/SEQUENCE/000032_0.png and <corruption>_<severity>/"
         )
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for sequence in folders(self.root / "clean"):
             for first in numbered(sequence, r"(\d{1,9})_0\.png").values():
                 second = partner(first.with_name(f"{first.stem[:-1]}1.png"), first)
-                pairs[f"{sequence.name}/{first.stem[:-2]}"] = Pair((first, second), group=sequence.name)
+                pairs[f"{sequence.name}/{first.stem[:-2]}"] = PairFiles((first, second), group=sequence.name)
         super().__init__(pairs, self.root)
 
     def place(self, key: str) -> Path:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..layout import consecutive, locate, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 
 class HD1K(PairDataset):
@@ -48,7 +48,7 @@ class HD1K(PairDataset):
         for sequence, frames in _sequences(images).items():
             for first, second in consecutive(frames, stride=None):
                 flow = partner(flows / frames[first].name, frames[first])
-                pairs[frames[first].stem] = Pair((frames[first], frames[second]), flow, group=sequence)
+                pairs[frames[first].stem] = PairFiles((frames[first], frames[second]), flow, group=sequence)
         super().__init__(pairs, folder)
 
 

@@ -28,20 +28,20 @@ from ..flowio import read_flow
 from ..layout import choice, following, locate, partner
 from .facts import DatasetFacts
 from .kitti_drives import drive_groups
-from .pairs import Pair, PairDataset, Truth
+from .pairs import PairDataset, PairFiles, Truth
 
 _OCC, _NOC = "flow_occ", "flow_noc"
 
 
 class KittiPairs(PairDataset):
-    """Ground truth in KITTI's form: `Pair.flow` is occ or noc, `Pair.occlusion` the noc map of an occ map."""
+    """Ground truth in KITTI's form: `PairFiles.flow` is occ or noc, `PairFiles.occlusion` the noc map of an occ map."""
 
-    def __init__(self, pairs: Mapping[str, Pair], where: Path) -> None:
+    def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         super().__init__(pairs, where)
         self.folder = where
         self.non_occluded = any(pair.flow is not None and pair.flow.parent.name == _NOC for pair in pairs.values())
 
-    def truth(self, pair: Pair) -> Truth | None:
+    def truth(self, pair: PairFiles) -> Truth | None:
         """Flow from occ; the pixels that noc leaves out are occluded."""
         if pair.flow is None:
             return None
@@ -53,7 +53,7 @@ class KittiPairs(PairDataset):
             raise DataError(f"{pair.occlusion}: another size than {pair.flow}; they do not belong together")
         return Truth(flow, valid, valid & ~visible)
 
-    def describe(self, pair: Pair) -> dict[str, Any]:
+    def describe(self, pair: PairFiles) -> dict[str, Any]:
         """Which of the two maps the flow comes from."""
         return {"ground_truth": pair.flow.parent.name.removeprefix("flow_")} if pair.flow else {}
 
@@ -131,7 +131,7 @@ class Kitti2012(KittiSequences):
         super().__init__(kitti_pairs(folder, frames, self.name), folder)
 
 
-def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
+def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]:
     """The pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
 
     Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc_released").
@@ -157,7 +157,7 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
         if visible is not None and not visible.is_file():
             missing.append(visible.name)
             visible = None
-        pairs[key] = Pair((first, second), flow, visible, group=groups.get(key, ""))
+        pairs[key] = PairFiles((first, second), flow, visible, group=groups.get(key, ""))
     if missing:
         warnings.warn(
             f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); errors on visible and on "

@@ -15,7 +15,7 @@ from pathlib import Path
 from ..errors import DataError
 from ..layout import choice, following, locate
 from .facts import DatasetFacts
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 EVALUATED = range(9, 13)
 """Frames in no pair: the evaluated ones and their neighbours."""
@@ -57,7 +57,7 @@ class KittiMultiview(PairDataset):
         markers = [f"{one}/{images}" for one in parts for images in cameras]
         expected = " and ".join(f"{marker}/" for marker in markers) + " with frames 000000_00.png to 000000_20.png"
         folder = locate("KITTI 2015 multi-view", root, markers, ("", "data_scene_flow_multiview"), expected)
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for marker in markers:
             if not (folder / marker).is_dir():
                 raise DataError(f"{folder}: no {marker}/; unpack data_scene_flow_multiview.zip whole")
@@ -70,14 +70,14 @@ class KittiMultiview(PairDataset):
         super().__init__(pairs, folder)
 
 
-def _pairs(folder: Path, marker: str) -> dict[str, Pair]:
+def _pairs(folder: Path, marker: str) -> dict[str, PairFiles]:
     scenes: dict[str, dict[int, Path]] = {}
     for path in (folder / marker).iterdir():
         if (match := re.fullmatch(r"(\d{6})_(\d\d)\.png", path.name)) and int(match[2]) not in EVALUATED:
             scenes.setdefault(match[1], {})[int(match[2])] = path
     part = marker.partition("/")[0]
     return {
-        f"{marker}/{first.stem}": Pair((first, second), group=f"{part}/{scene}")
+        f"{marker}/{first.stem}": PairFiles((first, second), group=f"{part}/{scene}")
         for scene, frames in scenes.items()
         for first, second in following(frames)
     }

@@ -16,7 +16,7 @@ from ..errors import DataError
 from ..layout import choice, folders, following, numbered, partner, user_path
 from .facts import DatasetFacts
 from .kitti_drives import drives
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 _CAMERAS = {"left": ("image_02",), "right": ("image_03",), "both": ("image_02", "image_03")}
 _EXPECTED = "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ..."
@@ -66,7 +66,7 @@ class KittiRaw(PairDataset):
             )
         known = _evaluated() if drives == "apart" else frozenset()
         pairs = {
-            f"{drive.name}/{images}/{first.stem}": Pair((first, second), group=drive.name)
+            f"{drive.name}/{images}/{first.stem}": PairFiles((first, second), group=drive.name)
             for drive in drive_folders
             if drive.name.removesuffix("_sync") not in known
             for images in cameras
@@ -95,7 +95,7 @@ def _frames(folder: Path) -> list[tuple[Path, Path]]:
     return following(numbered(folder, r"(\d{1,10})\.(?:png|jpg)")) if folder.is_dir() else []
 
 
-def _listed(root: Path, listing: Path) -> dict[str, Pair]:
+def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:
     try:
         lines = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
@@ -105,5 +105,5 @@ def _listed(root: Path, listing: Path) -> dict[str, Pair]:
         if len(names) < 2:
             raise DataError(f"{listing}, line {number}: one name; give two frames per line, relative to {root}")
         first, second = (partner(root / name, listing) for name in names[:2])
-        pairs[Path(names[0]).with_suffix("").as_posix()] = Pair((first, second), group=first.parent.as_posix())
+        pairs[Path(names[0]).with_suffix("").as_posix()] = PairFiles((first, second), group=first.parent.as_posix())
     return pairs

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..layout import folders, following, locate, numbered, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 
 class Middlebury(PairDataset):
@@ -42,7 +42,7 @@ class Middlebury(PairDataset):
         for scene in folders(folder / "other-gt-flow"):
             flow = partner(scene / "flow10.flo", scene)
             first, second = (folder / "other-data" / scene.name / f"frame{number}.png" for number in (10, 11))
-            pairs[scene.name] = Pair((partner(first, flow), partner(second, flow)), flow)
+            pairs[scene.name] = PairFiles((partner(first, flow), partner(second, flow)), flow)
         super().__init__(pairs, folder)
 
     def steps(self) -> Iterator[tuple[Path, Path]]:

@@ -19,7 +19,7 @@ from .samples import Samples
 
 
 @dataclass(frozen=True)
-class Pair:
+class PairFiles:
     """The files of one sample.
 
     Attributes:
@@ -51,7 +51,7 @@ class Truth(NamedTuple):
 
 
 class PairDataset(Samples):
-    """Samples from `Pair`s; a reader finds the pairs, and overrides how its ground truth is read if that differs.
+    """Samples from `PairFiles`; a reader finds the pairs, and overrides how its ground truth is read if that differs.
 
     Implements `Dataset` and `Clips`.
     """
@@ -61,7 +61,7 @@ class PairDataset(Samples):
     non_occluded: bool = False
     """Whether the ground truth lacks the pixels that are hidden in frame 2, against the data set's own rule."""
 
-    def __init__(self, pairs: Mapping[str, Pair], where: Path) -> None:
+    def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         if not pairs:
             raise DataError(f"{where}: no image pair of {self.name} found in it; check that it is completely unpacked")
         self._pairs = dict(sorted(pairs.items()))
@@ -90,7 +90,7 @@ class PairDataset(Samples):
             raise DataError(f"{pair.flow}: no pixel with known flow, so nothing to measure; restore the file")
         return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
 
-    def pair(self, key: str) -> Pair:
+    def pair(self, key: str) -> PairFiles:
         """The files of a sample; raises a UsageError for an unknown key."""
         if key not in self._pairs:
             close = get_close_matches(key, self._pairs, n=1, cutoff=0.5) or [next(iter(self._pairs))]
@@ -130,16 +130,16 @@ class PairDataset(Samples):
         steps = list(self.steps())
         return dict(steps), {second: first for first, second in steps}
 
-    def truth(self, pair: Pair) -> Truth | None:
+    def truth(self, pair: PairFiles) -> Truth | None:
         """The ground truth of a pair; override if more than a flow file is read."""
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
 
-    def training_truth(self, pair: Pair) -> Truth | None:
+    def training_truth(self, pair: PairFiles) -> Truth | None:
         """The ground truth that networks are trained on: the flow file alone, without maps of hidden or unreliable
         pixels, as in the original code; override if the flow needs more than its file."""
         return PairDataset.truth(self, pair)
 
-    def describe(self, pair: Pair) -> dict[str, Any]:
+    def describe(self, pair: PairFiles) -> dict[str, Any]:
         """The entries of `Sample.meta` about the ground truth."""
         return {}
 

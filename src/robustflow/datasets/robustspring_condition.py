@@ -23,7 +23,7 @@ from pathlib import Path
 from ..corruptions.on_disk import ROBUSTSPRING
 from ..errors import DataError
 from ..layout import choice, consecutive, folders, locate, numbered
-from .pairs import Pair, PairDataset
+from .pairs import PairDataset, PairFiles
 
 CLEAN = "clean"
 
@@ -110,7 +110,7 @@ def _key(sequence: str, side: str, direction: str, number: int) -> str:
     return f"{sequence}/{kind}/{kind}_{number:04d}"
 
 
-def _pairs(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
+def _pairs(sequence: Path, side: str, direction: str) -> dict[str, PairFiles]:
     folder = sequence / f"frame_{side}"
     if not folder.is_dir():
         raise DataError(f"{folder}: no such folder; unpack the frames of both cameras")
@@ -119,5 +119,5 @@ def _pairs(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
     for before, after in consecutive(frames):
         first, second = (before, after) if direction == "FW" else (after, before)
         key = _key(sequence.name, side, direction, first)
-        pairs[key] = Pair((frames[first], frames[second]), group=sequence.name)
+        pairs[key] = PairFiles((frames[first], frames[second]), group=sequence.name)
     return pairs

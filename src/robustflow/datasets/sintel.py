@@ -18,7 +18,7 @@ from ..images.io import read_mask
 from ..layout import consecutive, folders, locate, numbered, partner
 from ..sample import Mask
 from .facts import DatasetFacts
-from .pairs import Pair, PairDataset, Truth
+from .pairs import PairDataset, PairFiles, Truth
 
 _MAPS = ("flow", "occlusions", "invalid", "flow_viz")
 
@@ -54,12 +54,12 @@ class Sintel(PairDataset):
                 f"{folder}: no pass '{render_pass}'; found: {available} (option render_pass of the data set)"
             )
         scenes = {path.name for kind in (render_pass, "flow") for path in folders(folder / kind)}
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for scene in sorted(scenes):
             pairs.update(_scene(folder, render_pass, scene))
         super().__init__(pairs, folder)
 
-    def truth(self, pair: Pair) -> Truth | None:
+    def truth(self, pair: PairFiles) -> Truth | None:
         """Flow, without the pixels that `invalid` marks; occluded as in `occlusions`."""
         if pair.flow is None:
             return None
@@ -70,7 +70,7 @@ class Sintel(PairDataset):
         return Truth(flow, valid, None if pair.occlusion is None else _fitting(pair.occlusion, valid.shape))
 
 
-def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, Pair]:
+def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:
     frames = {}
     if (folder / render_pass / scene).is_dir():
         frames = numbered(folder / render_pass / scene, r"frame_(\d{4})\.png")
@@ -87,7 +87,9 @@ def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, Pair]:
             partner(folder / kind / scene / f"frame_{first:04d}.png", flow) if (folder / kind).is_dir() else None
             for kind in ("occlusions", "invalid")
         )
-        pairs[f"{scene}/frame_{first:04d}"] = Pair((frames[first], frames[second]), flow, occlusion, invalid, scene)
+        pairs[f"{scene}/frame_{first:04d}"] = PairFiles(
+            (frames[first], frames[second]), flow, occlusion, invalid, scene
+        )
     return pairs
 
 

@@ -18,7 +18,7 @@ from ..extras import require
 from ..flowio import read_flow
 from ..layout import choice, consecutive, folders, locate, numbered, partner
 from .facts import DatasetFacts
-from .pairs import Pair, PairDataset, Truth
+from .pairs import PairDataset, PairFiles, Truth
 
 
 class Spring(PairDataset):
@@ -50,12 +50,12 @@ class Spring(PairDataset):
         require("h5py", "Spring's ground truth")
         expected = f"train/0001/frame_{side}/ and train/0001/flow_{direction}_{side}/"
         folder = _train(Path(root), expected)
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for sequence in folders(folder):
             pairs.update(_sequence(sequence, side, direction))
         super().__init__(pairs, folder)
 
-    def truth(self, pair: Pair) -> Truth | None:
+    def truth(self, pair: PairFiles) -> Truth | None:
         """Every second vector of every second row."""
         if pair.flow is None:
             return None
@@ -64,7 +64,7 @@ class Spring(PairDataset):
             raise DataError(f"{pair.flow}: {flow.shape[1]}x{flow.shape[0]} vectors; Spring has two per pixel and side")
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
-    def training_truth(self, pair: Pair) -> Truth | None:
+    def training_truth(self, pair: PairFiles) -> Truth | None:
         """The same."""
         return self.truth(pair)
 
@@ -76,7 +76,7 @@ def _train(root: Path, expected: str) -> Path:
     return locate("Spring", root, ["train"], expected=expected) / "train"
 
 
-def _sequence(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
+def _sequence(sequence: Path, side: str, direction: str) -> dict[str, PairFiles]:
     images, flows = sequence / f"frame_{side}", sequence / f"flow_{direction}_{side}"
     ahead = 1 if direction == "FW" else -1
     known = numbered(flows, rf"flow_{direction}_{side}_(\d{{4}})\.flo5") if flows.is_dir() else {}
@@ -88,5 +88,5 @@ def _sequence(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
     for before, after in consecutive(frames):
         first, second = (before, after) if ahead == 1 else (after, before)
         flow = partner(flows / f"flow_{direction}_{side}_{first:04d}.flo5", frames[first])
-        pairs[f"{sequence.name}/{first:04d}"] = Pair((frames[first], frames[second]), flow, group=sequence.name)
+        pairs[f"{sequence.name}/{first:04d}"] = PairFiles((frames[first], frames[second]), flow, group=sequence.name)
     return pairs

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from ..errors import DataError
 from ..layout import choice, folders, following, locate, numbered, partner
 from .facts import DatasetFacts
-from .pairs import Pair, PairDataset, Truth
+from .pairs import PairDataset, PairFiles, Truth
 
 _DIFFICULTIES = ("Easy", "Hard")
 _EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
@@ -51,7 +51,7 @@ class TartanAir(PairDataset):
     def __init__(self, root: str | Path, difficulty: str = "all") -> None:
         choice("difficulty", difficulty, ("all", *_DIFFICULTIES))
         folder = Path(root).expanduser()
-        pairs: dict[str, Pair] = {}
+        pairs: dict[str, PairFiles] = {}
         for environment, place in _environments(folder):
             for level in _DIFFICULTIES if difficulty == "all" else (difficulty,):
                 for flight in folders(place / level):
@@ -60,7 +60,7 @@ class TartanAir(PairDataset):
             locate("TartanAir", folder, ["no environment"], expected=_EXPECTED)
         super().__init__(pairs, folder)
 
-    def truth(self, pair: Pair) -> Truth | None:
+    def truth(self, pair: PairFiles) -> Truth | None:
         """Flow and mask; occluded pixels have true flow, as in KITTI."""
         if pair.flow is None or pair.occlusion is None:
             return None
@@ -72,7 +72,7 @@ class TartanAir(PairDataset):
         flow = np.where(valid[..., None], flow, 0).astype(np.float32)
         return Truth(flow, valid, mask != 0)
 
-    def training_truth(self, pair: Pair) -> Truth | None:
+    def training_truth(self, pair: PairFiles) -> Truth | None:
         """The same."""
         return self.truth(pair)
 
@@ -87,7 +87,7 @@ def _environments(root: Path) -> list[tuple[str, Path]]:
     return environments
 
 
-def _flight(flight: Path, group: str) -> dict[str, Pair]:
+def _flight(flight: Path, group: str) -> dict[str, PairFiles]:
     images, flows = flight / "image_left", flight / "flow"
     if not images.is_dir():
         return {}
@@ -96,7 +96,7 @@ def _flight(flight: Path, group: str) -> dict[str, Pair]:
         name = f"{first.name[:6]}_{second.name[:6]}"
         flow = partner(flows / f"{name}_flow.npy", first)
         mask = partner(flows / f"{name}_mask.npy", first)
-        pairs[f"{group}/{first.name[:6]}"] = Pair((first, second), flow, occlusion=mask, group=group)
+        pairs[f"{group}/{first.name[:6]}"] = PairFiles((first, second), flow, occlusion=mask, group=group)
     return pairs
 
 

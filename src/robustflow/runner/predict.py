@@ -15,7 +15,7 @@ from ..atomic import make_folder
 from ..datasets import load_dataset
 from ..datasets.base import Dataset
 from ..datasets.context_frames import window_on
-from ..datasets.pairs import Pair, PairDataset
+from ..datasets.pairs import PairDataset, PairFiles
 from ..errors import DataError, UsageError
 from ..flowio import read_flow, write_flow
 from ..images.flow_colours import flow_colours, flow_radius
@@ -64,7 +64,7 @@ def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
     if options:
         raise UsageError(f"-D {next(iter(options))}=... is for a folder or a video, not for single pictures")
     pairs = {
-        f"{index:04d}_{first.stem}" if len(paths) > 2 else first.stem: Pair((first, second), group="frames")
+        f"{index:04d}_{first.stem}" if len(paths) > 2 else first.stem: PairFiles((first, second), group="frames")
         for index, (first, second) in enumerate(pairwise(paths))
     }
     return PairDataset(pairs, paths[0].parent)

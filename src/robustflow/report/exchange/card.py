@@ -8,7 +8,7 @@ from ...analysis.labels import inside, long_label, metric_label
 from ...atomic import json_bytes
 from ...text import counted, joined
 from ..render.markdown import escape
-from .facts import Mean, RunFacts
+from .facts import RunFacts, RunMean
 
 CARD_VERSION = 1
 """Incremented when a field of card.json is added or changes its meaning."""
@@ -78,7 +78,7 @@ def _markdown(facts: RunFacts) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _row(mean: Mean) -> str:
+def _row(mean: RunMean) -> str:
     frames = {"clean": "clean", "average": "average"}.get(mean.condition) or inside(long_label(mean.condition))
     ends = "" if mean.interval is None else f"{mean.interval[0]:.3f} to {mean.interval[1]:.3f}"
     return f"| {escape(frames)} | {escape(metric_label(mean.metric))} | {mean.value:.3f} | {ends} |"

@@ -11,7 +11,7 @@ from ...analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ...atomic import json_bytes
 from ...digest import digest_of_value
 from ...text import file_name
-from .facts import Mean, RunFacts
+from .facts import RunFacts, RunMean
 
 SCHEMA_VERSION = "0.3.0"
 _UNKNOWN = "unknown"
@@ -50,7 +50,7 @@ def every_eval_ever_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
     return {PurePosixPath("data", benchmark, _UNKNOWN, model, f"{unique}.json"): json_bytes(content)}
 
 
-def _result(facts: RunFacts, mean: Mean) -> dict[str, Any]:
+def _result(facts: RunFacts, mean: RunMean) -> dict[str, Any]:
     data = facts.data
     score: dict[str, Any] = {"score": mean.value}
     if mean.interval is not None:

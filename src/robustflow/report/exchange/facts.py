@@ -20,7 +20,7 @@ from ...text import plain
 
 
 @dataclass(frozen=True)
-class Mean:
+class RunMean:
     """A mean of a run.
 
     Attributes:
@@ -46,15 +46,15 @@ class RunFacts:
         self.digest = run.manifest.identity_digest
 
     @cached_property
-    def means(self) -> list[Mean]:
+    def means(self) -> list[RunMean]:
         """Clean and average means first, then those of each corruption."""
         (line,) = run_results([self.run])
         ends = line.intervals()
-        known = [Mean(*key, value.number, ends.get(key)) for key, value in line.values.items()]
+        known = [RunMean(*key, value.number, ends.get(key)) for key, value in line.values.items()]
         return sorted(known, key=lambda mean: mean.condition not in ("clean", AVERAGE))
 
     @property
-    def averages(self) -> list[Mean]:
+    def averages(self) -> list[RunMean]:
         """The means that are not of one corruption."""
         return [mean for mean in self.means if mean.condition in ("clean", AVERAGE)]
 

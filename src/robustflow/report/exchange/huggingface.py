@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import PurePosixPath
 
-from .facts import Mean, RunFacts
+from .facts import RunFacts, RunMean
 
 
 def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, bytes]:
@@ -20,7 +20,7 @@ def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, byte
     return {PurePosixPath(".eval_results", "robustflow.yaml"): text.encode()}
 
 
-def _entry(facts: RunFacts, mean: Mean, dataset: str) -> str:
+def _entry(facts: RunFacts, mean: RunMean, dataset: str) -> str:
     interval = "" if mean.interval is None else f"95 % interval {mean.interval[0]:.4g} to {mean.interval[1]:.4g}. "
     lines = [
         "- dataset:",
