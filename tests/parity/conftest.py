@@ -13,13 +13,13 @@ NO_CASE = "none"
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """A test that takes `case` runs once for each letter in the pack its module names as PACK, with the ending that
-    the module's mark `expected` names (`a_expected_ft.npz` is case a of the ending "_ft")."""
+    """A test that takes `case` runs once for each letter in the pack that its class or module names as PACK, with the
+    ending that the mark `expected` names (`a_expected_ft.npz` is case a of the ending "_ft")."""
     if "case" not in metafunc.fixturenames:
         return
     marker = metafunc.definition.get_closest_marker("expected")
     suffix = marker.args[0] if marker else ""
-    folder = shared_root() / "parity" / metafunc.module.PACK
+    folder = shared_root() / "parity" / (metafunc.cls or metafunc.module).PACK
     ending = f"_expected{suffix}.npz"
     letters = sorted(path.name.removesuffix(ending) for path in folder.glob(f"*{ending}"))
     metafunc.parametrize("case", letters or [NO_CASE])
@@ -27,11 +27,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def pack(request: pytest.FixtureRequest, shared):
-    """The pack that the test's module names as PACK."""
+    """The pack that the test's class or module names as PACK."""
     pytest.importorskip("torch", reason="needs the torch extra")
     from .pack import Pack
 
-    folder = shared(f"parity/{request.module.PACK}")
+    folder = shared(f"parity/{(request.cls or request.module).PACK}")
     if "case" in request.fixturenames and request.getfixturevalue("case") == NO_CASE:
         pytest.skip(f"the pack {folder.name} holds no case of this kind")
     return Pack(folder)
