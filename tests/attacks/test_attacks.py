@@ -68,6 +68,50 @@ def test_projected_frames_never_exceed_the_budget_in_8_bits(norm, moved, budget,
     assert moved != "joint" or np.array_equal(change[0], change[1])
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(ON_SMALL_PAIRS),
+    st.sampled_from(["linf", "rms"]),
+    st.sampled_from(MOVED),
+    st.floats(0.4, 30),
+    st.integers(0, 10**6),
+)
+def test_no_attack_exceeds_any_budget_in_8_bits(name, norm, moved, budget, seed):
+    options = {"norm": norm, "moved": moved} | ({"box": "clipping"} if name == "pcfa" and moved == "joint" else {})
+    if norm not in load_attack(name).norms:
+        del options["norm"]
+    if name in ("worst_of", "square", "random_sign"):
+        options.pop("norm", None)
+        budget = max(budget, 1)
+    pair = random_pair(seed=seed)
+
+    attacked = rf.attack(
+        *pair,
+        smooth_model(),
+        name,
+        budget=budget,
+        flow=np.zeros((8, 10, 2), np.float32),
+        seed=seed,
+        **FEW.get(name, {}),
+        **options,
+    )
+
+    change = np.stack(attacked.frames).astype(int) - np.stack(pair)
+    parts = {"first": change[:1], "second": change[1:]}.get(moved, change)
+    size = np.abs(parts).max() if attacked.norm == "linf" else np.sqrt((parts.astype(float) ** 2).mean())
+    assert size <= budget * (1 + 1e-9)
+    assert not change[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
+    assert moved != "joint" or np.array_equal(*change)
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd", "worst_of"])
+def test_on_a_linear_model_a_larger_budget_never_lowers_the_loss(name):
+    losses = [_attacked(name, linear_model(), severity)[1].loss for severity in range(1, 6)]
+
+    assert losses == sorted(losses)
+    assert losses[0] < losses[-1]
+
+
 @pytest.mark.parametrize("severity", [1, 3, 5])
 @pytest.mark.parametrize("name", ON_SMALL_PAIRS)
 def test_every_attack_stays_inside_its_budget(name, severity):
@@ -328,6 +372,7 @@ def test_the_worst_of_attacks_is_never_better_for_the_model_than_one_of_them(see
         ("transfer", "transfer:tiny"),
         ("worst_of", "worst_of:apgd+square"),
         ("worst_of:square+apgd:steps=3:queries=7", "worst_of:square+apgd:queries=7:steps=3"),
+        ("worst_of:square+transfer:attack=pgd:steps=4", "worst_of:square+transfer:attack=pgd:steps=4"),
         ("worst_of:pcfa+apgd:norm=rms:target=zero", "worst_of:pcfa+apgd:target=zero:norm=rms"),
     ],
 )

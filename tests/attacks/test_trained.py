@@ -264,6 +264,14 @@ def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not
     assert asked == [1]
 
 
+def test_processes_are_given_what_was_trained(trained, tmp_path):
+    names = ["universal:train=2:steps=2", "patch:train=2:steps=1"]
+
+    spread = _run(tmp_path / "run", names, engine="processes", workers=1).attack_rows
+
+    assert spread.sort("sample", "corruption").equals(trained.attack_rows.sort("sample", "corruption"))
+
+
 def test_what_a_run_trained_can_be_given_as_a_file_to_a_model_without_gradients(trained, tmp_path):
     (path,) = (trained.path / "attacks").glob("universal*")
 

@@ -96,8 +96,10 @@ class Ball:
 
     def holds(self, images: Images) -> bool:
         """Whether images are inside, apart from rounding errors of float32."""
+        change = images - self.clean
         inside = images.min() >= 0 and images.max() <= 1
-        return bool(inside and self.size_of(images - self.clean) <= float(self.radius) * (1 + _SLACK) + 1e-7)
+        together = self.moved != "joint" or np.abs(change[0] - change[1]).max() <= _SLACK
+        return bool(inside and together and self.size_of(change) <= float(self.radius) * (1 + _SLACK) + 1e-7)
 
     def project(self, images: Images) -> Images:
         """Images inside: the change cut to the ball, then the values to 0..1."""
@@ -194,8 +196,11 @@ class Ball:
 
     def _rounded(self, images: Images, clean: npt.NDArray[np.int16], factor: float) -> npt.NDArray[np.int16]:
         """`factor` times the change, in whole grey levels; the same in both frames where they move together."""
-        change = np.rint((images - self.clean).astype(np.float64) * WHITE * factor)
-        return np.asarray(np.clip(clean + change, 0, WHITE) - clean, np.int16)
+        change, low, high = (images - self.clean).astype(np.float64), clean, clean
+        if self.moved == "joint":
+            change[:] = change.mean(axis=0)
+            low, high = clean.min(axis=0), clean.max(axis=0)
+        return np.asarray(np.clip(np.rint(change * WHITE * factor), -low, WHITE - high), np.int16)
 
     def _within(self, change: npt.NDArray[np.int16]) -> bool:
         return self.size_of(change.astype(np.float32)) <= self.budget

@@ -130,7 +130,7 @@ class _Search:
     def _keep(self, images: Images, size: float, loss: float) -> None:
         self._problem.note(images, loss)
         inside = size <= self._bound
-        if self._cut and not inside:
+        if self._cut and not (inside and self._problem.ball.holds(images)):
             self._problem.score(self._problem.ball.project(images))
         if self._kept_size <= self._bound:
             better = inside and loss < self._kept_loss

@@ -69,14 +69,24 @@ class Transfer(Attack):
             **{each.name: getattr(inner, each.name) for each in fields(Attack)},
         )
 
-    @property
-    def label(self) -> str:
-        """See `Attack.label`."""
+    def known_options(self) -> set[str]:
+        """See `Attack.known_options`; those of the model that is named are known to it alone."""
+        return {"on", "attack", *self.attack.known_options()}
+
+    def options(self) -> dict[str, Any]:
+        """See `Attack.options`: also those of the inner attack and of the model."""
         if not isinstance(self.on, str):
             raise UsageError("a run names the model of the attack transfer: transfer:MODEL")
-        inner = [] if self.attack.name == "apgd" else [f"attack={self.attack.name}"]
-        options = {**self.attack.options(), **dict(self.model_options)}
-        return ":".join([self.name, self.on, *inner, *(f"{name}={value}" for name, value in options.items())])
+        mine = {"on": self.on, "attack": self.attack.name}
+        chosen = {option: value for option, value in mine.items() if value not in ("tiny", "apgd")}
+        return {**chosen, **self.attack.options(), **dict(self.model_options)}
+
+    @property
+    def label(self) -> str:
+        """See `Attack.label`; the model comes right after the name."""
+        options = self.options()
+        on = options.pop("on", "tiny")
+        return ":".join([self.name, on, *(f"{name}={value}" for name, value in options.items())])
 
     @property
     def source(self) -> str:
