@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from .benchmarks import Benchmark
 from .datasets.registry import with_absolute_paths
-from .errors import RobustFlowError
+from .errors import RobustFlowError, UsageError
 from .models import ModelSpec
 from .models.base import AnyModel
 from .records.load import load_any_run
@@ -108,6 +108,7 @@ def evaluate(
     severities: int | Sequence[int] | None = None,
     attacks: AnyAttack | Sequence[AnyAttack] | None = None,
     limit: int | None = None,
+    subset: str | None = None,
     split: str | Path | None = None,
     data_options: dict[str, Any] | None = None,
     still: bool = False,
@@ -140,6 +141,8 @@ def evaluate(
         corruptions, severities, limit: run only these, one or several; a later call with others adds to the same
             folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
             source of your own is part of the run's identity (docs/add-your-corruption.md).
+        subset: "quick" for the fewest corruptions that rank models nearly as all do, where a benchmark has such a
+            subset (kitti-fc); means over it are marked as estimates. Not with `corruptions` or `severities`.
         attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
             options if there are any (`"pgd:steps=40"`), or your own, `"module.path:Attribute"`, a class or an object;
             without `corruptions` they run alone. Random noise comes with them, and no mean over corruptions includes
@@ -194,9 +197,11 @@ def evaluate(
     from .runs.store import RunFolder
 
     refuse_unguarded_script()
-    chosen = open_benchmark(benchmark, data, split, data_options, variant, still).narrowed(
-        corruptions, severities, limit, attacks
-    )
+    if subset is not None and (still or any(given is not None for given in (corruptions, severities, attacks))):
+        raise UsageError("a subset has its own corruptions and severities; give it without these, attacks and still")
+    opened = open_benchmark(benchmark, data, split, data_options, variant, still)
+    within = opened if subset is None else opened.subset(subset)
+    chosen = within.narrowed(corruptions, severities, limit, attacks)
     setup = set_up(
         model,
         chosen,

@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import kendalltau
 from skimage import data
 from typer.testing import CliRunner
 
 import robustflow as rf
+from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.run_results import comparison_note
-from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks import benchmark_facts, load_benchmark
 from robustflow.benchmarks.base import spread
 from robustflow.benchmarks.export import export
+from robustflow.benchmarks.facts import BenchmarkFacts, QuickSubset
 from robustflow.cli.main import app
+from robustflow.cli.tables import print_result
+from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.datasets.split import kitti_split
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
@@ -28,7 +35,8 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
 from robustflow.runs.comparable import sample_set
 from robustflow.runs.plan import Plan, RunOptions
-from tests.made_rows import changed_identity
+from robustflow.testing import ZeroFlow
+from tests.made_rows import changed_identity, made_run, rows_frame
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -349,3 +357,60 @@ def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
     assert identity.frames.dataset == "kitti_fc", "as runs before the renaming have it"
     with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
         load_benchmark("kitti_fc_released", tmp_path)
+
+
+def test_the_quick_subset_ranks_the_published_models_as_all_corruptions_do():
+    quick = benchmark_facts("kitti-fc").quick
+    lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
+    assert len(lines) == quick.models
+    taus = []
+    for metric in ("epe", "cre", "rcre"):
+        means = [
+            [np.mean([line.number(metric, name) for name in names]) for line in lines]
+            for names in (quick.corruptions, IMAGE_PAIR)
+        ]
+        taus.append(kendalltau(*means).statistic)
+    assert min(taus) == pytest.approx(quick.tau, abs=0.005)
+    assert quick.tau >= 0.95
+    assert quick.trials >= 95
+
+
+def test_means_over_the_quick_subset_are_estimates_until_more_is_measured(tmp_path):
+    facts = BenchmarkFacts(title="Mine", quick=QuickSubset(corruptions=("contrast",), tau=0.96, trials=97, models=8))
+    mine = replace(load_benchmark("demo"), name="demo", facts=facts)
+    quick = rf.evaluate(ZeroFlow(), mine, output=tmp_path / "run", subset="quick")
+    assert quick.manifest.selection.corruptions == ("contrast",)
+    assert quick.manifest.selection.subset == "quick"
+    measured = sample_set(quick)
+    more = rf.evaluate(ZeroFlow(), mine, output=tmp_path / "run", corruptions=["contrast", "pixelate"], severities=[1])
+    assert more.manifest.selection.subset == ""
+    assert sample_set(more) != measured
+
+
+def test_an_estimate_says_so_in_the_terminal_and_beside_its_line(tmp_path, capsys):
+    quick = benchmark_facts("kitti-fc").quick
+    base = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    (clean,) = base.rows.filter(corruption="clean").to_dicts()
+    cells = [(name, level) for name in quick.corruptions for level in range(1, 6)]
+    rows = rows_frame([clean, *(clean | {"corruption": name, "severity": level} for name, level in cells)])
+    run = made_run(base, rows, benchmark="kitti-fc")
+    said = "an estimate from the quick subset, which ranks 29 published models as the full run does"
+    assert said in comparison_note(run)
+    print_result(run, report=False)
+    assert f"This is {said}" in capsys.readouterr().out
+    fewer = made_run(base, rows.filter(pl.col("severity") != 3), benchmark="kitti-fc")
+    assert said not in comparison_note(fewer)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"subset": "quik"}, "did you mean 'quick'"),
+        ({"subset": "quick"}, "no quick subset was found for demo"),
+        ({"subset": "quick", "corruptions": "fog"}, "a subset has its own corruptions"),
+    ],
+)
+def test_a_subset_that_cannot_be_is_refused_before_anything_runs(tmp_path, options, says):
+    with pytest.raises(UsageError, match=says):
+        rf.evaluate("dis", "demo", output=tmp_path / "run", **options)
+    assert not (tmp_path / "run").exists()

@@ -7,7 +7,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from ..benchmarks import benchmark_facts
-from ..benchmarks.facts import truth_remark
+from ..benchmarks.facts import estimate_remark, truth_remark
 from ..runs.comparable import conditions_of, sample_set
 from ..text import counted, joined
 from .exclusion import exclusions
@@ -97,6 +97,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
     levels = sorted(run.manifest.selection.severities)
     if set(levels) != set(facts.severities):
         remarks.append(f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))} only")
+    remarks.append(estimate_remark(facts, averaged, levels))
     if frames.severity_scale:
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.summary.complete:

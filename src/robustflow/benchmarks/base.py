@@ -12,7 +12,7 @@ from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import split_stack
 from ..datasets.base import Dataset, PreCorrupted
 from ..datasets.still import Still
-from ..errors import UsageError
+from ..errors import UsageError, unknown_name
 from ..layout import VIDEO_SUFFIXES
 from ..severity import check_severity
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
@@ -102,6 +102,18 @@ class Benchmark:
             protocol={name: value for name, value in self.protocol.items() if name not in NON_OCCLUDED},
             facts=facts_of_still(self.facts),
         )
+
+    def subset(self, name: str) -> Benchmark:
+        """The same benchmark under the corruptions of a subset alone: "quick", see `BenchmarkFacts.quick`.
+
+        Raises:
+            UsageError: another name, or a benchmark without such a subset.
+        """
+        if name != "quick":
+            raise unknown_name("subset", name, ("quick",))
+        if self.facts.quick is None:
+            raise UsageError(f"no quick subset was found for {self.name}; name fewer --corruptions or --severities")
+        return self.narrowed(self.facts.quick.corruptions)
 
     def _refuse_clip_corruption(self, name: str) -> None:
         """Raise for a corruption of whole clips, which this data set does not hold."""

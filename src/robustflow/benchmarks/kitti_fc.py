@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..corruptions import IMAGE_PAIR
 from ..errors import DataError, UsageError
 from .base import Benchmark
-from .facts import BenchmarkFacts
+from .facts import BenchmarkFacts, QuickSubset
 
 if TYPE_CHECKING:
     from ..datasets.kitti import KittiPairs
@@ -33,6 +33,16 @@ class KittiFC:
         paper_pairs=80,
         training_set="kitti2015",
         same_domain=("kitti2012", "kitti-raw"),
+        quick=QuickSubset(
+            corruptions=(
+                *("jpeg_compression", "pixelate", "saturate", "high_light", "low_light", "over_exposure", "spatter"),
+                *("fog", "snow", "shot_noise", "impulse_noise", "gaussian_blur", "defocus_blur", "glass_blur"),
+                "camera_motion_blur",
+            ),
+            tau=0.98,
+            trials=100,
+            models=29,
+        ),
     )
 
     @staticmethod

@@ -92,6 +92,14 @@ def run(
         ),
     ] = False,
     limit: Limit = None,
+    subset: Annotated[
+        str | None,
+        typer.Option(
+            "--subset",
+            help="quick: the fewest corruptions that rank models nearly as all do (kitti-fc); its means are estimates.",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
     split: Split = None,
     workers: Annotated[
         int | None,
@@ -208,6 +216,7 @@ def run(
                         severities=numbers(severities),
                         attacks=names(attacks),
                         limit=limit,
+                        subset=subset,
                         split=split,
                         data_options=dict(keyword_options(data_option)),
                         still=still,

@@ -24,7 +24,8 @@ from ..analysis.run_results import run_results
 from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..atomic import write_bytes
-from ..benchmarks.facts import is_still, truth_remark
+from ..benchmarks import benchmark_facts
+from ..benchmarks.facts import estimate_remark, is_still, truth_remark
 from ..errors import UsageError, unknown_name
 from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
@@ -65,6 +66,9 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     elif metric != "all":
         console.print(_by_severity(result, metric, whose))
     console.print(_sentence(result), highlight=False, soft_wrap=True)
+    selected = result.manifest.selection
+    if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
+        console.print(f"This is {estimate}; it is ranked with other runs of the subset only.", soft_wrap=True)
     if phantom := phantom_motion(result):
         console.print(f"{plain(phantom)}\n{PHANTOM}", highlight=False, soft_wrap=True)
     if attacked is not None:

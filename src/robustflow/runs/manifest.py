@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, JsonValue, ValidationError
 
@@ -30,11 +30,13 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
 class Selection(Untrusted):
-    """Requested corruptions, attacks and severities."""
+    """Requested corruptions, attacks and severities; `subset` is "quick" where these are a benchmark's quick subset, so
+    that the means are estimates."""
 
     corruptions: tuple[Text, ...] = ()
     attacks: tuple[Text, ...] = ()
     severities: Annotated[tuple[_Severity, ...], Field(max_length=5)] = ()
+    subset: Literal["", "quick"] = ""
 
 
 class Clip(Untrusted):

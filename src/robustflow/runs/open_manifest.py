@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ..benchmarks.facts import moving_name
+from ..benchmarks.base import Benchmark
+from ..benchmarks.facts import estimate_remark, moving_name
 from ..datasets.base import Clips, FromClips, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..datasets.folder import OWN_FRAMES
@@ -47,11 +48,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             samples=samples,
             file_digests=digests,
             provenance=plan.provenance,
-            selection=Selection(
-                corruptions=chosen.corruptions,
-                attacks=chosen.attacks,
-                severities=tuple(sorted(chosen.severities)),
-            ),
+            selection=_selection(chosen, chosen.corruptions, chosen.attacks, chosen.severities),
             left_out=left_out,
             name=plan.name or "",
             started=now(),
@@ -73,10 +70,11 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             "samples": old.samples | samples,
             "file_digests": old.file_digests | digests,
             "provenance": _provenance(old.provenance, plan.provenance),
-            "selection": Selection(
-                corruptions=tuple(dict.fromkeys((*old.selection.corruptions, *chosen.corruptions))),
-                attacks=tuple(dict.fromkeys((*old.selection.attacks, *chosen.attacks))),
-                severities=tuple(sorted({*old.selection.severities, *chosen.severities})),
+            "selection": _selection(
+                chosen,
+                dict.fromkeys((*old.selection.corruptions, *chosen.corruptions)),
+                dict.fromkeys((*old.selection.attacks, *chosen.attacks)),
+                {*old.selection.severities, *chosen.severities},
             ),
             "left_out": {
                 name: tuple(sorted({*old.left_out.get(name, ()), *left_out.get(name, ())}))
@@ -87,6 +85,17 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             "environment": environment(),
         }
     ).judged()
+
+
+def _selection(
+    benchmark: Benchmark, corruptions: Collection[str], attacks: Iterable[str], severities: Collection[int]
+) -> Selection:
+    return Selection(
+        corruptions=tuple(corruptions),
+        attacks=tuple(attacks),
+        severities=tuple(sorted(severities)),
+        subset="quick" if estimate_remark(benchmark.facts, corruptions, severities) else "",
+    )
 
 
 def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
