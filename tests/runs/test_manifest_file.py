@@ -103,8 +103,12 @@ def test_no_json_is_refused_and_kept(text, whole, tmp_path):
 
 def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
-    edited = fitting(_with(manifest["identity"]["measuring"]["rows"] - 1, "identity", "measuring", "rows")(manifest))
-    refused(*damaged(whole, tmp_path, json.dumps(edited)), r"was written with version 3 of the rows, but .* reads 4")
+    before = manifest["identity"]["measuring"]["rows"] - 1
+    edited = fitting(_with(before, "identity", "measuring", "rows")(manifest))
+    refused(
+        *damaged(whole, tmp_path, json.dumps(edited)),
+        rf"was written with version {before} of the rows, but .* reads {before + 1}",
+    )
 
 
 @pytest.mark.parametrize("fits", [False, True])
