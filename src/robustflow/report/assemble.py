@@ -73,7 +73,7 @@ def tables_of(
 
     def computable_observations(part: Sequence[ModelResult]) -> Table:
         table = all_observations(part)
-        if all(line.cells[0].text == UNKNOWN for section in table.sections for line in section.lines):
+        if all(line.cells[0].text == UNKNOWN for line in table.lines):
             raise UsageError("none of the paper's observations can be computed from these results")
         return table
 

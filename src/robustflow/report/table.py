@@ -13,20 +13,29 @@ DASH = "-"
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its heading, the heading over it that neighbours share ("" for none), and whether it holds sentences,
-    which run over several lines."""
+    """A column.
+
+    Attributes:
+        label: its heading.
+        group: the heading over it that neighbours share; "" for none.
+        prose: whether it holds sentences, which run over several lines.
+        strongest: the value of the strongest colour, where a page shades cells by their values; None for no shade.
+    """
 
     label: str
     group: str = ""
     prose: bool = False
+    strongest: float | None = None
 
 
 @dataclass(frozen=True)
 class TableCell:
-    """The text of a cell; `best` if it is the smallest of its column among the lines it can be compared with."""
+    """The text of a cell; `best` if it is the smallest of its column among the lines it can be compared with. A page
+    prints `interval` small beside it."""
 
     text: str
     best: bool = False
+    interval: str = ""
 
 
 @dataclass(frozen=True)
@@ -68,6 +77,11 @@ class Table:
     remarks: tuple[str, ...] = ()
     row_header: str = "Model"
 
+    @property
+    def lines(self) -> list[Line]:
+        """The lines of all sections."""
+        return [line for section in self.sections for line in section.lines]
+
     def without_empty_columns(self) -> Table:
         """The table without the columns that have a dash in every line.
 
@@ -76,8 +90,7 @@ class Table:
         >>> [column.label for column in table.without_empty_columns().columns]
         ['RCRE']
         """
-        lines = [line for section in self.sections for line in section.lines]
-        filled = [any(line.cells[place].text != DASH for line in lines) for place in range(len(self.columns))]
+        filled = [any(line.cells[place].text != DASH for line in self.lines) for place in range(len(self.columns))]
         sections = tuple(
             replace(
                 section, lines=tuple(replace(line, cells=(*compress(line.cells, filled),)) for line in section.lines)

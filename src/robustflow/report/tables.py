@@ -54,8 +54,8 @@ def build_table(
     >>> [section.title for section in table.sections]
     ['Knowledge-driven', 'Out-of-domain (OOD)', 'In-domain (ID)']
     >>> line = next(line for line in table.sections[1].lines if line.label == "SAMFlow-H")
-    >>> line.cells[0]
-    TableCell(text='3.78', best=True)
+    >>> line.cells[0].text, line.cells[0].best
+    ('3.78', True)
     """
     if name not in TABLES:
         raise unknown_name("table", name, TABLES)

@@ -14,7 +14,7 @@ def numbered_notes(table: Table) -> dict[str, int]:
     >>> numbered_notes(Table("x", "t", (), (Section("s", lines),)))
     {'3 pairs': 1}
     """
-    notes = dict.fromkeys(line.note for section in table.sections for line in section.lines if line.note)
+    notes = dict.fromkeys(line.note for line in table.lines if line.note)
     return {note: number for number, note in enumerate(notes, 1)}
 
 

@@ -35,7 +35,7 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
             console.print(_grid(table, table.sections, block, colour))
     for remark in table.remarks:
         console.print(Text(plain(remark, None)))
-    if not colour and any(cell.best for section in table.sections for line in section.lines for cell in line.cells):
+    if not colour and any(cell.best for line in table.lines for cell in line.cells):
         console.print("* best")
     for note, number in numbered_notes(table).items():
         console.print(Text(f"[{number}] {note_text(note)}"))
@@ -44,7 +44,7 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
 
 def _blocks(table: Table, width: int) -> list[list[int]]:
     """Indices of the columns of each block."""
-    names = [plain(line.label, _NAME) for section in table.sections for line in section.lines]
+    names = [plain(line.label, _NAME) for line in table.lines]
     room = width - max(map(len, names), default=0) - 6
     blocks: list[list[int]] = [[]]
     used = 0
@@ -52,7 +52,7 @@ def _blocks(table: Table, width: int) -> list[list[int]]:
         if column.prose:
             blocks[-1].append(index)
             continue
-        texts = [line.cells[index].text for section in table.sections for line in section.lines]
+        texts = [line.cells[index].text for line in table.lines]
         need = max(map(len, [*texts, *_heading(column).split("\n")])) + 3
         if blocks[-1] and used + need > room:
             blocks.append([])

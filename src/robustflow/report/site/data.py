@@ -17,7 +17,7 @@ from ...text import plain
 from ..table import Table, with_exclusion
 from .board import Board
 from .entries import LeaderboardEntry, NumberKey
-from .models import HeatTable, ModelPage, interval_text
+from .models import ModelPage, interval_text
 
 
 def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, 
 
     Returns:
         `boards` in their order, `models` by the id of their page, `settings`: name -> (words, class of its chip, what
-        it means), `labels`: the labels of the lines of heat tables, which refer to them by number.
+        it means), `labels`: the labels of the lines of shaded tables, which refer to them by number.
     """
     labels = {label: number for number, label in enumerate(_labels(pages))}
     settings = {entry.setting for board in boards for group in board.groups for entry in group.entries}
@@ -107,7 +107,7 @@ def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
         "name": page.name,
         "tiles": tiles,
         "sentences": page.sentences,
-        "tables": [_heat_table(table, labels) for table in page.tables],
+        "tables": [_shaded_table(table, labels) for table in page.tables],
         "anatomy": None if page.anatomy is None else _plain_table(page.anatomy),
         "panels": [
             {
@@ -124,21 +124,24 @@ def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
 
 
 def _labels(pages: Sequence[ModelPage]) -> list[str]:
-    return list(dict.fromkeys(label for page in pages for table in page.tables for label, _ in table.lines))
+    return list(dict.fromkeys(line.label for page in pages for table in page.tables for line in table.lines))
 
 
-def _heat_table(table: HeatTable, labels: Mapping[str, int]) -> dict[str, Any]:
-    """A line is the number of its label, its texts separated by spaces, and its notes, if any."""
+def _shaded_table(table: Table, labels: Mapping[str, int]) -> dict[str, Any]:
+    """A line is the number of its label, its texts separated by spaces, and its intervals, if any."""
     lines = []
-    for label, cells in table.lines:
-        notes = [note for _, note in cells]
-        lines.append((labels[label], " ".join(text for text, _ in cells), *([notes] if any(notes) else [])))
-    tops = [None if top is None else float(f"{top:.4g}") for top in table.tops]  # only for the shade, not to be read
-    return {"title": table.title, "columns": table.columns, "tops": tops, "lines": lines}
+    for line in table.lines:
+        intervals = [cell.interval for cell in line.cells]
+        texts = " ".join(cell.text for cell in line.cells)
+        lines.append((labels[line.label], texts, *([intervals] if any(intervals) else [])))
+    columns = [column.label for column in table.columns]
+    # The value of the strongest colour is only for the shade, not to be read.
+    tops = [None if c.strongest is None else float(f"{c.strongest:.4g}") for c in table.columns]
+    return {"title": table.title, "columns": columns, "tops": tops, "lines": lines}
 
 
 def _plain_table(table: Table) -> dict[str, Any]:
-    lines = [(line.label, [cell.text for cell in line.cells]) for section in table.sections for line in section.lines]
+    lines = [(line.label, [cell.text for cell in line.cells]) for line in table.lines]
     columns = [column.label for column in table.columns]
     return {"title": table.title, "columns": columns, "lines": lines, "remarks": table.remarks}
 

@@ -13,7 +13,7 @@ from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.names import ORDER
 from ...text import plain
 from ..analysis_tables import anatomy_table
-from ..table import Line, Section, Table
+from ..table import DASH, Column, Line, Section, Table, TableCell
 from .content import Content
 from .entries import LeaderboardEntry, NumberKey
 from .examples import PanelPicture
@@ -27,23 +27,6 @@ _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE),
 
 
 @dataclass(frozen=True)
-class HeatTable:
-    """Corruptions as rows, severities or settings as columns.
-
-    Attributes:
-        title: what it shows.
-        columns: headings, without the first.
-        tops: for each column the value of the strongest colour, None for a column without colours.
-        lines: (label, cells), a cell is (text, note).
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    tops: tuple[float | None, ...]
-    lines: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
-
-
-@dataclass(frozen=True)
 class ModelPage:
     """What the page of a model shows.
 
@@ -52,7 +35,7 @@ class ModelPage:
         name: of the model.
         tiles: per line of the leaderboard (label, text, interval) of the overall means.
         sentences: about it.
-        tables: heat tables, the first one the most telling.
+        tables: shaded, corruptions as lines, severities or settings as columns; the first one is the most telling.
         facts: what ran.
         anatomy: error by region and family, of a run.
         panels: pictures of a run's predictions.
@@ -62,7 +45,7 @@ class ModelPage:
     name: str
     tiles: tuple[tuple[LeaderboardEntry, tuple[tuple[str, str, str], ...]], ...]
     sentences: tuple[str, ...]
-    tables: tuple[HeatTable, ...]
+    tables: tuple[Table, ...]
     facts: Facts
     anatomy: Table | None
     panels: tuple[PanelPicture, ...] = ()
@@ -151,40 +134,43 @@ def _sentences(entry: LeaderboardEntry) -> tuple[str, ...]:
     return ()
 
 
-def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> HeatTable:
+def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> Table:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
     slopes = {row["corruption"]: row["slope"] for row in by_severity(run.summary, metric).iter_rows(named=True)}
     lines = []
     for row in table.iter_rows(named=True):
-        cells = [(_number(row[level]), "") for level in levels]
-        cells.append((_number(row["mean"]), interval_text(entry, (metric, row["corruption"]))))
+        cells = [TableCell(_number(row[level])) for level in levels]
+        interval = interval_text(entry, (metric, row["corruption"]))
+        cells.append(TableCell(_number(row["mean"]), interval=interval))
         if slopes:
-            cells.append((_number(slopes.get(row["corruption"])), ""))
-        lines.append((plain(long_label(row["corruption"])), tuple(cells)))
-    columns = (*levels, "mean", *(["slope"] if slopes else []))
-    tops = (*[top] * (len(levels) + 1), *([None] if slopes else []))
-    return HeatTable(f"{metric_label(metric)} by severity", columns, tops, tuple(lines))
+            cells.append(TableCell(_number(slopes.get(row["corruption"]))))
+        lines.append(Line(plain(long_label(row["corruption"])), tuple(cells)))
+    columns = [Column(label, strongest=top) for label in (*levels, "mean")]
+    columns += [Column("slope")] if slopes else []
+    return _table(f"{metric_label(metric)} by severity", columns, lines)
 
 
-def _settings_table(title: str, entries: Sequence[LeaderboardEntry]) -> HeatTable:
+def _settings_table(title: str, entries: Sequence[LeaderboardEntry]) -> Table:
     shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in ORDER)]
     tops = {metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in ORDER) for metric in _METRICS}
     lines = []
     for name in [name for name in ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
-        cells = tuple((e.texts.get((m, name), "–"), "") for m, e in shown)
-        lines.append(("Average" if name == AVERAGE else long_label(name), cells))
-    columns = tuple(f"{METRIC_LABELS[metric]} {setting_words(entry.setting)}" for metric, entry in shown)
-    return HeatTable(f"{title} (px)", columns, tuple(tops[metric] for metric, _ in shown), tuple(lines))
+        cells = tuple(TableCell(e.texts.get((m, name), "–")) for m, e in shown)
+        lines.append(Line("Average" if name == AVERAGE else long_label(name), cells))
+    columns = [Column(f"{METRIC_LABELS[m]} {setting_words(e.setting)}", strongest=tops[m]) for m, e in shown]
+    return _table(f"{title} (px)", columns, lines)
+
+
+def _table(title: str, columns: Sequence[Column], lines: Sequence[Line]) -> Table:
+    return Table("model", title, tuple(columns), (Section("", tuple(lines)),), row_header="Corruption")
 
 
 def _anatomy(run: Run) -> Table | None:
     """Regions and families of the anatomy table; the slopes are in the tables of severities."""
     whole = anatomy_table([run])
-    lines = [
-        line for section in whole.sections for line in section.lines if any(cell.text != "-" for cell in line.cells[:2])
-    ]
+    lines = [line for line in whole.lines if any(cell.text != DASH for cell in line.cells[:2])]
     if not lines:
         return None
     kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
