@@ -44,7 +44,7 @@ def _rows(clean: float, moved: float, motion: float = 50.0, truth: bool = True) 
 _USELESS, _SOUND = _rows(31.0, 0.5), _rows(13.0, 5.0)
 
 
-def test_clean_error_at_half_of_zero_flows_is_doubted():
+def test_clean_error_at_half_of_zero_flows_is_excluded():
     assert zero_flow_epe(_SOUND) == pytest.approx(50.0)
     assert clean_epe(_SOUND) == pytest.approx(13)
     (reason,) = reasons_from_rows(_USELESS)
@@ -85,19 +85,19 @@ def test_experiments_and_rankings_use_one_guard():
     [(0.24, 0.008, False), (27.0, 1.2, False), (50.0, 0.02, True), (0.24, 0.0, True), (50.0, 0.0, True)],
     ids=["slow clip", "fast clip", "constant with noise", "slow constant", "constant"],
 )
-def test_flow_that_does_not_follow_the_frames_is_doubted_relative_to_its_length(motion, moved, blind):
+def test_flow_that_does_not_follow_the_frames_is_excluded_relative_to_its_length(motion, moved, blind):
     """DIS moves by 0.008 px where things move by 0.24 px, under the mildest corruption: less than a noisy constant."""
     for truth in (True, False):
         reasons = reasons_from_rows(_rows(0.01 * motion, moved, motion=motion, truth=truth))
         assert [reason.startswith("its flow hardly depends on the frames") for reason in reasons] == [True] * blind
 
 
-def test_frames_that_no_corruption_changed_are_no_reason_for_doubt():
+def test_frames_that_no_corruption_changed_are_no_reason_to_exclude():
     same = _rows(1.0, 0.0).with_columns(frames_digest=pl.lit("same"))
     assert not reasons_from_rows(same)
 
 
-def test_almost_no_flow_without_ground_truth_is_doubted():
+def test_almost_no_flow_without_ground_truth_is_excluded():
     (reason,) = reasons_from_rows(_rows(0.0, 0.02, motion=0.03, truth=False))
     assert reason == "its clean flow is 0.03 px long on average, so it cannot be told from zero flow"
     assert not reasons_from_rows(_rows(0.0, 0.02, motion=0.2, truth=False))
@@ -120,14 +120,14 @@ class ScaledDis:
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("doubts")
+    folder = tmp_path_factory.mktemp("excluded")
     models = {"dis": ScaledDis(1.0), "most": ScaledDis(0.9), "tenth": ScaledDis(0.1)}
     models |= {"constant": ConstantFlow(-30.0, 0.0)}
     options = {"corruptions": ["fog", "gaussian_noise"], "severities": [1, 3], "examples": False, "workers": 1}
     return {name: evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()}
 
 
-def test_a_tenth_of_dis_and_a_constant_vector_are_doubted_and_dis_is_not(measured):
+def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measured):
     """The constant is near the pair's mean motion: its error is below half of zero flow's, and it still is blind."""
     assert not exclusion_reasons(measured["dis"])
     assert measured["tenth"].cre < 0.3 * measured["dis"].cre
@@ -137,7 +137,7 @@ def test_a_tenth_of_dis_and_a_constant_vector_are_doubted_and_dis_is_not(measure
 
 
 @pytest.mark.parametrize("format", ["terminal", "markdown"])
-def test_compare_ranks_no_doubted_run_and_says_why(measured, capsys, format):
+def test_compare_ranks_no_excluded_run_and_says_why(measured, capsys, format):
     options = {"level": 0.95, "resamples": 199, "seed": 0, "metric": None, "output": None, "as_json": False}
     compare([run.path for run in measured.values()], format=format, **options)
     out = " ".join(capsys.readouterr().out.split())
@@ -151,7 +151,7 @@ def test_compare_ranks_no_doubted_run_and_says_why(measured, capsys, format):
     assert "Not ranked: 0.1 x DIS, because" in " ".join(capsys.readouterr().out.split())
 
 
-def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_doubted(tmp_path):
+def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(tmp_path):
     """A tenth of a flow has a tenth of its RCRE; nothing but the other models can tell."""
     pair = TexturePairs(1, size=(128, 192), reach=9).load("0")
     for number, frame in enumerate(pair.frames):

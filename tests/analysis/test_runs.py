@@ -118,7 +118,7 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
     assert entry.texts["epe", "average"] == f"{mean:.2f}"
 
 
-def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tmp_path):
+def test_an_excluded_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tmp_path):
     """The lowest errors under corruption, of a model that is no better than zero flow on clean frames."""
 
     def made(name, rows):
@@ -127,7 +127,7 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     rows = runs[0].rows
     low = rows.with_columns(epe_sum=pl.col("epe_sum") / 100, clean_epe_sum=pl.col("clean_epe_sum") / 100)
     others = [made("Good", rows), made("Bad", rows.with_columns(epe_sum=2 * pl.col("epe_sum")))]
-    assert _marked([made("Lucky", low), *others])["Lucky"][0] > 0, "without a doubt it is the best"
+    assert _marked([made("Lucky", low), *others])["Lucky"][0] > 0, "if it is ranked it is the best"
     useless = made("Useless", low.with_columns(magnitude_sum=pl.col("n_valid") * 0.001))
     best = _marked([useless, *others])
     assert best["Useless"][0] == 0
@@ -149,7 +149,7 @@ def _made(base, name, rows, tmp_path):
     return run
 
 
-def test_doubted_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_them(runs, tmp_path):
+def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_them(runs, tmp_path):
     """Five models of different accuracy, and a nearly blind one whose errors would bend every line through them."""
     rows = runs[0].rows
 

@@ -58,7 +58,7 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
     titles = [line for line in out.splitlines() if line.startswith("###")]
     assert titles == [
         "### The paper's observations: published models",
-        "### The paper's observations: DIS on the demo",  # Farneback is doubted there
+        "### The paper's observations: DIS on the demo",  # Farneback is not ranked there
         "### Effective robustness: published models",
     ]
     code, out, _ = robustflow("report", *runs, "--published", "-f", "markdown")
@@ -68,7 +68,7 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
 
 
 def test_only_own_figures_beside_the_published_tables(robustflow, runs):
-    """Of DIS alone, as Farneback is doubted: no figure and no trend is the paper's, and one class is no bar chart."""
+    """Of DIS alone, as Farneback is excluded: no figure and no trend is the paper's, and one class is no bar chart."""
     code, out, _ = robustflow(
         "report", *runs, "--published", "--only-own", "-t", "epe", "-f", "csv", "--figures", "figures"
     )
