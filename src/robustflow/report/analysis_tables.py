@@ -17,7 +17,7 @@ from ..analysis.run_names import run_names
 from ..analysis.run_results import comparison_notes
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
-from .table import Column, Line, Section, Table, TableCell, number_text, spread_text
+from .table import Column, Line, Section, Table, number_text, spread_text
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -38,13 +38,13 @@ def means_table(
         estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
-        lines.append(Line(name, tuple(TableCell(_estimate(estimates.get(key), brackets)) for key in keys), note))
+        lines.append(Line.of(name, (_estimate(estimates.get(key), brackets) for key in keys), note))
         known.append(any(row["low"] is not None for row in estimates.values()))
         values[name] = [estimates[key]["estimate"] if key in estimates else None for key in keys]
         for group in seeds:
             if name == group.runs[-1][1]:
                 columns_of = zip(*(values[member] for _, member in group.runs), strict=True)
-                lines.append(Line(group.label, tuple(TableCell(spread_text(one)) for one in columns_of), group.note))
+                lines.append(Line.of(group.label, map(spread_text, columns_of), group.note))
     needed = f"{fewest_clusters(level)} images, or sequences where pairs share one"
     remark = f"No intervals: they need at least {needed}."
     if any(known):
@@ -67,10 +67,7 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
     sections = []
     for setting in dict.fromkeys(effective["setting"]):
         rows = effective.filter(setting=setting).iter_rows(named=True)
-        lines = [
-            Line(r["model"], tuple(TableCell(f"{r[c]:.2f}") for c in ("epe_clean", "epe", "expected", "factor")))
-            for r in rows
-        ]
+        lines = [Line.of(r["model"], (f"{r[c]:.2f}" for c in ("epe_clean", "epe", "expected", "factor"))) for r in rows]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
     remark = "factor: EPE over what the other models' clean EPE predicts; below 1 is more robust than accurate."
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
@@ -106,10 +103,7 @@ def observations_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]
     sections = []
     for observation in observations(results, costs):
         lines = [
-            Line(
-                "main" if part.main else "also",
-                (TableCell(part.verdict), TableCell(part.claim), TableCell(part.message)),
-            )
+            Line.of("main" if part.main else "also", (part.verdict, part.claim, part.message))
             for part in observation.parts
         ]
         sections.append(Section(f"{observation.number}. {observation.title}: {observation.verdict}", tuple(lines)))
@@ -124,4 +118,4 @@ def _estimate(row: dict[str, float | None] | None, brackets: bool) -> str:
 
 
 def _line(label: str, values: Sequence[float | None]) -> Line:
-    return Line(label, tuple(TableCell(number_text(value, None)) for value in values))
+    return Line.of(label, (number_text(value, None) for value in values))

@@ -16,7 +16,7 @@ from ..attacks.result import BESIDE_OTHERS, WARNINGS
 from ..errors import RunError, UsageError
 from ..runs.run import Run
 from ..text import counted, plain
-from .table import DASH, Column, Line, Section, Table, TableCell, number_text
+from .table import DASH, Column, Line, Section, Table, number_text
 
 _COLUMNS = (
     "budget",
@@ -104,7 +104,7 @@ def _line(score: AttackScore) -> Line:
     values = (*errors, score.median, score.capped, score.gain, score.way_gone)
     texts = (f"{score.budget:g}", *(number_text(value, None) for value in values), f"{score.evaluations:.0f}")
     note = "; ".join(f"{explained(key)} ({count} of {score.samples} pairs)" for key, count in score.warnings.items())
-    return Line(f"{score.attack} {score.severity}", tuple(map(TableCell, texts)), note)
+    return Line.of(f"{score.attack} {score.severity}", texts, note)
 
 
 def explained(warning: str) -> str:
@@ -153,7 +153,7 @@ def _curve_line(point: CurvePoint) -> Line:
     values = (point.error, point.low, point.high)
     texts = (point.norm, f"{point.budget:g}", point.metric, *(number_text(value, 3) for value in values))
     label = f"{point.attack} {point.budget:g}"
-    return Line(label, tuple(map(TableCell, texts)), _DOUBTFUL if point.doubtful else "")
+    return Line.of(label, texts, _DOUBTFUL if point.doubtful else "")
 
 
 def _prediction_line(one: Prediction) -> Line:
@@ -163,7 +163,7 @@ def _prediction_line(one: Prediction) -> Line:
     note = "; ".join(f"without {plain(name)}: {why}" for name, why in one.left_out.items())
     if len(one.models) < LEAST_MODELS:
         note = "; ".join(filter(None, (f"{counted(len(one.models), 'model')}: too few for a correlation", note)))
-    return Line(one.attack, tuple(map(TableCell, texts)), note)
+    return Line.of(one.attack, texts, note)
 
 
 def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
@@ -198,4 +198,4 @@ def _stored_line(row: StoredAttack) -> Line:
         DASH if row.reached is None else f"{row.reached:.4g}",
     ]
     note = "; ".join(FLAGS[flag] for flag in row.flags)
-    return Line(f"{row.model} {row.checkpoint}, {row.attack}", tuple(map(TableCell, texts)), note)
+    return Line.of(f"{row.model} {row.checkpoint}, {row.attack}", texts, note)

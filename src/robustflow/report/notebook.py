@@ -13,7 +13,7 @@ from ..analysis.run_results import comparison_note, run_results, run_setting
 from ..errors import UsageError, unknown_name
 from ..runs.comparable import common_to, differences
 from .render import render
-from .table import Column, Line, Section, Table, TableCell, number_text
+from .table import Column, Line, Section, Table, number_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,4 +93,4 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
 
 
 def _line(label: str, scores: Scores, shown: Sequence[str]) -> Line:
-    return Line(label, tuple(TableCell(number_text(getattr(scores, metric), None)) for metric in shown))
+    return Line.of(label, (number_text(getattr(scores, metric), None) for metric in shown))

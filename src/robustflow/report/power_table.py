@@ -6,7 +6,7 @@ import polars as pl
 
 from ..analysis.labels import METRIC_LABELS
 from ..text import plain
-from .table import Column, Line, Section, Table, TableCell
+from .table import Column, Line, Section, Table
 
 
 def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
@@ -24,16 +24,16 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
     sections = []
     for metric in plan["metric"].unique(maintain_order=True):
         lines = tuple(
-            Line(
+            Line.of(
                 f"{plain(row['first'])} - {plain(row['second'])}",
                 (
-                    TableCell(f"{row['difference']:+.3f}"),
-                    TableCell(f"{row['detectable']:.3f}"),
-                    TableCell(f"{row['images']:,}"),
-                    TableCell(f"{row['clusters']:,}"),
-                    TableCell(f"{100 * row['power']:.0f} %"),
-                    TableCell(_count(row["images_needed"])),
-                    TableCell(_count(row["clusters_needed"])),
+                    f"{row['difference']:+.3f}",
+                    f"{row['detectable']:.3f}",
+                    f"{row['images']:,}",
+                    f"{row['clusters']:,}",
+                    f"{100 * row['power']:.0f} %",
+                    _count(row["images_needed"]),
+                    _count(row["clusters_needed"]),
                 ),
             )
             for row in plan.filter(metric=metric).iter_rows(named=True)

@@ -6,20 +6,13 @@ import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, metric_label
 from ..text import plain
-from .table import Column, Line, Section, Table, TableCell
+from .table import Column, Line, Section, Table, number_text
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
     """The ranking of models with the ranks that the tests allow for each, from `analysis.uncertainty.standings`."""
     lines = tuple(
-        Line(
-            plain(row["model"]),
-            (
-                TableCell(f"{row['value']:.2f}"),
-                TableCell(str(row["rank"])),
-                TableCell(_range(row["best"], row["worst"])),
-            ),
-        )
+        Line.of(plain(row["model"]), (f"{row['value']:.2f}", str(row["rank"]), _range(row["best"], row["worst"])))
         for row in standings.iter_rows(named=True)
     )
     remark = (
@@ -35,13 +28,13 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
     """The spread of one model's score by source, from `analysis.uncertainty.variance_split`; `remark` says what was
     left out."""
     lines = tuple(
-        Line(
+        Line.of(
             row["source"],
             (
-                TableCell(str(row["levels"])),
-                TableCell(f"{row['deviation']:.3f}"),
-                TableCell(f"{row['share']:.1f}"),
-                TableCell("-" if row["error_of_mean"] is None else f"{row['error_of_mean']:.3f}"),
+                str(row["levels"]),
+                f"{row['deviation']:.3f}",
+                f"{row['share']:.1f}",
+                number_text(row["error_of_mean"], 3),
             ),
         )
         for row in split.iter_rows(named=True)
@@ -64,10 +57,7 @@ def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> T
     for condition in stability["condition"].unique(maintain_order=True):
         rows = stability.filter(condition=condition)
         lines = tuple(
-            Line(
-                plain(row["model"]),
-                (TableCell(f"{row['value']:.2f}"), TableCell(str(row["rank"])), TableCell(f"{row['moved']:+d}")),
-            )
+            Line.of(plain(row["model"]), (f"{row['value']:.2f}", str(row["rank"]), f"{row['moved']:+d}"))
             for row in rows.iter_rows(named=True)
         )
         sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))

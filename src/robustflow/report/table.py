@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from statistics import mean, stdev
@@ -47,6 +47,11 @@ class Line:
     cells: tuple[TableCell, ...]
     note: str = ""
     best: bool = False
+
+    @classmethod
+    def of(cls, label: str, texts: Iterable[str], note: str = "") -> Line:
+        """A line of texts, none of which is marked."""
+        return cls(label, tuple(map(TableCell, texts)), note)
 
 
 @dataclass(frozen=True)

@@ -158,5 +158,4 @@ def _over_seeds(
 ) -> Line:
     """The means over runs that differ only in the seed."""
     numbers = ([chosen[one][key].number if key in chosen[one] else None for one in results] for key in keys)
-    cells = tuple(TableCell(spread_text(each)) for each in numbers)
-    return Line(group.label, cells, with_exclusion(group.note, results[0].excluded))
+    return Line.of(group.label, map(spread_text, numbers), with_exclusion(group.note, results[0].excluded))

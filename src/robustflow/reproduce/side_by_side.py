@@ -155,7 +155,7 @@ def _lines(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Line]:
     if variant.here:
         name = f"{variant.variant.method}, {'RANDOM WEIGHTS' if variant.random else 'here'}"
         lines.append(Line(name, _cells(here, keys), variant.note))
-        lines.append(Line("  difference", tuple(TableCell(_difference(published, here, key)) for key in keys)))
+        lines.append(Line.of("  difference", (_difference(published, here, key) for key in keys)))
     return lines
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..analysis.labels import SETTING_LABELS
 from ..benchmarks import benchmark_facts
-from ..report.table import Column, Line, Section, Table, TableCell
+from ..report.table import Column, Line, Section, Table
 from ..text import counted
 from .artefacts import ARTEFACTS, Artefact
 from .plan import Missing, Runnable
@@ -17,10 +17,10 @@ def plan_table(artefact: Artefact, choices: Sequence[Runnable | Missing]) -> Tab
     lines: dict[str, list[Line]] = {}
     for choice in choices:
         if isinstance(choice, Missing):
-            cells = (TableCell("no"), TableCell(choice.reason), TableCell(choice.remedy))
+            texts = ("no", choice.reason, choice.remedy)
         else:
-            cells = (TableCell("yes"), TableCell(choice.weights or "needs no weights"), TableCell(""))
-        lines.setdefault(choice.variant.setting, []).append(Line(choice.variant.method, cells))
+            texts = ("yes", choice.weights or "needs no weights", "")
+        lines.setdefault(choice.variant.setting, []).append(Line.of(choice.variant.method, texts))
     columns = (Column("Runs"), Column("Weights", prose=True), Column("How to get it", prose=True))
     sections = tuple(Section(SETTING_LABELS.get(setting, setting), tuple(some)) for setting, some in lines.items())
     return Table(f"{artefact.name}-plan", f"{artefact.name}: what can be run here", columns, sections)
