@@ -123,6 +123,7 @@ def evaluate(
     address: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
+    confidence: str | None = None,
     examples: bool = False,
     progress: Progress | bool | None = None,
 ) -> Result:
@@ -168,6 +169,9 @@ def evaluate(
         address: of the Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
+        confidence: measure whether the model knows where it is wrong (docs/confidence.md): by "forward-backward"
+            consistency, which costs one more prediction a cell, or as the "model" itself says
+            (`predict_with_confidence`).
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
             report, which also gets the histogram of displacements if there is ground truth; a few predictions are
             repeated for it. If the examples cannot be drawn, a warning says why.
@@ -209,6 +213,7 @@ def evaluate(
         variant=variant,
         severity_scale=severity_scale,
         allow_invalid=allow_invalid,
+        confidence=confidence,
         common_draws=common_draws,
         name=name,
     )

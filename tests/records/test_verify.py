@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
 from robustflow.digest import digest_of_value
-from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.metrics.rows import CONFIDENCE, ROW_SCHEMA
 from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
 from robustflow.records.verify import VERIFICATION_CHECKS, verify
@@ -168,11 +168,14 @@ def test_what_a_verified_record_is_about(run, packed):
 
 @pytest.mark.parametrize(
     "column",
-    # the pair has no map of occlusions, and a record holds no attacks
+    # the pair has no map of occlusions, the run no confidence, and a record holds no attacks
     [
         name
         for name, kind in ROW_SCHEMA.items()
-        if kind is not pl.String and not name.endswith(("_noc", "_occ")) and not name.startswith("attack_")
+        if kind is not pl.String
+        and not name.endswith(("_noc", "_occ"))
+        and not name.startswith("attack_")
+        and name not in CONFIDENCE
     ],
 )
 @pytest.mark.parametrize("where", [_FOG, pl.col("corruption") == "clean"])

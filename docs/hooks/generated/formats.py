@@ -45,6 +45,14 @@ _COLUMNS = {
     "attack_way_gone": "Rows of attacks alone: share of the way from the clean flow to the attack's target.",
     "attack_evaluations": "Rows of attacks alone: flows that the attack asked the model for.",
     "attack_warnings": "Rows of attacks alone: what makes the row doubtful, names joined by commas.",
+    "ause": "Runs with a confidence: area between its sparsification curve and the oracle's, pixels.",
+    "confidence_spearman": "Runs with a confidence: rank correlation of confidence and error, -1 at best.",
+    "rejected_count": "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects.",
+    **{
+        f"{curve}_at_{share}": f"Runs with a confidence: mean error of the {share} % {of} pixels, pixels."
+        for curve, of in (("error", "most confident"), ("oracle", "best"))
+        for share in rows.COVERAGES
+    },
     "n_truth": "Pixels with ground truth, predicted or not.",
     "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
 }

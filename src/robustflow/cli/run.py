@@ -150,6 +150,15 @@ def run(
             rich_help_panel=HOW,
         ),
     ] = False,
+    confidence: Annotated[
+        str | None,
+        typer.Option(
+            "--confidence",
+            help="Measure whether the model knows where it is wrong: by forward-backward consistency (one more "
+            "prediction a cell), or as the model itself says (model).",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
     as_json: Annotated[
         bool,
         typer.Option(
@@ -177,6 +186,7 @@ def run(
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
       robustflow run --model dis --data clip.mp4 --still
+      robustflow run --model dis --confidence forward-backward
       robustflow run --model tiny --attacks apgd,square --severities 1,3
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
@@ -231,6 +241,7 @@ def run(
                         address=address,
                         timeout=timeout,
                         allow_invalid=allow_invalid,
+                        confidence=confidence,
                         examples=examples,
                         progress=progress,
                     )

@@ -1,5 +1,6 @@
 """Metrics: from flows to sums, and from sums to rows; `robustflow.runs.aggregate` computes means from rows."""
 
+from .confidence import Sparsification, ause, confidence_correlation, error_at, forward_backward, sparsification
 from .error_maps import epe_map
 from .of_arrays import epe, fl_all, rcre
 from .regions import REGIONS, Regions
@@ -19,13 +20,19 @@ __all__ = [
     "RegionScores",
     "Regions",
     "Scores",
+    "Sparsification",
     "Summary",
+    "ause",
+    "confidence_correlation",
     "cre",
     "crer",
     "epe",
     "epe_map",
+    "error_at",
     "fl_all",
+    "forward_backward",
     "measure",
     "rcre",
     "rows_frame",
+    "sparsification",
 ]

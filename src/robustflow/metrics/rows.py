@@ -21,6 +21,10 @@ prediction are finite (all of them, for a sound model).
   over them, pixels; `attack_way_gone` = share of the way from the clean flow to the target, null without a target;
   `attack_evaluations` = flows that the attack asked for; `attack_warnings` = what makes it doubtful
   (`robustflow.attacks.result.WARNINGS`), joined by commas. All seven are null but in rows of attacks.
+- `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = what the confidence knows of the error over the pixels of
+  `n_valid` (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean
+  error in pixels of the most confident, or the best, 90, 80, ... 10 %. `rejected_count` = pixels of `n_all` that the
+  forward-backward check rejects. All are null in a run without a confidence, and what it does not have.
 - `n_invalid` = pixels whose own prediction is not finite, of height x width.
 """
 
@@ -47,6 +51,17 @@ CLEAN = "clean"
 
 ROW_KEY = ("sample", "corruption", "severity")
 """The key of a row: unique within a run."""
+
+COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
+"""Shares of the pixels, in percent, of which rows have the error of the most confident and of the best."""
+
+CONFIDENCE: dict[str, type[pl.DataType]] = {
+    "ause": pl.Float64,
+    "confidence_spearman": pl.Float64,
+    "rejected_count": pl.Int64,
+    **{f"{curve}_at_{share}": pl.Float64 for curve in ("error", "oracle") for share in COVERAGES},
+}
+"""The columns that only runs with a confidence fill."""
 
 ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "sample": pl.String,
@@ -79,6 +94,7 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "attack_way_gone": pl.Float64,
     "attack_evaluations": pl.Int64,
     "attack_warnings": pl.String,
+    **CONFIDENCE,
 } | {
     f"{column}_{region}": dtype
     for region in REGIONS
@@ -91,6 +107,9 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     )
 }
 """Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
+
+SIGNED = ("confidence_spearman",)
+"""The columns of numbers that may be negative."""
 
 _WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
 """The sums of a sample that has no ground truth."""

@@ -146,12 +146,12 @@ def predict_checked(
         ModelError: the model raised, or returned something that is not float (H, W, 2).
     """
     where = describe_cell(key, corruption, severity)
-    with _named(where):
+    with naming_errors(where):
         if isinstance(model, FlowLookup):
             flow = model.lookup(key, corruption, severity)
         else:
             flow = model.predict(*_copies(frames[:2]))
-    return _checked(flow, frames, where)
+    return checked_flow(flow, frames, where)
 
 
 def predict_clip_checked(
@@ -159,9 +159,9 @@ def predict_clip_checked(
 ) -> Flow:
     """Like `predict_checked`, for a multi-frame model; `index` is that of frame 1 of the pair."""
     where = describe_cell(key, corruption, severity)
-    with _named(where):
+    with naming_errors(where):
         flow = model.predict_clip(_copies(frames), index)
-    return _checked(flow, frames, where)
+    return checked_flow(flow, frames, where)
 
 
 def predict_batch_checked(
@@ -169,12 +169,12 @@ def predict_batch_checked(
 ) -> list[Flow]:
     """Like `predict_checked`, for several pairs in one call of the model; each cell is (key, corruption, severity)."""
     where = describe_cells(cells)
-    with _named(where):
+    with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
         raise ModelError(f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one each")
     return [
-        _checked(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
+        checked_flow(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
     ]
 
 
@@ -201,7 +201,8 @@ def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
 
 
 @contextmanager
-def _named(where: str) -> Iterator[None]:
+def naming_errors(where: str) -> Iterator[None]:
+    """Turn whatever a model raises into a `ModelError` that says where."""
     process = os.getpid()
     try:
         yield
@@ -226,7 +227,12 @@ def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
     return tuple(frame.copy() for frame in frames)
 
 
-def _checked(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
+def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
+    """What a model returned as a flow: float32 (H, W, 2) of the frames' size.
+
+    Raises:
+        ModelError: it is not float, or of another shape.
+    """
     expected = (*frames[0].shape[:2], 2)
     try:
         array = np.asarray(flow)

@@ -10,7 +10,7 @@ import polars as pl
 from ..atomic import make_folder, write_bytes, write_json
 from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
-from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
+from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION, SIGNED
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import IDENTITY_VERSION
 from ..runs.manifest import MANIFEST_SCHEMA, Manifest, manifest_file
@@ -152,7 +152,8 @@ class Reader:
         for column, kind in ROW_SCHEMA.items():
             if kind is pl.Int64 and not frame[column].drop_nulls().is_between(0, _LARGEST_INT).all():
                 raise DataError(f"rows.csv: a '{column}' below 0 or too large to be a count")
-            if kind is pl.Float64 and not frame[column].drop_nulls().is_between(0.0, _LARGEST_SUM).all():
+            lowest = -1.0 if column in SIGNED else 0.0
+            if kind is pl.Float64 and not frame[column].drop_nulls().is_between(lowest, _LARGEST_SUM).all():
                 raise DataError(f"rows.csv: a '{column}' that is negative, not finite, or too large")
         self.frame = frame
         read_json(self.entries["summary.json"], "summary.json")

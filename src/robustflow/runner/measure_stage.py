@@ -9,10 +9,11 @@ from typing import Any
 from ..errors import ModelError
 from ..metrics.rows import CLEAN, measure
 from ..models.base import describe_cell
+from ..models.confidence import Answer, flow_of
 from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import Cell, RunOptions
-from ..sample import Flow
 from .clean_row_check import check_same_data, check_same_model
+from .confidence_columns import confidence_columns
 from .frame_stage import Loaded
 from .frames_digest import frames_digest
 from .seconds import Seconds, timed
@@ -40,7 +41,7 @@ class MeasureStage:
         self._kept = kept
         self._seconds = seconds
 
-    def kept_clean(self, loaded: Loaded) -> Flow | None:
+    def kept_clean(self, loaded: Loaded) -> Answer | None:
         """The clean flow that another unit of the sample stored; None if it has to be predicted.
 
         Raises:
@@ -51,7 +52,7 @@ class MeasureStage:
             self._check(loaded, clean)
         return clean
 
-    def keep_clean(self, loaded: Loaded, clean: Flow) -> None:
+    def keep_clean(self, loaded: Loaded, clean: Answer) -> None:
         """Store a newly predicted clean flow.
 
         Raises:
@@ -61,12 +62,12 @@ class MeasureStage:
         write_clean(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
         self._check(loaded, clean)
 
-    def row(self, loaded: Loaded, clean: Flow, flow: Flow, digest: str, cell: Cell) -> dict[str, Any]:
+    def row(self, loaded: Loaded, clean: Answer, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:
         """Measure one row.
 
         Args:
             loaded: the sample.
-            clean, flow: float32 (H, W, 2), on the clean frames and on those of the cell, pixels.
+            clean, answer: the model's, on the clean frames and on those of the cell; see `models.confidence`.
             digest: `digest` of the frames of the cell.
             cell: (sample key, corruption, severity).
 
@@ -75,15 +76,17 @@ class MeasureStage:
         """
         _, corruption, severity = cell
         with timed(self._seconds, "measure"):
+            flow, clean_flow = flow_of(answer), flow_of(clean)
             row = measure(
                 flow,
-                clean,
+                clean_flow,
                 loaded.sample,
                 loaded.regions,
                 corruption=corruption,
                 severity=severity,
                 frames_digest=digest,
             )
+            row |= confidence_columns(answer, clean_flow, loaded.sample)
         if row["n_invalid"] and not self._allow_invalid:
             raise ModelError(
                 f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {describe_cell(*cell)}; fix "
@@ -96,7 +99,7 @@ class MeasureStage:
         with timed(self._seconds, "measure"):
             return frames_digest(frames[:2])
 
-    def _check(self, loaded: Loaded, clean: Flow) -> None:
+    def _check(self, loaded: Loaded, clean: Answer) -> None:
         before = self._kept.get(loaded.sample.key)
         if before is not None:
             digest = self.digest(loaded.sample.frames)

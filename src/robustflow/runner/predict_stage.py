@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..models.base import (
     AnyModel,
@@ -16,6 +18,14 @@ from ..models.base import (
     predict_batch_checked,
     predict_checked,
     predict_clip_checked,
+)
+from ..models.confidence import (
+    FORWARD_BACKWARD,
+    OF_MODEL,
+    Answer,
+    ConfidentModel,
+    predict_with_confidence_checked,
+    with_back,
 )
 from ..sample import Flow, Frame
 from .seconds import Seconds, timed
@@ -44,33 +54,54 @@ class PredictStage:
 
     Args:
         model: loaded.
+        confidence: what else is predicted beside the flow, one of `models.confidence.CONFIDENCES`; None for nothing.
         seconds: where "predict" is counted.
         on_predict: called with what is being predicted before each call of the model, and with None after it, so that
             its time can be watched.
     """
 
     def __init__(
-        self, model: AnyModel, seconds: Seconds, on_predict: Callable[[str | None], None] = lambda what: None
+        self,
+        model: AnyModel,
+        confidence: str | None,
+        seconds: Seconds,
+        on_predict: Callable[[str | None], None] = lambda what: None,
     ) -> None:
         self._model = model
+        self._confidence = confidence
         self._seconds = seconds
         self._on_predict = on_predict
 
-    def predict(self, requests: Sequence[PredictionRequest]) -> list[Flow]:
-        """The flows of some cells: several in one call, if the model can; a single one goes through `predict`.
+    def predict(self, requests: Sequence[PredictionRequest]) -> list[Answer]:
+        """The answers to some requests: several in one call, if the model can; a single one goes through `predict`.
 
         Raises:
-            ModelError: the model raised, or returned something that is not float (H, W, 2).
+            ModelError: the model raised, or returned something that is not float (H, W, 2), or no confidence.
         """
         with timed(self._seconds, "predict"):
             self._on_predict(describe_cells([request.cell for request in requests]))
-            if len(requests) > 1 and requests[0].index is None and isinstance(self._model, BatchedFlowModel):
-                cells = [request.cell for request in requests]
-                flows = predict_batch_checked(self._model, [request.frames for request in requests], cells)
+            if self._confidence == OF_MODEL:
+                assert isinstance(self._model, ConfidentModel)
+                answers = [predict_with_confidence_checked(self._model, one.frames, *one.cell) for one in requests]
             else:
-                flows = [self._one(request) for request in requests]
+                answers = self._flows(requests)
+            if self._confidence == FORWARD_BACKWARD:
+                answers = list(map(with_back, answers, self._flows_back(requests, answers)))
             self._on_predict(None)
-            return flows
+            return answers
+
+    def _flows(self, requests: Sequence[PredictionRequest]) -> list[Flow]:
+        if len(requests) > 1 and requests[0].index is None and isinstance(self._model, BatchedFlowModel):
+            cells = [request.cell for request in requests]
+            return predict_batch_checked(self._model, [request.frames for request in requests], cells)
+        return [self._one(request) for request in requests]
+
+    def _flows_back(self, requests: Sequence[PredictionRequest], flows: Sequence[Flow]) -> list[Flow]:
+        """The flows from frame 2 to frame 1; where the two are equal, the flow is known already."""
+        known = [np.array_equal(request.frames[0], request.frames[1]) for request in requests]
+        asked = [replace(one, frames=one.frames[1::-1]) for one, same in zip(requests, known, strict=True) if not same]
+        back = iter(self._flows(asked))
+        return [flow if same else next(back) for flow, same in zip(flows, known, strict=True)]
 
     def _one(self, request: PredictionRequest) -> Flow:
         if request.index is not None:

@@ -21,6 +21,7 @@ from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
+from ..models.confidence import check_confidence
 from ..models.provenance import training_of
 from ..models.window import Window
 from ..runs.identity import FrameIdentity, Identity, checked_name, differing_fields
@@ -60,6 +61,7 @@ def set_up(
     severity_scale: str = "paper",
     allow_invalid: bool = False,
     common_draws: bool = False,
+    confidence: str | None = None,
     name: str | None = None,
 ) -> Setup:
     """Set up a run from a request: it is checked as a whole and the model is loaded, but nothing is computed.
@@ -67,7 +69,7 @@ def set_up(
     Args:
         model: see `robustflow.evaluate`.
         benchmark: from `open_benchmark`, restricted to what should run.
-        seed, variant, severity_scale, allow_invalid, common_draws, name: see `robustflow.evaluate`.
+        seed, variant, severity_scale, allow_invalid, common_draws, confidence, name: see `robustflow.evaluate`.
 
     Raises:
         UsageError: parts that do not fit together, or nothing to run.
@@ -84,6 +86,7 @@ def set_up(
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("flows from files are those of moving pairs; leave out --still, or name a model that predicts")
+    check_confidence(confidence, named.model)
     attack_sources = check_attacks(benchmark, seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     options = _options(
@@ -94,6 +97,7 @@ def set_up(
         attacks=benchmark.attacks,
         own_attacks=own_attacks_among(benchmark.attacks),
         attack_sources=attack_sources,
+        confidence=confidence,
     )
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
@@ -121,7 +125,11 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
         named = name_model(source.model)
     except RobustFlowError as error:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
-    options = _options_of(identity, benchmark.classes, window_on(named.model, benchmark.dataset))
+    options = replace(
+        _options_of(identity, benchmark.classes, window_on(named.model, benchmark.dataset)),
+        confidence=identity.measuring.confidence,
+    )
+    check_confidence(options.confidence, named.model)
     plan = Plan(benchmark, options, named.identity)
     if (now := plan.identity()) != identity:
         raise RunError(

@@ -12,6 +12,7 @@ import numpy as np
 from ..datasets.base import Dataset
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel
+from ..models.confidence import Answer, flow_of
 from ..runs.plan import Cell, RunOptions, Unit
 from ..sample import Flow, Frame, Sample
 from .attack_stage import AttackStage, attack_columns
@@ -63,11 +64,11 @@ class Worker:
     ) -> None:
         self.seconds = no_seconds()
         self._frames = FrameStage(dataset, options, self.seconds)
-        self._model = PredictStage(model, self.seconds, on_predict)
+        self._model = PredictStage(model, options.confidence, self.seconds, on_predict)
         self._attacks = AttackStage(model, options, self.seconds, on_predict)
         self._measure = MeasureStage(options, clean_path, kept or {}, self.seconds)
         self._batch_size = batch_size
-        self._last: tuple[Loaded, Flow] | None = None
+        self._last: tuple[Loaded, Answer] | None = None
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
         """The rows of a unit, in the order of its severities."""
@@ -94,7 +95,7 @@ class Worker:
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
         (flow,) = self._model.predict([self._frames.request(cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
-        return View(loaded.sample, frames, flow, clean, row)
+        return View(loaded.sample, frames, flow_of(flow), flow_of(clean), row)
 
     def sample(self, key: str) -> Sample:
         """A sample, with its clean frames."""
@@ -102,13 +103,13 @@ class Worker:
 
     def clean_flow(self, key: str) -> Flow:
         """The flow of a sample's clean frames, float32 (H, W, 2), pixels."""
-        return self._load(key)[1]
+        return flow_of(self._load(key)[1])
 
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """The corrupted frames of a cell."""
         return self._frames.corrupt(self._load(key)[0].sample, corruption, severity)
 
-    def _load(self, key: str) -> tuple[Loaded, Flow]:
+    def _load(self, key: str) -> tuple[Loaded, Answer]:
         if self._last is None or self._last[0].sample.key != key:
             self._last = None  # release the last sample before the next one is read
             loaded = self._frames.load(key)
@@ -119,12 +120,16 @@ class Worker:
             self._last = (loaded, clean)
         return self._last
 
-    def _attacked(self, loaded: Loaded, clean: Flow, cell: Cell) -> View:
-        attacked = self._attacks.attack(loaded.sample, clean, cell)
+    def _attacked(self, loaded: Loaded, clean: Answer, cell: Cell) -> View:
+        attacked = self._attacks.attack(loaded.sample, flow_of(clean), cell)
         row = self._row(loaded, clean, attacked.flow, attacked.frames, cell)
-        return View(loaded.sample, attacked.frames, attacked.flow, clean, row | attack_columns(attacked, loaded.sample))
+        return View(
+            loaded.sample, attacked.frames, attacked.flow, flow_of(clean), row | attack_columns(attacked, loaded.sample)
+        )
 
-    def _row(self, loaded: Loaded, clean: Flow, flow: Flow, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
+    def _row(
+        self, loaded: Loaded, clean: Answer, flow: Answer, frames: tuple[Frame, ...], cell: Cell
+    ) -> dict[str, Any]:
         return self._measure.row(loaded, clean, flow, self._measure.digest(frames), cell)
 
 

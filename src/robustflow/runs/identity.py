@@ -81,11 +81,13 @@ class ModelIdentity(_IdentityPart):
 
 
 class Measuring(_IdentityPart):
-    """Versions of identity and rows, and whether predictions may be NaN or infinite."""
+    """Versions of identity and rows, whether predictions may be NaN or infinite, and the confidence that is measured
+    (`robustflow.models.confidence`)."""
 
     version: int
     rows: int
     allow_invalid: bool
+    confidence: Text | None = None
 
 
 class Identity(_IdentityPart):

@@ -68,6 +68,8 @@ class RunOptions:
     """What trained attacks have learned, by attack and severity."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
     """What decides attacks besides their names: name to digest."""
+    confidence: str | None = None
+    """What the model is asked for beside its flow (see `models.confidence`)."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -142,7 +144,12 @@ class Plan:
                 settings=_as_json(self.model_identity),
                 window=options.window.record() if options.window else None,
             ),
-            measuring=Measuring(version=IDENTITY_VERSION, rows=ROW_SCHEMA_VERSION, allow_invalid=options.allow_invalid),
+            measuring=Measuring(
+                version=IDENTITY_VERSION,
+                rows=ROW_SCHEMA_VERSION,
+                allow_invalid=options.allow_invalid,
+                confidence=options.confidence,
+            ),
         )
 
     def digest(self) -> str:

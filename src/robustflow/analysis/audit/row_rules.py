@@ -13,10 +13,10 @@ from operator import add, or_
 import polars as pl
 
 from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
-from ...metrics.rows import CLEAN, ROW_SCHEMA
+from ...metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA, SIGNED
 
 _CLOSE = 1e-9
-_SUMS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Float64)
+_SUMS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Float64 and name not in SIGNED)
 _COUNTS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Int64)
 _OUTLIERS = ("fl_count", "px1_count", "px3_count", "px5_count")
 _TRUTH = ("n_valid", "epe_sum", "rcre_sum", "magnitude_sum", *_OUTLIERS, "wauc_sum")
@@ -143,6 +143,10 @@ RULES: dict[str, _Expr] = {
     ),
     "its flow is too short for such a small error": _exceeds(
         pl.col("magnitude_sum"), pl.col("pred_magnitude_sum") + pl.col("epe_sum")
+    ),
+    "a confidence knows its errors better than the errors themselves": _any(
+        [_exceeds(pl.col(f"oracle_at_{share}"), pl.col(f"error_at_{share}")) for share in COVERAGES]
+        + [pl.col("rejected_count") > pl.col("n_all"), pl.col("confidence_spearman").abs() > 1]
     ),
     "the flow moved more on the valid pixels than on all": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
     "the flow on the clean frames differs from itself": (pl.col("corruption") == CLEAN)

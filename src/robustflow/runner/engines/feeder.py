@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from ...metrics.rows import CLEAN
+from ...models.confidence import CHANNELS, Answer
 from ...runs.plan import Cell
 from ...runs.store import RunFolder
-from ...sample import Flow, Frame
+from ...sample import Frame
 from ..frame_stage import FrameStage, Loaded
 from ..measure_stage import MeasureStage
 from ..seconds import no_seconds, pop_timings, timed
@@ -36,7 +37,7 @@ class _OpenSample:
 
     loaded: Loaded
     slot_bytes: int
-    clean: Flow | None = None
+    clean: Answer | None = None
     unmeasured: int = 0
     """Cells whose flow has not arrived yet, including the clean one."""
 
@@ -74,6 +75,7 @@ class _Feeder:
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots
         self._batch_size = job.batch_size
+        self._channels = CHANNELS[job.options.confidence]
         self._seconds = no_seconds()
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
         clean_path = RunFolder(Path(job.folder)).clean_path
@@ -113,7 +115,7 @@ class _Feeder:
         key, corruption, severity = cell
         if key not in self._samples:
             loaded = self._frames.load(key)
-            self._samples[key] = _OpenSample(loaded, _slot_bytes(loaded, self._frames))
+            self._samples[key] = _OpenSample(loaded, _slot_bytes(loaded, self._frames, self._channels))
             return  # larger slots may be needed first
         sample = self._samples[key]
         if sample.clean is None and not sample.unmeasured:
@@ -187,7 +189,7 @@ class _Feeder:
         self._seconds["predict"] += predicting
         for sent in batch:
             request, sample = sent.request, sent.sample
-            flow = self._slots.flow(request.slot, request.slot_bytes, (*sample.loaded.sample.shape, 2))
+            flow = self._slots.flow(request.slot, request.slot_bytes, (*sample.loaded.sample.shape, self._channels))
             if request.cell[1] == CLEAN:
                 sample.clean = flow.copy()
                 self._measure.keep_clean(sample.loaded, sample.clean)
@@ -196,7 +198,7 @@ class _Feeder:
                 self._report(request.cell, sample, flow, sent.digest)
             self._slots.put_back(request.slot)
 
-    def _report(self, cell: Cell, sample: _OpenSample, flow: Flow, digest: str) -> None:
+    def _report(self, cell: Cell, sample: _OpenSample, flow: Answer, digest: str) -> None:
         assert sample.clean is not None  # a device answers in order, and the clean flow was requested first
         row = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
         self._driver.send(("row", (cell, row, pop_timings(self._seconds))))
@@ -210,8 +212,8 @@ class _Feeder:
             self._driver.recv()
 
 
-def _slot_bytes(loaded: Loaded, frames: FrameStage) -> int:
-    """Bytes of the model's input or of the flow, whichever is larger."""
+def _slot_bytes(loaded: Loaded, frames: FrameStage, channels: int) -> int:
+    """Bytes of the model's input or of its answer, whichever is larger."""
     height, width = loaded.sample.shape
     given: Any = frames.request((loaded.sample.key, CLEAN, 0), loaded.sample.frames)
-    return max(len(given.frames) * 3, 8) * height * width
+    return max(len(given.frames) * 3, 4 * channels) * height * width

@@ -40,17 +40,18 @@ Link = tuple[Connection, SharedSlots]
 same order."""
 
 
-def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list[Link]) -> None:
+def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence: str | None, links: list[Link]) -> None:
     """Predict one batch after the other, in the order in which they arrive; the main function of a predicting process.
 
     Args:
         driver: is notified of what is being predicted.
         model: for this process's device.
+        confidence: of the run's options.
         links: to the feeders.
     """
     seconds = no_seconds()
     loaded = model.load() if isinstance(model, ModelSpec) else model
-    stage = PredictStage(loaded, seconds, lambda what: driver.send(("predicting", what)))
+    stage = PredictStage(loaded, confidence, seconds, lambda what: driver.send(("predicting", what)))
     slots = dict(links)
     waiting: deque[tuple[Connection, list[SlotRequest]]] = deque()
     while True:

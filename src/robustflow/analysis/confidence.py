@@ -1,0 +1,59 @@
+"""What a model's confidence knows of its errors: means over images, by family of corruptions and severity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import polars as pl
+
+from ..corruptions.names import family_of
+from ..metrics.rows import CLEAN, COVERAGES
+from ..runs.run import Run
+
+
+@dataclass(frozen=True)
+class ConfidenceScore:
+    """The confidence under one condition; means over images.
+
+    Attributes:
+        family: of corruptions; "clean" for the clean frames, "average" for all corruptions.
+        severity: None for the mean over the severities.
+        ause: area between the sparsification curve and the oracle's, px; None without ground truth.
+        ause_normalised: the same with the error of each image divided by its mean; None if no image has an error.
+        error_80, error_50: mean error of the most confident 80 and 50 % of the pixels, px; None without ground truth.
+        spearman: rank correlation of confidence and error, -1 at best; None where neither varies.
+        rejected: share of the pixels that the forward-backward check rejects, %; None for the model's own confidence.
+        by_confidence, by_error: the sparsification curve and the oracle's: mean error of what is left when 0, 10, ...
+            90 % of the pixels are removed, px; empty without ground truth.
+    """
+
+    family: str
+    severity: int | None
+    ause: float | None
+    ause_normalised: float | None
+    error_80: float | None
+    error_50: float | None
+    spearman: float | None
+    rejected: float | None
+    by_confidence: tuple[float, ...] = ()
+    by_error: tuple[float, ...] = ()
+
+
+def confidence_scores(run: Run) -> list[ConfidenceScore]:
+    """The confidence of a run on its clean frames, over all corruptions, for each family, and at each of its severities;
+    empty for a run without a confidence. Corruptions without a family are in the average alone."""
+    rows = run.rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
+    return [_score(family, severity, part) for family, severity, part in _conditions(rows) if part.height]
+
+
+def _conditions(rows: pl.DataFrame) -> Iterator[tuple[str, int | None, pl.DataFrame]]:
+    yield CLEAN, None, rows.filter(corruption=CLEAN)
+    corrupted = rows.filter(pl.col("corruption") != CLEAN)
+    yield "average", None, corrupted
+    families = {name: family_of(name) for name in corrupted["corruption"].unique().sort()}
+    for family in dict.fromkeys(each for each in map(family_of, run_order(families)) if each):
+        part = corrupted.filter(pl.col("corruption").is_in([name for name, of in families.items() if of == family]))
+        yield family, None, part
+        for severity in part["severity"].unique().sort():
+            yield family, severity, part.filter(severity=severity)

@@ -1,0 +1,210 @@
+"""Whether a confidence knows where a flow is wrong: sparsification, AUSE, rank correlation; and the consistency of
+a flow with the flow back.
+
+Sparsification removes the least confident pixels first and asks for the mean error of the rest, at 0, 1, ... 99 %
+removed. The oracle removes the largest errors first. AUSE is the mean difference of the two curves, which is the area
+between them: at 0 % and at 100 % they meet (Ilg et al., Uncertainty Estimates and Multi-Hypotheses Networks for Optical
+Flow, ECCV 2018). Pixels of equal confidence count as in the mean over all their orders, so that no order of pixels
+helps, and a constant confidence scores what a random one does on average.
+
+The forward-backward check is that of Sundaram, Brox and Keutzer (Dense Point Trajectories by GPU-accelerated Large
+Displacement Optical Flow, ECCV 2010): a pixel is rejected where
+
+    |w + w'|^2 >= 0.01 (|w|^2 + |w'|^2) + 0.5
+
+with w the flow there and w' the flow back, interpolated bilinearly where w leads. UnFlow and ARFlow use the
+same numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DataError
+from ..sample import Flow, Mask
+
+STEPS = 100
+"""Steps of the sparsification curve."""
+
+ALPHA_1 = 0.01
+"""Share of the squared lengths of the two flows up to which they may differ."""
+ALPHA_2 = 0.5
+"""Squared pixels by which they may differ in any case."""
+
+Values = npt.NDArray[np.float64]
+_CHUNK = 2**16
+
+
+class Sparsification(NamedTuple):
+    """Mean errors of what is left when 0, 1, ... 99 % of the pixels are removed, in pixels.
+
+    Attributes:
+        by_confidence: float64 (100,), the least confident removed first.
+        by_error: float64 (100,), the largest errors removed first.
+    """
+
+    by_confidence: Values
+    by_error: Values
+
+    @property
+    def ause(self) -> float:
+        """The area between the curves, in pixels."""
+        return max(0.0, float(np.cumsum(self.by_confidence - self.by_error)[-1]) / STEPS)
+
+
+def sparsification(error: Any, confidence: Any) -> Sparsification | None:
+    """The sparsification curves of an image; None without pixels.
+
+    Args:
+        error: end-point errors in pixels, an array of any shape; pixels that are NaN are left out.
+        confidence: of the same shape, larger where the flow is surer; any scale, -inf included.
+
+    Raises:
+        DataError: shapes that differ, or a confidence that is NaN.
+
+    >>> curves = sparsification([4.0, 3.0, 2.0, 1.0], [1, 2, 3, 4])
+    >>> float(curves.by_confidence[0]), float(curves.by_confidence[50]), curves.ause
+    (2.5, 1.5, 0.0)
+    """
+    errors, sure = _known(error, confidence)
+    if not errors.size:
+        return None
+    return Sparsification(_curve(errors, -sure), _curve(errors, errors))
+
+
+def ause(error: Any, confidence: Any) -> float | None:
+    """The area between the sparsification curve and the oracle's, in pixels; None without pixels. Arguments and errors
+    are those of `sparsification`.
+
+    >>> ause([0.0, 1.0, 2.0, 3.0], [3, 2, 1, 0]), ause([0.0, 2.0], [1, 1])
+    (0.0, 0.5)
+    """
+    curves = sparsification(error, confidence)
+    return None if curves is None else curves.ause
+
+
+def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
+    """The mean error of the most confident share of the pixels; None without pixels. Other arguments and errors are
+    those of `sparsification`.
+
+    Args:
+        coverage: the share, 0.01 to 1 in hundredths.
+
+    >>> error_at([1.0, 2.0, 3.0, 10.0], [4, 3, 2, 1], 0.5)
+    1.5
+    """
+    removed = round(STEPS * (1 - coverage))
+    if not 0 <= removed < STEPS:
+        raise DataError(f"a coverage of {coverage:g} is out of range: give 0.01 to 1")
+    curves = sparsification(error, confidence)
+    return None if curves is None else float(curves.by_confidence[removed])
+
+
+def confidence_correlation(error: Any, confidence: Any) -> float | None:
+    """Spearman's rank correlation of confidence and error, -1 at best, ties sharing their mean rank; None if one of
+    them does not vary. Arguments and errors are those of `sparsification`.
+
+    >>> confidence_correlation([1.0, 2.0, 3.0], [3, 2, 1]), confidence_correlation([1.0, 2.0], [5, 5])
+    (-1.0, None)
+    """
+    errors, sure = _known(error, confidence)
+    if not errors.size:
+        return None
+    one, other = _ranks(errors), _ranks(sure)
+    scale = _product(one, one) * _product(other, other)
+    return _product(one, other) / float(scale) ** 0.5 if scale else None
+
+
+def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
+    """How well the flow back undoes a flow.
+
+    Args:
+        flow: float32 (H, W, 2), from frame 1 to frame 2, pixels.
+        back: float32 (H, W, 2), from frame 2 to frame 1, pixels.
+
+    Returns:
+        The confidence, float64 (H, W): minus the distance in pixels by which the way there and back misses its start;
+        and the pixels that the consistency check rejects, bool (H, W). Where the flow leaves the frame, or one of the
+        two is not finite, nothing confirms it: -inf, rejected.
+
+    >>> flow = np.full((1, 4, 2), (1, 0), np.float32)
+    >>> confidence, rejected = forward_backward(flow, -flow)
+    >>> confidence.tolist(), rejected.tolist()
+    ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
+    """
+    if flow.shape != back.shape or flow.ndim != 3 or flow.shape[2] != 2:
+        raise DataError(f"a flow {flow.shape} and the flow back {back.shape} must both be (H, W, 2)")
+    there = flow.astype(np.float64)
+    height, width = flow.shape[:2]
+    y, x = np.mgrid[:height, :width]
+    known = np.isfinite(there).all(axis=2)
+    at_x = np.where(known, x + there[..., 0], -1.0)
+    at_y = np.where(known, y + there[..., 1], -1.0)
+    inside = (at_x >= 0) & (at_x <= width - 1) & (at_y >= 0) & (at_y <= height - 1)
+    home = np.full(there.shape, np.nan)
+    with np.errstate(invalid="ignore"):
+        home[inside] = _bilinear(back.astype(np.float64), at_x[inside], at_y[inside])
+    miss = (there + home) ** 2
+    squared = miss[..., 0] + miss[..., 1]
+    with np.errstate(invalid="ignore"):
+        allowed = ALPHA_1 * ((there**2).sum(axis=2) + (home**2).sum(axis=2)) + ALPHA_2
+        accepted = squared < allowed  # False where a flow is unknown
+    return np.where(np.isfinite(squared), -np.sqrt(squared), -np.inf), ~accepted
+
+
+def _bilinear(field: Values, x: Values, y: Values) -> Values:
+    """The values of a field (H, W, 2) at points inside it."""
+    left = np.minimum(x.astype(np.int64), max(field.shape[1] - 2, 0))
+    top = np.minimum(y.astype(np.int64), max(field.shape[0] - 2, 0))
+    right, below = np.minimum(left + 1, field.shape[1] - 1), np.minimum(top + 1, field.shape[0] - 1)
+    across, down = (x - left)[:, None], (y - top)[:, None]
+    upper = field[top, left] * (1 - across) + field[top, right] * across
+    lower = field[below, left] * (1 - across) + field[below, right] * across
+    mixed: Values = upper * (1 - down) + lower * down
+    return mixed
+
+
+def _known(error: Any, confidence: Any) -> tuple[Values, Values]:
+    errors, sure = np.asarray(error, np.float64), np.asarray(confidence, np.float64)
+    if errors.shape != sure.shape:
+        raise DataError(f"a confidence of shape {sure.shape} does not fit errors of shape {errors.shape}")
+    keep = ~np.isnan(errors)
+    errors, sure = errors[keep], sure[keep]
+    if np.isnan(sure).any():
+        raise DataError(f"the confidence is NaN at {int(np.isnan(sure).sum())} pixels; give a number for each")
+    return errors, sure
+
+
+def _curve(errors: Values, key: Values) -> Values:
+    """Mean errors of the pixels with the smallest keys."""
+    order = np.argsort(key, kind="stable")
+    total = np.concatenate(([0.0], np.cumsum(errors[order])))
+    ends = _ends_of_ties(key[order])
+    count = errors.size
+    kept = -(-count * (STEPS - np.arange(STEPS)) // STEPS)
+    curve: Values = np.interp(kept, ends, total[ends]) / kept
+    return curve
+
+
+def _ends_of_ties(ordered: Values) -> npt.NDArray[np.int64]:
+    """Where equal values begin and end: 0, ..., their number."""
+    changes = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
+    return np.concatenate(([0], changes, [ordered.size]))
+
+
+def _ranks(values: Values) -> npt.NDArray[np.int64]:
+    """Twice the distance of each value's mean rank from the middle, whole numbers."""
+    order = np.argsort(values, kind="stable")
+    ends = _ends_of_ties(values[order])
+    ranks = np.empty(values.size, np.int64)
+    ranks[order] = np.repeat(ends[:-1] + ends[1:] - values.size, np.diff(ends))
+    return ranks
+
+
+def _product(one: npt.NDArray[np.int64], other: npt.NDArray[np.int64]) -> int:
+    """The exact sum of products."""
+    parts = (slice(start, start + _CHUNK) for start in range(0, one.size, _CHUNK))
+    return sum(int((one[part] * other[part]).sum()) for part in parts)

@@ -1,0 +1,147 @@
+"""Sparsification, AUSE and the forward-backward check against definitions written out, theory and properties."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
+from robustflow.errors import DataError
+from robustflow.metrics import ause, confidence_correlation, error_at, forward_backward, sparsification
+
+pixels = st.lists(st.tuples(st.integers(0, 20), st.integers(-4, 4)), min_size=1, max_size=40)
+"""Errors in quarters of a pixel, and confidences of which many are equal."""
+
+
+def naive_curve(errors, keys):
+    """The mean over all orders within a tie, in exact fractions: every pixel of a tie carries the tie's mean error."""
+    mean = {key: [e for e, k in zip(errors, keys, strict=True) if k == key] for key in keys}
+    ordered = [Fraction(sum(mean[key]), len(mean[key])) for key in sorted(keys)]
+    return [
+        sum(ordered[:kept], Fraction(0)) / kept
+        for kept in (math.ceil(len(errors) * (100 - k) / 100) for k in range(100))
+    ]
+
+
+def naive_ause(errors, confidence):
+    ours = naive_curve(errors, [-c for c in confidence])
+    best = naive_curve(errors, errors)
+    return float(sum(o - b for o, b in zip(ours, best, strict=True)) / 100)
+
+
+@given(pixels)
+def test_ause_equals_the_definition_in_exact_fractions(case):
+    errors, confidence = [Fraction(e, 4) for e, _ in case], [c for _, c in case]
+    assert ause([float(e) for e in errors], confidence) == pytest.approx(naive_ause(errors, confidence), abs=1e-12)
+
+
+@given(pixels)
+def test_ause_is_between_the_oracle_and_its_reverse(case):
+    errors = np.array([e / 4 for e, _ in case])
+    confidence = [c for _, c in case]
+    assert ause(errors, -errors) == 0
+    assert 0 <= ause(errors, confidence) <= ause(errors, errors) + 1e-12
+
+
+@given(pixels, st.randoms())
+def test_neither_order_nor_scale_of_the_confidence_matters(case, random):
+    shuffled = random.sample(case, len(case))
+    first, second = ([[c[i] for c in each] for i in (0, 1)] for each in (case, shuffled))
+    assert ause(*first) == pytest.approx(ause(*second), abs=1e-12)
+    assert ause(first[0], [3 * c**3 + 7 for c in first[1]]) == ause(*first)
+
+
+@given(pixels)
+def test_rank_correlation_equals_scipy(case):
+    errors, confidence = zip(*case, strict=True)
+    ours = confidence_correlation(errors, confidence)
+    if len(set(errors)) == 1 or len(set(confidence)) == 1:
+        assert ours is None
+    else:
+        assert ours == pytest.approx(spearmanr(errors, confidence).statistic, abs=1e-12)
+
+
+def test_a_random_confidence_scores_what_theory_gives():
+    """Of a random order every rest has the mean error, so the area is that mean less the oracle's mean height; for
+    errors uniform in 0..1, of which the oracle keeps the smallest share p with mean p / 2, that is 1/2 - 1/4."""
+    rng = np.random.default_rng(0)
+    errors = (np.arange(100_000) + 0.5) / 100_000
+    expected = errors.mean() - sparsification(errors, -errors).by_error.mean()
+    assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps from the left end of each
+    assert ause(errors, np.zeros_like(errors)) == pytest.approx(expected, abs=1e-12), "constant: the mean over orders"
+    scores = [ause(errors, rng.random(errors.size)) for _ in range(20)]
+    assert np.mean(scores) == pytest.approx(expected, abs=4 * np.std(scores, ddof=1) / math.sqrt(20))
+
+
+def test_error_at_a_coverage_is_that_of_the_most_confident_pixels():
+    errors = np.arange(10.0)
+    assert error_at(errors, -errors, 0.8) == 3.5
+    assert error_at(errors, errors, 0.5) == 7.0
+    assert error_at(errors, errors, 1.0) == 4.5
+    with pytest.raises(DataError, match=r"0\.01 to 1"):
+        error_at(errors, errors, 0.0)
+
+
+def test_pixels_without_an_error_have_no_say_and_no_pixel_gives_none():
+    assert ause([1.0, np.nan, 3.0], [2, np.nan, 1]) == 0
+    assert ause([np.nan], [1]) is None
+    assert confidence_correlation([], []) is None
+
+
+def test_a_confidence_of_another_size_or_nan_is_one_line():
+    with pytest.raises(DataError, match=r"\(3,\) does not fit errors of shape \(2,\)"):
+        ause([1.0, 2.0], [1, 2, 3])
+    with pytest.raises(DataError, match="NaN at 1 pixels"):
+        ause([1.0, 2.0], [1, np.nan])
+
+
+def naive_check(flow, back):
+    height, width = flow.shape[:2]
+    confidence, rejected = np.full((height, width), -np.inf), np.ones((height, width), bool)
+    for y in range(height):
+        for x in range(width):
+            u, v = (float(value) for value in flow[y, x])
+            if not (0 <= x + u <= width - 1 and 0 <= y + v <= height - 1):
+                continue
+            left, top = math.floor(x + u), math.floor(y + v)
+            a, b = x + u - left, y + v - top
+            home = np.zeros(2)
+            for column, row, weight in (
+                (left, top, (1 - a) * (1 - b)),
+                (left + 1, top, a * (1 - b)),
+                (left, top + 1, (1 - a) * b),
+                (left + 1, top + 1, a * b),
+            ):
+                if weight:
+                    home += weight * back[row, column].astype(float)
+            squared = (u + home[0]) ** 2 + (v + home[1]) ** 2
+            confidence[y, x] = -math.sqrt(squared)
+            rejected[y, x] = squared >= 0.01 * (u * u + v * v + home @ home) + 0.5
+    return confidence, rejected
+
+
+@pytest.mark.parametrize("shape", [(9, 13), (1, 6), (5, 1)])
+def test_the_check_equals_plain_loops(shape):
+    rng = np.random.default_rng(1)
+    flow, back = (rng.normal(0, 2, (*shape, 2)).astype(np.float32) for _ in range(2))
+    flow[0, 0] = 0
+    confidence, rejected = forward_backward(flow, back)
+    expected, bad = naive_check(flow, back)
+    assert np.allclose(confidence, expected, rtol=0, atol=1e-12)
+    assert np.array_equal(rejected, bad)
+
+
+def test_a_flow_that_is_not_finite_is_confirmed_by_nothing():
+    flow = np.zeros((2, 3, 2), np.float32)
+    flow[0, 0], back = np.nan, flow.copy()
+    back[1, 2] = np.inf
+    confidence, rejected = forward_backward(flow, back)
+    lost = np.zeros((2, 3), bool)
+    lost[0, 0] = lost[1, 2] = True
+    assert np.array_equal(rejected[lost], [True, True])
+    assert np.isneginf(confidence[lost]).all()

@@ -1,0 +1,150 @@
+"""Runs that measure whether a model knows where it is wrong: the same rows from every engine, resumed or whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+
+import robustflow as rf
+from robustflow.analysis.audit.row_rules import broken_rules
+from robustflow.errors import ModelError, RunError, UsageError
+from robustflow.flowio import write_flow
+from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
+from robustflow.metrics.rows import ROW_KEY
+from robustflow.models import ModelSpec
+from robustflow.records.rows_text import rows_from_text, rows_to_text
+from robustflow.testing import TexturePairs
+
+TEXTURES = "tests.runner.test_confidence:Textures"
+FAST = ("contrast", "impulse_noise")
+
+
+class Textures(TexturePairs):
+    """Two small pairs."""
+
+    def __init__(self) -> None:
+        super().__init__(2)
+
+
+class Sure:
+    """Predicts what the frames' values say; sure where they are large. `device` sends it to a process of its own."""
+
+    def __init__(self, spoil: str = "", device: str = "") -> None:
+        self.spoil = spoil
+        if device:
+            self.device = device
+
+    def identity(self):
+        return {"name": "sure", "spoil": self.spoil}
+
+    def predict(self, frame1, frame2):
+        return np.stack([frame1[..., 0] / np.float32(64), frame2[..., 1] / np.float32(-32)], axis=2)
+
+    def predict_batch(self, frames1, frames2):
+        return list(map(self.predict, frames1, frames2))
+
+    def predict_with_confidence(self, frame1, frame2):
+        confidence = frame1[..., 0].astype(np.float32)
+        if self.spoil == "size":
+            confidence = confidence[1:]
+        if self.spoil == "nan":
+            confidence[0, 0] = np.nan
+        return self.predict(frame1, frame2), confidence
+
+
+def run(folder, model=None, confidence="forward-backward", **options):
+    given = {"corruptions": FAST, "severities": [1, 4], **options}
+    spec = model or ModelSpec("tests.runner.test_confidence:Sure")
+    return rf.evaluate(spec, data=TEXTURES, output=folder, confidence=confidence, **given)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("confidence") / "run")
+
+
+def test_rows_hold_what_the_array_functions_give(whole):
+    pair, (row,) = Textures().load("0"), whole.rows.filter(sample="0", corruption="clean").to_dicts()
+    flow, back = Sure().predict(*pair.frames), Sure().predict(*pair.frames[::-1])
+    confidence, rejected = forward_backward(flow, back)
+    errors = epe_map(flow, pair.flow)
+    errors[~pair.valid] = np.nan
+    assert row["ause"] == ause(errors, confidence) > 0
+    assert row["confidence_spearman"] == confidence_correlation(errors, confidence)
+    assert row["error_at_80"] == error_at(errors, confidence, 0.8)
+    assert row["oracle_at_50"] == error_at(errors, -errors, 0.5)
+    assert row["rejected_count"] == rejected.sum()
+    assert whole.rows["ause"].null_count() == 0
+
+
+@pytest.mark.parametrize("confidence", ["forward-backward", "model"])
+def test_engines_and_halves_make_the_same_rows(tmp_path, confidence):
+    one = run(tmp_path / "one", confidence=confidence)
+    run(tmp_path / "two", confidence=confidence, corruptions=FAST[:1], workers=2)
+    assert run(tmp_path / "two", confidence=confidence).rows.equals(one.rows)
+    device = ModelSpec("tests.runner.test_confidence:Sure", (("device", "cuda:0"),))
+    staged = run(tmp_path / "staged", device, confidence, engine="processes", workers=1, batch_size=2)
+    assert staged.rows.equals(one.rows)
+
+
+def test_without_a_confidence_the_rest_of_a_row_is_the_same(whole, tmp_path):
+    plain = run(tmp_path / "run", confidence=None)
+    columns = [name for name in plain.rows.columns if plain.rows[name].null_count() < plain.rows.height]
+    assert "ause" not in columns
+    assert plain.rows.select(columns).equals(whole.rows.select(columns))
+    with pytest.raises(RunError, match="confidence"):
+        run(tmp_path / "run")
+
+
+def test_the_flow_back_is_not_asked_for_where_the_frames_are_equal(tmp_path):
+    class Counting(Sure):
+        asked = 0
+
+        def predict(self, frame1, frame2):
+            Counting.asked += 1
+            return super().predict(frame1, frame2)
+
+    run(tmp_path / "run", Counting(), still=True, corruptions=["contrast", "impulse_noise"], severities=[1], limit=1)
+    assert Counting.asked == 1 + 1 + 2, "clean and contrast leave the two frames equal"
+
+
+def test_a_confidence_of_another_size_or_nan_is_one_line(tmp_path):
+    for spoil, words in (("size", "has the shape"), ("nan", "NaN at 1 pixels")):
+        with pytest.raises(ModelError, match=words) as error:
+            run(tmp_path / spoil, Sure(spoil), "model", limit=1)
+        assert "\n" not in str(error.value)
+
+
+def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="no confidence of its own"):
+        run(tmp_path / "run", ModelSpec("dis"), "model")
+    with pytest.raises(UsageError, match="forward-backward"):
+        run(tmp_path / "run", ModelSpec("dis"), "forward")
+    (tmp_path / "flows" / "clean").mkdir(parents=True)
+    write_flow(tmp_path / "flows" / "clean" / "0.flo", np.zeros((4, 6, 2), np.float32))
+    with pytest.raises(UsageError, match="two frames"):
+        run(tmp_path / "run", tmp_path / "flows")
+
+
+def test_frames_without_truth_have_the_share_of_rejected_pixels_alone(clip_folder, tmp_path):
+    result = rf.evaluate(
+        Sure(),
+        "folder",
+        clip_folder,
+        tmp_path / "run",
+        corruptions=FAST,
+        severities=[1],
+        limit=1,
+        confidence="forward-backward",
+    )
+    assert result.rows["ause"].null_count() == result.rows.height
+    assert result.rows["rejected_count"].null_count() == 0
+
+
+def test_rows_travel_as_text_and_break_no_rule(whole):
+    assert rows_from_text(rows_to_text(whole.rows)).equals(whole.rows.sort(ROW_KEY))
+    assert [reason for reason, rows in broken_rules(whole.rows) if rows.height] == []
+    changed = whole.rows.with_columns(oracle_at_80=pl.col("error_at_80") + 0.1)
+    (reason,) = [reason for reason, rows in broken_rules(changed) if rows.height]
+    assert "better than the errors themselves" in reason
