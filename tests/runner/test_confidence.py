@@ -8,12 +8,16 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.audit.row_rules import broken_rules
+from robustflow.analysis.confidence import confidence_scores
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.metrics import ause, confidence_correlation, epe_map, error_at, forward_backward
 from robustflow.metrics.rows import ROW_KEY
 from robustflow.models import ModelSpec
 from robustflow.records.rows_text import rows_from_text, rows_to_text
+from robustflow.report.confidence_table import confidence_table
+from robustflow.report.figures.sparsification_curves import sparsification_curves
+from robustflow.report.site import render_site, run_content
 from robustflow.testing import TexturePairs
 
 TEXTURES = "tests.runner.test_confidence:Textures"
@@ -148,3 +152,27 @@ def test_rows_travel_as_text_and_break_no_rule(whole):
     changed = whole.rows.with_columns(oracle_at_80=pl.col("error_at_80") + 0.1)
     (reason,) = [reason for reason, rows in broken_rules(changed) if rows.height]
     assert "better than the errors themselves" in reason
+
+
+def test_scores_are_means_over_images_by_family_and_severity(whole):
+    scores = {(score.family, score.severity): score for score in confidence_scores(whole)}
+    assert list(scores)[:2] == [("clean", None), ("average", None)]
+    assert {("noise", None), ("noise", 1), ("noise", 4)} < set(scores)
+    rows = whole.rows.filter(corruption="impulse_noise", severity=4)
+    score = scores["noise", 4]
+    assert score.ause == pytest.approx(rows["ause"].mean(), rel=1e-12)
+    assert score.ause_normalised == pytest.approx((rows["ause"] * rows["n_valid"] / rows["epe_sum"]).mean(), rel=1e-12)
+    assert score.rejected == pytest.approx(100 * (rows["rejected_count"] / rows["n_all"]).mean(), rel=1e-12)
+    assert score.by_confidence[2] == pytest.approx(score.error_80)
+    assert score.by_error[0] == score.by_confidence[0] == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+
+
+def test_table_figure_and_page_show_the_confidence(whole):
+    table = confidence_table(whole)
+    assert [line.label for line in table.sections[0].lines] == ["Clean", "All corruptions", "Digital", "Noise"]
+    figure = sparsification_curves("Sure", confidence_scores(whole))
+    severities = {dict(mark.values)["severity"] for marks in figure.marks.values() for mark in marks}
+    assert severities == {"1", "4"}
+    page = render_site(run_content(whole))
+    assert 'id="confidence"' in page
+    assert "Does it know when it is wrong" in page

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,7 +10,9 @@ import polars as pl
 
 from ..corruptions.names import family_of
 from ..metrics.rows import CLEAN, COVERAGES
+from ..runs.family_means import grouped_by_family
 from ..runs.run import Run
+from .results import AVERAGE
 
 
 @dataclass(frozen=True)
@@ -17,7 +20,7 @@ class ConfidenceScore:
     """The confidence under one condition; means over images.
 
     Attributes:
-        family: of corruptions; "clean" for the clean frames, "average" for all corruptions.
+        family: of corruptions; "clean" for the clean frames, `results.AVERAGE` for all corruptions.
         severity: None for the mean over the severities.
         ause: area between the sparsification curve and the oracle's, px; None without ground truth.
         ause_normalised: the same with the error of each image divided by its mean; None if no image has an error.
@@ -41,8 +44,8 @@ class ConfidenceScore:
 
 
 def confidence_scores(run: Run) -> list[ConfidenceScore]:
-    """The confidence of a run on its clean frames, over all corruptions, for each family, and at each of its severities;
-    empty for a run without a confidence. Corruptions without a family are in the average alone."""
+    """The confidence of a run on its clean frames, over all corruptions, for each family, and at each of its
+    severities; empty for a run without a confidence. Corruptions without a family are in the average alone."""
     rows = run.rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
     return [_score(family, severity, part) for family, severity, part in _conditions(rows) if part.height]
 
@@ -50,10 +53,40 @@ def confidence_scores(run: Run) -> list[ConfidenceScore]:
 def _conditions(rows: pl.DataFrame) -> Iterator[tuple[str, int | None, pl.DataFrame]]:
     yield CLEAN, None, rows.filter(corruption=CLEAN)
     corrupted = rows.filter(pl.col("corruption") != CLEAN)
-    yield "average", None, corrupted
-    families = {name: family_of(name) for name in corrupted["corruption"].unique().sort()}
-    for family in dict.fromkeys(each for each in map(family_of, run_order(families)) if each):
-        part = corrupted.filter(pl.col("corruption").is_in([name for name, of in families.items() if of == family]))
+    yield AVERAGE, None, corrupted
+    for names in grouped_by_family({name: name for name in corrupted["corruption"].unique()}).values():
+        part = corrupted.filter(pl.col("corruption").is_in(names))
+        family = family_of(names[0]) or ""
         yield family, None, part
         for severity in part["severity"].unique().sort():
             yield family, severity, part.filter(severity=severity)
+
+
+def _score(family: str, severity: int | None, rows: pl.DataFrame) -> ConfidenceScore:
+    measured = rows.filter(pl.col("ause").is_not_null()).with_columns(epe=pl.col("epe_sum") / pl.col("n_valid"))
+    curves = (
+        [
+            tuple(_mean(measured[name]) or 0.0 for name in ("epe", *(f"{curve}_at_{share}" for share in COVERAGES)))
+            for curve in ("error", "oracle")
+        ]
+        if measured.height
+        else [(), ()]
+    )
+    wrong = measured.filter(pl.col("epe") > 0)
+    return ConfidenceScore(
+        family=family,
+        severity=severity,
+        ause=_mean(measured["ause"]),
+        ause_normalised=_mean(wrong["ause"] / wrong["epe"]),
+        error_80=_mean(measured["error_at_80"]),
+        error_50=_mean(measured["error_at_50"]),
+        spearman=_mean(measured["confidence_spearman"]),
+        rejected=_mean(100 * rows["rejected_count"] / rows["n_all"]),
+        by_confidence=curves[0],
+        by_error=curves[1],
+    )
+
+
+def _mean(values: pl.Series) -> float | None:
+    known = values.drop_nulls().drop_nans()
+    return math.fsum(known) / len(known) if len(known) else None

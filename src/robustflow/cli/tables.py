@@ -7,7 +7,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import typer
@@ -30,6 +30,7 @@ from ..errors import UsageError, unknown_name
 from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
 from ..report.attack_table import attack_table
+from ..report.confidence_table import confidence_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
@@ -61,6 +62,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     # Names and folders may contain what rich would read as markup.
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     attacked = attack_table(result) if metric == "all" else None
+    confidence = confidence_table(result) if metric == "all" else None
     if metric == "all" and (summary.corruptions or attacked is None):
         console.print(_overview(result, whose))
     elif metric != "all":
@@ -73,6 +75,8 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         console.print(f"{plain(phantom)}\n{PHANTOM}", highlight=False, soft_wrap=True)
     if attacked is not None:
         print(for_stdout(attacked))
+    if confidence is not None:
+        print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # severities are on the page
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)

@@ -55,11 +55,12 @@ ROW_KEY = ("sample", "corruption", "severity")
 COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
 """Shares of the pixels, in percent, of which rows have the error of the most confident and of the best."""
 
+_NUMBER: type[pl.DataType] = pl.Float64
 CONFIDENCE: dict[str, type[pl.DataType]] = {
-    "ause": pl.Float64,
-    "confidence_spearman": pl.Float64,
+    "ause": _NUMBER,
+    "confidence_spearman": _NUMBER,
     "rejected_count": pl.Int64,
-    **{f"{curve}_at_{share}": pl.Float64 for curve in ("error", "oracle") for share in COVERAGES},
+    **{f"{curve}_at_{share}": _NUMBER for curve in ("error", "oracle") for share in COVERAGES},
 }
 """The columns that only runs with a confidence fill."""
 
@@ -94,7 +95,6 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "attack_way_gone": pl.Float64,
     "attack_evaluations": pl.Int64,
     "attack_warnings": pl.String,
-    **CONFIDENCE,
 } | {
     f"{column}_{region}": dtype
     for region in REGIONS
@@ -106,6 +106,7 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
         ("fl_count", pl.Int64),
     )
 }
+ROW_SCHEMA |= CONFIDENCE
 """Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
 
 SIGNED = ("confidence_spearman",)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 
 from markupsafe import Markup
 
+from ...analysis.confidence import confidence_scores
 from ...analysis.displacements import displacements_of
 from ...analysis.model_result import ranked
 from ...analysis.published.tables import PAPER
@@ -21,6 +23,7 @@ from ..figures.displacement_histogram import MOST_LINES
 from ..figures.marks import MarkedFigure
 from ..figures.security_curves import security_figure
 from ..figures.severity_curves import scale_panels
+from ..figures.sparsification_curves import sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from .content import Content
 from .entries import default_order
@@ -35,6 +38,7 @@ _TITLES = {
     "severity_curves": "Severity curves",
     "displacement": "How far pixels move",
     "security_curves": "Security curves",
+    "sparsification": "Does it know when it is wrong",
 }
 _MOST_LINES = 200
 
@@ -143,6 +147,9 @@ def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str,
         fewer = len(runs) < len(of_frames)
         note = f"The {len(runs)} of {len(of_frames)} runs with the lowest error are drawn. " if fewer else ""
         yield "severity_curves", curves, note
+    for name in runs:
+        with suppress(UsageError):  # without a confidence, or without ground truth
+            yield "sparsification", sparsification_curves(plain(name), confidence_scores(of_frames[name])), ""
     moved = iter(displacements_of(list(of_frames.values())).items())
     while lines := dict(islice(moved, MOST_LINES)):
         yield "displacement", displacement_figure(lines), ""

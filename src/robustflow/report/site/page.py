@@ -16,6 +16,7 @@ from ...runs.run import Run
 from ...text import plain
 from ...version import VERSION
 from ..attack_table import attack_table, prediction_table
+from ..confidence_table import confidence_table
 from ..embed import json_block, templates
 from ..render.html import render as render_table
 from ..slider import Slider, slider_markup
@@ -56,6 +57,9 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             content=content,
             attacks=_attacks(runs),
             predictions=_predictions([line.run for line in runs if line.run]),
+            confidences=[
+                (line.name, table) for line in runs if line.run and (table := confidence_table(line.run)) is not None
+            ],
             sections=sections,
             primary=pages[0].id if content.of_one_run else "",
             examples=examples,

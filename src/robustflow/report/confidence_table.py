@@ -1,0 +1,46 @@
+"""What a model's confidence knows of its errors, as a table."""
+
+from __future__ import annotations
+
+from ..analysis.confidence import ConfidenceScore, confidence_scores
+from ..analysis.labels import FAMILY_LABELS
+from ..analysis.results import AVERAGE
+from ..metrics.rows import CLEAN
+from ..runs.run import Run
+from .table import Column, Line, Section, Table, TableCell, number_text
+
+_COLUMNS = (
+    "AUSE (px)",
+    "AUSE, normalised",
+    "error at 80 % (px)",
+    "error at 50 % (px)",
+    "Spearman",
+    "rejected (%)",
+)
+_REMARK = (
+    "AUSE: area between the sparsification curve and the oracle's; 0 if the least confident pixels are those with the "
+    "largest errors. Normalised: by the error of each image. Error at 80 %: of the 80 % of the pixels that are most "
+    "confident. Spearman: of confidence and error, -1 at best. Rejected: by the forward-backward check of Sundaram et "
+    "al. 2010."
+)
+_NAMES = {CLEAN: "Clean", AVERAGE: "All corruptions"} | FAMILY_LABELS
+
+
+def confidence_table(run: Run) -> Table | None:
+    """The confidence of a run under each family of corruptions, and at each severity; None for a run without one."""
+    scores = confidence_scores(run)
+    if not scores:
+        return None
+    whole = tuple(_line(score, _NAMES[score.family]) for score in scores if score.severity is None)
+    each = tuple(
+        _line(score, f"{_NAMES[score.family]} {score.severity}") for score in scores if score.severity is not None
+    )
+    sections = (Section("Means", whole), *((Section("By severity", each),) if each else ()))
+    title = f"Confidence ({run.manifest.identity.measuring.confidence})"
+    table = Table("confidence", title, tuple(map(Column, _COLUMNS)), sections, (_REMARK,), "Corruptions")
+    return table.without_empty_columns()
+
+
+def _line(score: ConfidenceScore, label: str) -> Line:
+    values = (score.ause, score.ause_normalised, score.error_80, score.error_50, score.spearman, score.rejected)
+    return Line(label, tuple(TableCell(number_text(value, None)) for value in values))
