@@ -9,6 +9,7 @@ from statistics import median_low
 
 import polars as pl
 
+from ..benchmarks.facts import is_still
 from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
 from ..runs.means import clean_flow_length
@@ -33,6 +34,8 @@ def exclusion_reasons(run: Run) -> list[str]:
     A model can change little under corruption because it ignores its frames: random weights, zero flow, a constant.
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
+    if is_still(run.benchmark):
+        return reasons  # zero flow is right, and a flow that ignores the frames no worse than another
     return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 
@@ -60,15 +63,13 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
-    """The reasons of `exclusion_reasons` that follow from the rows of a run (columns of `ROW_SCHEMA`); none of them is
-    about still scenes.
+    """The reasons of `exclusion_reasons` that follow from the rows of a run over moving scenes (columns of
+    `ROW_SCHEMA`).
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> reasons_from_rows(rows_frame([]))
     []
     """
-    if zero_flow_epe(rows) == 0:
-        return []  # nothing moves: zero flow is right, and a flow that ignores the frames no worse than another
     reasons = []
     if (missed := missed_motion(rows)) is not None:
         epe, still = missed
