@@ -42,7 +42,7 @@ from .error_maps import flow_array
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
-ROW_SCHEMA_VERSION = 5
+ROW_SCHEMA_VERSION = 6
 """Incremented when a column is added, dropped, or changes its meaning; part of a run's identity. Rows of other versions
 are not read."""
 
