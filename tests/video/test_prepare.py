@@ -121,7 +121,7 @@ def test_workers_do_not_matter(tmp_path):
     assert contents(tmp_path / "out1") == contents(tmp_path / "out2")
 
 
-def test_other_settings_are_another_folder(tmp_path):
+def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 70))
     prepare_clip(source, tmp_path / "out", PLAIN)
     with pytest.raises(DataError, match="other settings"):
@@ -130,6 +130,9 @@ def test_other_settings_are_another_folder(tmp_path):
     other = PictureFolder(clips.folder(tmp_path / "other", 70))
     with pytest.raises(DataError, match="other prepared clips"):
         prepare_folder([other], tmp_path / "folder", PLAIN)
+    (tmp_path / "folder" / "gopro_fc.json").write_text("{}")
+    with pytest.raises(DataError, match=r"gopro_fc\.json is damaged; delete .*folder, and the same command prepares"):
+        prepare_folder([source], tmp_path / "folder", PLAIN)
 
 
 @pytest.mark.parametrize(("step", "count"), [(32, 161), (96, 500), (16, 100), (5, 60)])

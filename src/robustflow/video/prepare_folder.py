@@ -146,7 +146,9 @@ def _claim(output: Path, manifest: FolderManifest) -> None:
             on_disk = FolderManifest.model_validate_json(unsealed(path.read_bytes()) or b"")
         except ValueError:
             on_disk = None
-        if on_disk is None or on_disk.clips != manifest.clips:
+        if on_disk is None:
+            raise DataError(f"{path} is damaged; delete {output}, and the same command prepares its clips again")
+        if on_disk.clips != manifest.clips:
             raise DataError(f"{output} holds other prepared clips; choose another --output")
     write_json(path, sealed(manifest.model_dump()))
 
