@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import RunError, UsageError
-from robustflow.metrics.summary import METRICS
+from robustflow.metrics.summary import METRICS, has_gaps
 from robustflow.runs.aggregate import summarize
 from tests.made_rows import rows_frame
 
@@ -113,6 +113,8 @@ def test_cre_is_over_the_same_pixels_and_coverage_is_listed():
     summary = summarize(rows_frame([clean, fog | {"width": 10}]))
     assert (summary.epe_clean, summary.epe, summary.cre) == (7.0, 2.0, 1.0)
     assert (summary.clean.coverage, summary.coverage, summary.table("coverage")["1"].item()) == (1.0, 0.4, 0.4)
+    assert has_gaps(summary)
+    assert not has_gaps(summarize(rows_frame([clean])))
 
 
 def test_order_is_the_papers_then_by_name():
