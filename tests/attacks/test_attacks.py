@@ -15,7 +15,7 @@ from robustflow.attacks import Attack, load_attack
 from robustflow.attacks.ball import MOVED, NORMS, Ball
 from robustflow.attacks.images import frames_of, images_of
 from robustflow.attacks.loss import LOSSES, Loss
-from robustflow.attacks.registry import SHIPPED, norm_of
+from robustflow.attacks.registry import SHIPPED
 from robustflow.attacks.result import norms_of
 from robustflow.errors import DataError, ModelError, UsageError
 from robustflow.random.rng import Rng
@@ -35,7 +35,7 @@ ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patc
 """Options with which an attack is quick."""
 
 
-def _attacked(name: str, model=None, severity: int = 4, seed: int = 0, **options):
+def attacked_pair(name: str, model=None, severity: int = 4, seed: int = 0, **options):
     pair = random_pair()
     truth = np.zeros((8, 10, 2), np.float32)
     options = {**FEW.get(name, {}), **options}
@@ -106,7 +106,7 @@ def test_no_attack_exceeds_any_budget_in_8_bits(name, norm, moved, budget, seed)
 
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd", "worst_of"])
 def test_on_a_linear_model_a_larger_budget_never_lowers_the_loss(name):
-    losses = [_attacked(name, linear_model(), severity)[1].loss for severity in range(1, 6)]
+    losses = [attacked_pair(name, linear_model(), severity)[1].loss for severity in range(1, 6)]
 
     assert losses == sorted(losses)
     assert losses[0] < losses[-1]
@@ -115,7 +115,7 @@ def test_on_a_linear_model_a_larger_budget_never_lowers_the_loss(name):
 @pytest.mark.parametrize("severity", [1, 3, 5])
 @pytest.mark.parametrize("name", ON_SMALL_PAIRS)
 def test_every_attack_stays_inside_its_budget(name, severity):
-    clean, attacked = _attacked(name, severity=severity)
+    clean, attacked = attacked_pair(name, severity=severity)
 
     norms = dict(zip(("linf", "rms"), norms_of(attacked.frames, clean), strict=False))
     assert 0 < norms[attacked.norm] <= attacked.budget == load_attack(name).budget(severity)
@@ -124,7 +124,7 @@ def test_every_attack_stays_inside_its_budget(name, severity):
 
 @pytest.mark.parametrize("name", ON_SMALL_PAIRS)
 def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
-    first, again, other = (_attacked(name, seed=seed)[1].frames for seed in (1, 1, 2))
+    first, again, other = (attacked_pair(name, seed=seed)[1].frames for seed in (1, 1, 2))
 
     assert np.array_equal(first, again)
     drawn = name not in ("fgsm", "bim", "pcfa", "apgd", "worst_of")  # apgd reaches the same corner from both starts
@@ -134,7 +134,7 @@ def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
 def test_sign_attacks_on_a_linear_model_reach_the_optimum(name):
     model, clean, budget = linear_model(), random_pair(), 4
-    _, attacked = _attacked(name, model, severity=3, **({"steps": 20} if name in ("bim", "pgd") else {}))
+    _, attacked = attacked_pair(name, model, severity=3, **({"steps": 20} if name in ("bim", "pgd") else {}))
 
     levels = np.stack(clean).astype(int).transpose(0, 3, 1, 2)
     best = np.clip(levels + budget * np.sign(model.weights).astype(int), 0, 255)  # u is positive and away from 0
@@ -156,14 +156,14 @@ def test_attacks_under_rms_on_a_linear_model_reach_the_optimum_of_the_sphere(nam
 
 @pytest.mark.parametrize("name", ["pgd", "cospgd", "apgd"])
 def test_more_starts_never_lower_the_loss(name):
-    losses = [_attacked(name, starts=starts)[1].float_loss for starts in (1, 2, 4)]
+    losses = [attacked_pair(name, starts=starts)[1].float_loss for starts in (1, 2, 4)]
 
     assert losses == sorted(losses)
 
 
 @pytest.mark.parametrize("name", ["bim", "pgd", "apgd", "square"])
 def test_the_best_pair_that_was_seen_is_kept(name):
-    _, attacked = _attacked(name)
+    _, attacked = attacked_pair(name)
 
     found = attacked.loss if attacked.float_loss is None else attacked.float_loss
     assert found == pytest.approx(max(attacked.trace), rel=1e-6)
@@ -171,15 +171,15 @@ def test_the_best_pair_that_was_seen_is_kept(name):
 
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "cospgd", "apgd", "square"])
 def test_attacks_beat_random_noise_of_the_same_norm(name):
-    noise = _attacked("random_sign")[1].loss
+    noise = attacked_pair("random_sign")[1].loss
 
-    assert _attacked(name, **({"queries": 300} if name == "square" else {}))[1].loss > noise
+    assert attacked_pair(name, **({"queries": 300} if name == "square" else {}))[1].loss > noise
 
 
 @pytest.mark.parametrize(("target", "steps"), [("zero", 5), ("negative", 20)])
 def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps):
-    _, attacked = _attacked("pcfa", target=target, steps=steps)
-    _, noise = _attacked("random_gauss", target=target)
+    _, attacked = attacked_pair("pcfa", target=target, steps=steps)
+    _, noise = attacked_pair("random_gauss", target=target)
 
     assert attacked.clean_loss - attacked.loss > 10 * abs(attacked.clean_loss - noise.loss)
     goal = 0 if target == "zero" else -attacked.clean_flow
@@ -188,7 +188,7 @@ def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps
 
 
 def test_attacks_count_what_they_ask_for():
-    costs = {name: _attacked(name)[1] for name in ON_SMALL_PAIRS}
+    costs = {name: attacked_pair(name)[1] for name in ON_SMALL_PAIRS}
 
     assert {name: (one.evaluations, one.gradients) for name, one in costs.items()} == {
         "random_sign": (0, 0),
@@ -269,7 +269,7 @@ def test_a_model_that_hides_its_gradient_is_noticed():
     def hidden(images1, images2):
         return 3 * (images1 + images2).round()[:, :2] + 0 * images1[:, :2]
 
-    _, attacked = _attacked("pgd", Given(hidden))
+    _, attacked = attacked_pair("pgd", Given(hidden))
 
     assert "gradient_zero" in attacked.warnings
 
@@ -278,7 +278,7 @@ def test_a_gradient_that_is_nan_is_noticed():
     def root(images1, images2):
         return torch.sqrt(images1 * 0)[:, :2] + images2[:, :2]
 
-    _, attacked = _attacked("pgd", Given(root))
+    _, attacked = attacked_pair("pgd", Given(root))
 
     assert "gradient_not_finite" in attacked.warnings
 
@@ -317,82 +317,6 @@ def test_the_differentiable_flow_of_a_model_is_its_prediction(name):
     assert images.grad[1].any()
     assert images.grad[:, :, :, -1].any()
     assert images.grad[:, :, -1].any()
-
-
-@pytest.mark.parametrize("name", ["fgsm", "pgd", "apgd", "pcfa"])
-def test_a_transfer_to_the_model_it_is_made_on_gives_the_frames_of_the_attack(name):
-    options = FEW.get(name, {})
-    _, alone = _attacked(name, norm="rms")
-    transfer = load_attack("transfer", on=smooth_model(), attack=name, norm="rms", **options)
-    transferred = rf.attack(*random_pair(), smooth_model(), transfer, 4, flow=np.zeros((8, 10, 2), np.float32))
-
-    assert np.array_equal(alone.frames, transferred.frames)
-    assert transferred.loss == pytest.approx(alone.loss)
-
-
-def test_a_transfer_without_truth_moves_away_from_the_other_models_flow():
-    pair, other = random_pair(), smooth_model()
-    own = linear_model()
-
-    frames = [rf.attack(*pair, model, "transfer", 4, on=other, attack="bim").frames for model in (own, other)]
-
-    assert np.array_equal(*frames)  # what is attacked decides nothing
-
-
-def test_a_transfer_fits_a_model_without_gradients():
-    frame = random_pair(40, 48)
-    attacked = rf.attack(*frame, "dis", "transfer:tiny:attack=fgsm", 3)
-
-    assert attacked.linf == 4
-    assert attacked.moved > 0
-
-
-@settings(max_examples=8, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 5), st.booleans())
-def test_the_worst_of_attacks_is_never_better_for_the_model_than_one_of_them(seed, severity, with_truth):
-    pair, model = random_pair(seed=seed), smooth_model()
-    options = {"seed": seed, "flow": np.zeros((8, 10, 2), np.float32) if with_truth else None}
-    parts = {"random_sign": {}, "fgsm": {}, "pgd": {"steps": 3}, "square": {"queries": 10}}
-
-    worst = rf.attack(*pair, model, "worst_of:random_sign+fgsm+pgd+square:steps=3:queries=10", severity, **options)
-    each = [rf.attack(*pair, model, name, severity, **options, **mine) for name, mine in parts.items()]
-
-    assert worst.loss == max(one.loss for one in each)
-    assert worst.evaluations == sum(one.evaluations for one in each) + len(each)
-
-
-@pytest.mark.parametrize(
-    ("given", "label"),
-    [
-        ("pgd:steps=20", "pgd"),
-        ("pgd:loss=cosine:steps=40", "pgd:loss=cosine:steps=40"),
-        ("pcfa:target=negative", "pcfa:target=negative"),
-        ("transfer:ptlflow:raft:checkpoint=things", "transfer:ptlflow:raft:checkpoint=things"),
-        ("transfer:raft:steps=40:attack=pgd", "transfer:raft:attack=pgd:steps=40"),
-        ("transfer", "transfer:tiny"),
-        ("worst_of", "worst_of:apgd+square"),
-        ("worst_of:square+apgd:steps=3:queries=7", "worst_of:square+apgd:queries=7:steps=3"),
-        ("worst_of:square+transfer:attack=pgd:steps=4", "worst_of:square+transfer:attack=pgd:steps=4"),
-        ("worst_of:pcfa+apgd:norm=rms:target=zero", "worst_of:pcfa+apgd:target=zero:norm=rms"),
-    ],
-)
-def test_the_name_of_an_attack_in_a_run_has_its_options_and_gives_it_again(given, label):
-    attack = load_attack(given)
-
-    assert attack.label == label
-    assert load_attack(label) == attack
-    assert norm_of(label) == attack.norm
-
-
-def test_a_variant_reaches_the_attacks_inside_others_unless_they_have_one():
-    names = ("pgd", "apgd", "transfer:tiny:attack=pgd", "worst_of:apgd+pgd", "pcfa:variant=original")
-    transfer, worst = (load_attack(name).with_variant("flowbench") for name in names[2:4])
-
-    assert [load_attack(name).with_variant("flowbench").variant for name in names] == [
-        *("flowbench", "default", "flowbench", "default", "original")
-    ]
-    assert transfer.attack.variant == "flowbench"
-    assert [part.variant for part in worst.parts] == ["default", "flowbench"]
 
 
 def test_a_model_without_gradients_gets_one_sentence_and_square():
@@ -442,7 +366,7 @@ def test_a_flow_outside_the_graph_is_refused():
     detached = Given(lambda images1, images2: images1[:, :2].detach())
 
     with pytest.raises(ModelError, match="without a gradient"):
-        _attacked("pgd", detached)
+        attacked_pair("pgd", detached)
 
 
 def test_the_room_and_square_need_no_torch():
