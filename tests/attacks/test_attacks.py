@@ -19,6 +19,7 @@ from robustflow.attacks.registry import SHIPPED
 from robustflow.attacks.result import norms_of
 from robustflow.errors import DataError, ModelError, UsageError
 from robustflow.random.rng import Rng
+from robustflow.testing import TexturePairs
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
@@ -426,3 +427,16 @@ def test_square_on_a_classical_method_beats_random_noise_on_a_real_pair(shared, 
     assert attacked.loss > noise.loss
     assert attacked.loss > attacked.clean_loss
     assert attacked.linf == noise.linf == 8
+
+
+def test_pcfa_gives_the_same_frames_on_any_number_of_threads():
+    model, sample = rf.load_model("tiny", device="cpu"), TexturePairs(2, (40, 48)).load("1")
+    before, frames = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            frames.append(rf.attack(*sample.frames, model, "pcfa", flow=sample.flow, key="1", steps=1).frames)
+    finally:
+        torch.set_num_threads(before)
+
+    assert np.array_equal(*frames)

@@ -61,6 +61,10 @@ class Pcfa(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`; nothing is random."""
+        with problem.reproducible():  # sums of LBFGS depend on the number of threads
+            return self._run(problem)
+
+    def _run(self, problem: Problem) -> Images:
         search = _Search(self, problem)
         if self.box == "change" and saturated(problem.ball.clean) > _SATURATED:
             problem.troubles.add("saturated")

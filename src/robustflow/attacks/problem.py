@@ -122,7 +122,7 @@ class Problem:
         there = _as_flow(flow)
         loss, slopes = self.loss.slope(there)
         above = torch.from_numpy(np.ascontiguousarray(slopes.transpose(2, 0, 1)))[None].to(flow)
-        with self._reproducible():
+        with self.reproducible():
             (pulled,) = torch.autograd.grad(flow, tensor, above)
         gradient: Images = pulled.cpu().numpy()
         if not np.isfinite(gradient).all():
@@ -138,7 +138,7 @@ class Problem:
 
         assert isinstance(self.model, Differentiable)
         tensor = torch.from_numpy(images.copy()).requires_grad_(gradient)
-        with self._reproducible(), torch.set_grad_enabled(gradient):
+        with self.reproducible(), torch.set_grad_enabled(gradient):
             flow = self.model.differentiable(tensor[:1], tensor[1:])
         expected = (1, 2, *images.shape[2:])
         if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
@@ -149,7 +149,8 @@ class Problem:
             )
         return flow, tensor
 
-    def _reproducible(self) -> Any:
+    def reproducible(self) -> Any:
+        """A context in which PyTorch gives the same numbers again, whatever the number of threads outside."""
         from ..models.torch.reproducible import reproducible
 
         return reproducible(getattr(self.model, "threads", 1))
