@@ -104,12 +104,15 @@ class _Rows:
     seed: int | None
 
     def compare(self, reader: "Reader", model: "ModelSpec | None" = None) -> str:
-        """Compare them with recomputed frames, and with predictions if a model is given."""
+        """Compare them with recomputed frames, and with predictions if a model is given; not those of attacks, whose
+        frames follow from the model."""
+        import polars as pl
+
         from ..runner.recheck import recheck
 
         return recheck(
             reader.plan.identity,
-            reader.frame,
+            reader.frame.filter(~pl.col("corruption").is_in(list(reader.attacks))),
             self.data,
             model=model,
             options=self.options,

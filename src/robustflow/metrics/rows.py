@@ -20,7 +20,8 @@ prediction are finite (all of them, for a sound model).
   error summed over the pixels of `n_valid`, each counted up to the frame's diagonal; `attack_median` = the median error
   over them, pixels; `attack_way_gone` = share of the way from the clean flow to the target, null without a target;
   `attack_evaluations` = flows that the attack asked for; `attack_warnings` = what makes it doubtful
-  (`robustflow.attacks.result.WARNINGS`), joined by commas. All seven are null but in rows of attacks.
+  (`robustflow.attacks.result.WARNINGS`), joined by commas, null if nothing does. All seven are null but in attacks'
+  rows.
 - `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = what the confidence knows of the error over the pixels of
   `n_valid` (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean
   error in pixels of the most confident, or the best, 90, 80, ... 10 %. `rejected_count` = pixels of `n_all` that the

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ..attacks.registry import CONTROLS
 from ..benchmarks import benchmark_facts
 from ..corruptions.registry import CORRUPTIONS
 from ..corruptions.stack import levels_of, split_stack
@@ -14,6 +15,7 @@ from ..errors import UsageError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..models.provenance import Training, parse_training_sets, training_of
 from ..runs.manifest import Manifest
+from ..runs.plan import planned_attacks
 from ..runs.provenance import Provenance
 from ..severity import SEVERITIES
 from ..text import plain
@@ -29,12 +31,12 @@ if TYPE_CHECKING:
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Raise for unknown corruptions, and for unplanned or missing rows; returns a sentence if there are none."""
     plan = reader.plan
-    problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan)]
+    problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan), *_attack_problems(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
         problems.append(f"severities {list(plan.selection.severities)}: they are 1 to 5")
     if problems:
         return problems, ""
-    planned, present = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
+    planned, present = {*run.planned(), *planned_attacks(plan)}, set(reader.frame.select(ROW_KEY).iter_rows())
     extra, missing = present - planned, planned - present
     if extra:
         sample, corruption, severity = min(extra)
@@ -114,6 +116,17 @@ def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
     if len(set(names)) != len(names):
         out.append("a corruption is selected twice")
     return out
+
+
+def _attack_problems(plan: Manifest) -> list[str]:
+    """Check that attacks are selected once each, together with the noise that they are judged beside. Unknown ones are
+    refused with the manifest."""
+    attacks = plan.selection.attacks
+    if len(set(attacks)) != len(attacks):
+        return ["an attack is selected twice"]
+    if attacks and not set(CONTROLS) <= set(attacks):
+        return [f"attacks without {' and '.join(CONTROLS)}, which every run with attacks has"]
+    return []
 
 
 def _left_out(plan: Manifest) -> list[str]:

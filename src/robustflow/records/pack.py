@@ -6,9 +6,12 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import polars as pl
+
 from ..atomic import json_bytes, write_bytes
 from ..errors import DataError, RunError, UsageError
 from ..runs.costs import PROFILE, read_cost
+from ..runs.plan import planned_attacks
 from ..sealed import sealed
 from .container import container_bytes, read_file
 from .contents import FORMAT, VERSION, PackedEntry, Record, parsed, shareable_manifest
@@ -86,15 +89,18 @@ def record_bytes(
     keep_paths: bool = False,
 ) -> bytes:
     """The file that `pack` writes."""
+    manifest = shareable_manifest(run.manifest, keep_paths)
+    attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.selection.attacks))
     missing = sum(len(units.samples) for units in run.summary.missing)
+    missing += len(list(planned_attacks(manifest))) - attacked.height
     if missing and not partial:
         raise RunError(
             f"{run.path} is not finished: {missing} rows are missing; run the same command again to continue, or "
             "pack it as it is with --partial"
         )
     entries = {
-        "manifest.json": json_bytes(shareable_manifest(run.manifest, keep_paths).record()),
-        "rows.csv": rows_to_text(run.rows),
+        "manifest.json": json_bytes(manifest.record()),
+        "rows.csv": rows_to_text(pl.concat([run.rows, attacked])),
         "summary.json": json_bytes(run.document()),
     }
     cost = read_cost(run)

@@ -59,6 +59,12 @@ class Reader:
         self.name = name
         self.sha256 = hashlib.sha256(data).hexdigest()
 
+    @property
+    def attacks(self) -> tuple[str, ...]:
+        """The attacks of the run; none before `manifest`."""
+        plan = getattr(self, "plan", None)
+        return () if plan is None else plan.selection.attacks
+
     def container(self) -> str:
         """The file is a zip with the entries of a record, uncompressed, and nothing else."""
         self.entries = read_container(self._data, self.name)
@@ -123,7 +129,8 @@ class Reader:
         selection = self.plan.selection
         if not (self.plan.samples and selection.corruptions and selection.severities):
             raise DataError("manifest.json: samples, corruptions and severities have to have at least 1 entry each")
-        planned = len(self.plan.samples) * (1 + len(selection.corruptions) * len(selection.severities))
+        conditions = len(selection.corruptions) + len(selection.attacks)
+        planned = len(self.plan.samples) * (1 + conditions * len(selection.severities))
         if planned > MOST_ROWS:
             raise DataError(f"manifest.json: {planned} rows are planned; a record holds at most {MOST_ROWS}")
 
@@ -152,7 +159,7 @@ class Reader:
         for column, kind in ROW_SCHEMA.items():
             if kind is pl.Int64 and not frame[column].drop_nulls().is_between(0, _LARGEST_INT).all():
                 raise DataError(f"rows.csv: a '{column}' below 0 or too large to be a count")
-            lowest = -1.0 if column in SIGNED else 0.0
+            lowest = -_LARGEST_SUM if column == "attack_way_gone" else -1.0 if column in SIGNED else 0.0
             if kind is pl.Float64 and not frame[column].drop_nulls().is_between(lowest, _LARGEST_SUM).all():
                 raise DataError(f"rows.csv: a '{column}' that is negative, not finite, or too large")
         self.frame = frame

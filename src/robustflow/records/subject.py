@@ -77,12 +77,14 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
     )
 
 
-def unproven(frames_compared: bool, predictions_compared: bool) -> list[str]:
+def unproven(frames_compared: bool, predictions_compared: bool, attacked: bool) -> list[str]:
     """What remains unproven, in sentences; each names what would prove it."""
     out = []
     if not frames_compared:
         out.append("that the rows were measured on these data: --data FOLDER recomputes the frames of some rows")
     if not predictions_compared:
         out.append("that this model made the predictions: --data FOLDER --model NAME predicts some rows again")
+    if attacked:
+        out.append("that the attacks were made on this model: no check repeats them, run them again")
     out.append("what the model was trained on, if that is declared and not known from a checkpoint's hash")
     return out

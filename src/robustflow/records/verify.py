@@ -144,7 +144,7 @@ def verify_read(
         facts=getattr(reader, "facts", None),
         checks=_checks(outcomes, later),
         subject=subject,
-        unproven=tuple(unproven("frames" in later, "predictions" in later)),
+        unproven=tuple(unproven("frames" in later, "predictions" in later, bool(reader.attacks))),
     )
 
 

@@ -128,5 +128,5 @@ def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
         "attack_median": median,
         "attack_way_gone": attacked.way_gone,
         "attack_evaluations": attacked.evaluations,
-        "attack_warnings": ",".join(attacked.warnings),
+        "attack_warnings": ",".join(attacked.warnings) or None,
     }

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, JsonValue, ValidationError
 
+from ..attacks.registry import SHIPPED, split_name
 from ..errors import RunError, first_misfit
 from ..links import not_a_link
 from ..metrics.rows import ROW_SCHEMA_VERSION
@@ -100,12 +101,13 @@ class Manifest(Untrusted):
         return {**written, "schema": MANIFEST_SCHEMA}
 
     def shareable(self) -> Manifest:
-        """The manifest for a record: without attacks, the command line, the machines of a cluster, and all but the kind
-        of machine."""
+        """The manifest for a record: without the user's own attacks, the command line, the machines of a cluster, and
+        all but the kind of machine."""
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})
-        selection = self.selection.model_copy(update={"attacks": ()})
+        known = tuple(name for name in self.selection.attacks if split_name(name)[0] in SHIPPED)
+        selection = self.selection.model_copy(update={"attacks": known})
         return self.model_copy(update={"environment": environment, "places": {}, "selection": selection})
 
     def without(self, keys: Collection[str]) -> Manifest:

@@ -6,17 +6,23 @@ lengths are compared up to a relative rounding error of 1e-9.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from functools import reduce
 from operator import add, or_
 
 import polars as pl
 
+from ...attacks.ball import GREY_LEVELS
+from ...attacks.registry import norm_of
+from ...attacks.result import WARNINGS
 from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
 from ...metrics.rows import CLEAN, COVERAGES, ROW_SCHEMA, SIGNED
+from ...severity import SEVERITIES
 
 _CLOSE = 1e-9
-_SUMS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Float64 and name not in SIGNED)
+_OF_ATTACKS = tuple(name for name in ROW_SCHEMA if name.startswith("attack_"))
+_MAY_FALL = (*SIGNED, "attack_way_gone")
+_SUMS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Float64 and name not in _MAY_FALL)
 _COUNTS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Int64)
 _OUTLIERS = ("fl_count", "px1_count", "px3_count", "px5_count")
 _TRUTH = ("n_valid", "epe_sum", "rcre_sum", "magnitude_sum", *_OUTLIERS, "wauc_sum")
@@ -27,20 +33,64 @@ _BEFORE = "_clean"
 _Expr = pl.Expr
 
 
-def broken_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
+def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[tuple[str, pl.DataFrame]]:
     """For each rule, what is wrong with the rows that break it, and those rows (columns of `ROW_SCHEMA` and others).
 
     Args:
         rows: of one run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        attacks: the names of its attacks.
     """
+    rows = rows.with_columns(_attack=pl.col("corruption").is_in(list(attacks)))
     clean = rows.filter(corruption=CLEAN).unique("sample")
     both = rows.join(clean.select("sample", pl.exclude("sample").name.suffix(_BEFORE)), on="sample", how="left")
     for reason, condition in RULES.items():
         yield reason, both.filter(condition.fill_null(False))
 
 
+def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
+    """Like `broken_rules`, for what only rows of attacks have.
+
+    Args:
+        rows: of one run's attacks (`Run.attack_rows`).
+    """
+    attacks = rows.filter(pl.col("corruption") != CLEAN)
+    cells = list(attacks.select("corruption", "severity").unique().iter_rows())
+    linf, rms = (
+        {
+            (name, severity): GREY_LEVELS[norm][severity - 1]
+            for name, severity in cells
+            if norm_of(name) == norm and severity in SEVERITIES
+        }
+        for norm in ("linf", "rms")
+    )
+    known = {"", *WARNINGS}
+    unknown = [text for text in attacks["attack_warnings"].drop_nulls().unique() if not {*text.split(",")} <= known]
+    of_truth = pl.col("n_valid").is_not_null() & (pl.col("n_valid") > 0)
+    rules = {
+        "numbers of the attack are missing": pl.any_horizontal(
+            pl.col("attack_linf", "attack_rms", "attack_evaluations").is_null()
+        )
+        | (of_truth & pl.any_horizontal(pl.col("attack_capped_sum", "attack_median").is_null())),
+        "the attack is beyond its budget": _any([*_beyond("attack_linf", linf), *_beyond("attack_rms", rms)]),
+        "the norms of the attack do not fit each other": _exceeds(pl.col("attack_rms"), pl.col("attack_linf"))
+        | (pl.col("attack_linf") > 255),
+        "its capped error is above the error": _exceeds(pl.col("attack_capped_sum"), pl.col("epe_sum")),
+        "it went beyond its target": pl.col("attack_way_gone") > 1 + _CLOSE,
+        "it carries a warning that there is not": pl.col("attack_warnings").is_in(unknown),
+    }
+    for reason, condition in rules.items():
+        yield reason, attacks.filter(condition.fill_null(False))
+
+
+def _beyond(column: str, budgets: Mapping[tuple[str, int], float]) -> list[_Expr]:
+    return [
+        (pl.col("corruption") == name) & (pl.col("severity") == severity) & (pl.col(column) > budget * (1 + _CLOSE))
+        for (name, severity), budget in budgets.items()
+    ]
+
+
 def _any(conditions: Iterator[_Expr] | list[_Expr]) -> _Expr:
-    return reduce(or_, (condition.fill_null(False) for condition in conditions))
+    return reduce(or_, (condition.fill_null(False) for condition in conditions), pl.lit(False))
 
 
 def _apart(first: _Expr, second: _Expr) -> _Expr:
@@ -87,6 +137,8 @@ _whole = pl.col("n_all") == _pixels
 _all_of = ("n", "epe_sum", "rcre_sum", "fl_count")
 
 RULES: dict[str, _Expr] = {
+    "it has numbers of an attack and is none": ~pl.col("_attack")
+    & _any([pl.col(name).is_not_null() for name in _OF_ATTACKS]),
     "its clean error is not that of the sample's clean row": _any(
         [
             (pl.col(f"n_{part}") == pl.col(f"n_{part}{_BEFORE}"))

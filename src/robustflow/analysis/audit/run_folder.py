@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from ...errors import RunError
+from ...metrics.rows import CLEAN
 from ...metrics.summary import SUMMARY_VERSION
 from .findings import Audit, Finding, merged_audit
-from .row_rules import RULES, broken_rules
+from .row_rules import RULES, broken_attack_rules, broken_rules
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -36,7 +37,7 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
     Raises:
         RunError: a folder without a readable summary.
     """
-    return merged_audit(audited or str(run.path), [_summary(run), _rows(run.rows)])
+    return merged_audit(audited or str(run.path), [_summary(run), _rows(run)])
 
 
 def _summary(run: Run) -> tuple[str, int, list[Finding]]:
@@ -118,9 +119,14 @@ def _shown(value: Any) -> str:
     return f"{value:.6g}" if _number(value) is not None else str(value)[:80]
 
 
-def _rows(rows: pl.DataFrame) -> tuple[str, int, list[Finding]]:
+def _rows(run: Run) -> tuple[str, int, list[Finding]]:
     findings = []
-    for reason, broken in broken_rules(rows):
+    rows, broken_rows = run.rows, [broken_rules(run.rows)]
+    if run.attacks:
+        attacked = run.attack_rows
+        rows = pl.concat([rows, attacked.filter(pl.col("corruption") != CLEAN)])
+        broken_rows = [broken_rules(rows, run.attacks), broken_attack_rules(attacked)]
+    for reason, broken in chain.from_iterable(broken_rows):
         for row in broken.iter_rows(named=True):
             where = f"sample '{row['sample']}', {row['corruption']} severity {row['severity']}"
             message = f"rows: {where}: {reason}"
