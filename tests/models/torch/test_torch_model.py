@@ -286,3 +286,29 @@ def test_a_frame_too_small_for_upflow_says_so():
 def test_the_smallest_frames_still_give_a_flow():
     model = network("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
     assert np.isfinite(model.predict(*frames(2, 16, 12))).all()
+
+
+def precisions():
+    """How float32 is multiplied and convolved, by backend."""
+    backends = torch.backends
+    places = (backends.cuda.matmul, backends.mkldnn.matmul, backends.cudnn.conv, backends.cudnn.rnn)
+    return [place.fp32_precision for place in places]
+
+
+@pytest.mark.skipif(not hasattr(torch.backends.cuda.matmul, "fp32_precision"), reason="needs PyTorch 2.9")
+@pytest.mark.parametrize("owner", ["cuda.matmul", "cudnn.conv", ""])
+def test_tf32_that_a_script_allowed_per_backend_is_off_in_a_prediction_and_back_after_it(owner):
+    place = torch.backends
+    for name in filter(None, owner.split(".")):
+        place = getattr(place, name)
+    during = []
+    model, net = spy()
+    net.register_forward_hook(lambda *_: during.extend(precisions()))
+    before, place.fp32_precision = place.fp32_precision, "tf32"
+    try:
+        allowed = precisions()
+        assert "tf32" in allowed
+        model.predict(*frames(2, 16, 12))
+        assert (during, precisions()) == (["ieee"] * 4, allowed)
+    finally:
+        place.fp32_precision = before
