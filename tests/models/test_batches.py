@@ -9,6 +9,8 @@ import pytest
 pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
+from torch._subclasses.fake_tensor import FakeTensorMode
+from torch.func import functional_call
 
 from robustflow import load_model
 from robustflow.models.construct import parameters_of
@@ -86,6 +88,17 @@ def test_pairs_of_flowformer_pp_do_not_see_each_other_in_training():
     for flow, other in zip(together, exchanged, strict=True):
         assert torch.equal(flow[0], other[0])
         assert not torch.equal(flow[1], other[1])
+
+
+@pytest.mark.parametrize("name", [*(name for name in NETWORKS if name not in LARGE), "tiny"])
+def test_a_network_makes_no_tensor_on_another_device_than_its_images(name):
+    """Tensors with a GPU's device and no values: PyTorch refuses to mix them with the processor's."""
+    net = network(name).net
+    with FakeTensorMode(allow_non_fake_inputs=True), torch.backends.cudnn.flags(enabled=False), torch.no_grad():
+        state = {**dict(net.named_parameters()), **dict(net.named_buffers())}
+        state = {key: torch.empty(value.shape, dtype=value.dtype, device="cuda") for key, value in state.items()}
+        flow = functional_call(net, state, tuple(torch.empty(2, 2, 3, 128, 192, device="cuda")))
+    assert (flow.device.type, tuple(flow.shape)) == ("cuda", (2, 2, 128, 192))
 
 
 def test_every_registered_network_is_compared():

@@ -40,3 +40,5 @@ def test_the_adapter_stretches_as_the_original_is_evaluated(pack, case):
     model = NetworkModel("arflow", pack.fill(ARFlow()), convention, {}, execution=Execution("cpu"))
     flow = torch.from_numpy(model.predict(*frames)).permute(2, 0, 1)[None]
     pack.check_flow(f"{case} flow through the adapter", flow, expected["flow"])
+    batched = model.run(frames, frames[::-1])[0].transpose(2, 0, 1)[None]
+    pack.check_flow(f"{case} flow beside the reverse", batched, expected["flow"])

@@ -38,9 +38,7 @@ def test_the_model_loads_the_authors_layout_and_pads(pack, case, tmp_path):
     state["module.census.kernel"] = torch.zeros(49, 1, 7, 7)
     torch.save(state, tmp_path / "brightflow.pt")
     model = load_model("brightflow", checkpoint=tmp_path / "brightflow.pt", device="cpu")
-    flow = model.predict(*(pack.frame(f"{case}_im{i}") for i in (1, 2)))
-    pack.check_flow(
-        f"{case} flow through the adapter",
-        torch.from_numpy(flow).permute(2, 0, 1)[None],
-        pack.expected(case)["flow"],
-    )
+    frames = [pack.frame(f"{case}_im{i}") for i in (1, 2)]
+    flows = {"through the adapter": model.predict(*frames), "beside the reverse": model.run(frames, frames[::-1])[0]}
+    for how, flow in flows.items():
+        pack.check_flow(f"{case} flow {how}", flow.transpose(2, 0, 1)[None], pack.expected(case)["flow"])

@@ -57,7 +57,7 @@ class FromNoise(torch.nn.Module):
         self.noise = torch.from_numpy(noise)
 
     def forward(self, image1: torch.Tensor, image2: torch.Tensor) -> torch.Tensor:
-        return self.net(image1, image2, self.noise)
+        return self.net(image1, image2, self.noise.expand(len(image1), -1, -1, -1))
 
 
 def test_the_adapter_pads_as_the_original_is_evaluated(pack, net, case):
@@ -66,5 +66,7 @@ def test_the_adapter_pads_as_the_original_is_evaluated(pack, net, case):
         pytest.skip("a case without padding")
     noisy, convention = FromNoise(net, expected["noise"]), NETWORKS["flowdiffuser"].convention
     model = NetworkModel("flowdiffuser", noisy, convention, {}, Execution("cpu"))
-    flow = model.predict(*(pack.frame(f"{case}_im{i}") for i in (1, 2)))
-    pack.check_flow(f"{case} flow through the adapter", flow.transpose(2, 0, 1)[None], expected["flow"])
+    frames = [pack.frame(f"{case}_im{i}") for i in (1, 2)]
+    flows = {"through the adapter": model.predict(*frames), "beside the reverse": model.run(frames, frames[::-1])[0]}
+    for how, flow in flows.items():
+        pack.check_flow(f"{case} flow {how}", flow.transpose(2, 0, 1)[None], expected["flow"])

@@ -29,6 +29,8 @@ def test_flows_features_and_visibility(pack, case):
     pack.check_flow(f"{case} flow_quarter", both.levels[-1][0], expected["flow_quarter"])
     pack.check_flow(f"{case} flow", both.forward, expected["flow"])
     pack.check_flow(f"{case} flow_bw", both.backward[:, :, ::2, ::2], expected["flow_bw"])
+    beside = net(torch.cat([image1, image2]), torch.cat([image2, image1]))
+    pack.check_flow(f"{case} flow beside the reverse", beside[:1], expected["flow"])
     visible = both.visible()[0].numpy()
     differing = int((visible != expected["occ_fw"].astype(bool)).sum())
     # The README gives no tolerance for a yes or no; a pixel whose flow lies on the bound may go either way.
