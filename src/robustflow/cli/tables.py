@@ -72,7 +72,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
         console.print(f"This is {estimate}; it is ranked with other runs of the subset only.", soft_wrap=True)
     if phantom := phantom_motion(result):
-        console.print(f"{plain(phantom)}\n{PHANTOM}", highlight=False, soft_wrap=True)
+        console.print(f"{plain(phantom, None)}\n{PHANTOM}", highlight=False, soft_wrap=True)
     if attacked is not None:
         print(for_stdout(attacked))
     if confidence is not None:
@@ -132,7 +132,7 @@ def print_results(results: Sequence[Run]) -> None:
         console.print(f"Errors are on {remark}.")
     for run in results:
         if phantom := phantom_motion(run):
-            console.print(f"{plain(run.name)}: {plain(phantom)}", highlight=False, soft_wrap=True)
+            console.print(f"{plain(run.name)}: {plain(phantom, None)}", highlight=False, soft_wrap=True)
     for sentence in not_ranked(line for line in lines if line.run is not None and not without_truth(line.run)):
         console.print(sentence, highlight=False, soft_wrap=True)
     _print_conclusions(console, lines)
