@@ -4,8 +4,8 @@
 #     bash bench/aarch64.sh [FOLDER]
 #
 # Debian's qemu-user-static, its arm64 Python and the aarch64 wheels of constraints.txt are unpacked into the folder
-# (500 MB; nothing is installed), then `robustflow corrupt --check` runs in them. A first run takes a quarter of an hour
-# on two cores, most of it numba compiling for the emulated processor; its cache stays in the folder.
+# (500 MB; nothing is installed), then `robustflow corrupt --check` runs in them. A first run is slow, because numba
+# compiles for the emulated processor; its cache stays in the folder.
 set -euo pipefail
 here="$(cd "$(dirname "$0")/.." && pwd)"
 folder="$(mkdir -p "${1:-/tmp/robustflow-aarch64}" && cd "${1:-/tmp/robustflow-aarch64}" && pwd)"
