@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..benchmarks import benchmark_facts
+from ..benchmarks.facts import sample_noun
 from ..errors import RunError
 from ..metrics.rows import CLEAN
 from ..text import counted, plain
@@ -136,12 +137,14 @@ def _too_few(run: Run) -> str:
 
 def _evidence(run: Run) -> str:
     pairs, clusters = _counts(run)
-    return counted(pairs, "pair") + (f" in {counted(clusters, 'sequence')}" if clusters != pairs else "")
+    return counted(pairs, sample_noun(run.benchmark)) + (
+        f" in {counted(clusters, 'sequence')}" if clusters != pairs else ""
+    )
 
 
 def _unit(run: Run) -> str:
     pairs, clusters = _counts(run)
-    return "pair" if clusters == pairs else "sequence"
+    return sample_noun(run.benchmark) if clusters == pairs else "sequence"
 
 
 def _others(run: Run) -> str:

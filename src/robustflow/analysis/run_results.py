@@ -7,7 +7,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from ..benchmarks import benchmark_facts
-from ..benchmarks.facts import estimate_remark, truth_remark
+from ..benchmarks.facts import estimate_remark, sample_noun, truth_remark
 from ..runs.comparable import conditions_of, sample_set
 from ..text import counted, joined
 from .exclusion import exclusions
@@ -106,7 +106,7 @@ def comparison_note(run: Run, beside_published: bool = False) -> str:
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
-    facts, count = benchmark_facts(benchmark), counted(pairs, "pair")
+    facts, count = benchmark_facts(benchmark), counted(pairs, sample_noun(benchmark))
     if not facts.published:
         return f"{count} of {benchmark_words(benchmark)}"
     if protocol.get("frames") == "released" and facts.paper_pairs in (None, pairs):

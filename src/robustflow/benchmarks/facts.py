@@ -133,6 +133,15 @@ def is_still(benchmark: str) -> bool:
     return benchmark.endswith(_STILL)
 
 
+def sample_noun(benchmark: str) -> str:
+    """What a sample of a benchmark is called when samples are counted.
+
+    >>> sample_noun("sintel-still"), sample_noun("sintel")
+    ('still frame', 'pair')
+    """
+    return "still frame" if is_still(benchmark) else "pair"
+
+
 def moving_name(benchmark: str) -> str:
     """The name of the benchmark that the frames of a still one come from; other names as they are.
 

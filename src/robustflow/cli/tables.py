@@ -25,7 +25,7 @@ from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..atomic import write_bytes
 from ..benchmarks import benchmark_facts
-from ..benchmarks.facts import estimate_remark, is_still, truth_remark
+from ..benchmarks.facts import estimate_remark, sample_noun, truth_remark
 from ..errors import UsageError, unknown_name
 from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
@@ -187,8 +187,7 @@ def for_stdout(table: report_table.Table) -> str:
 
 def _overview(result: Run, whose: str) -> Table:
     summary = result.summary
-    noun = "still frame" if is_still(result.benchmark) else "pair"
-    table = Table(title=f"{whose}, {counted(summary.samples, noun)}", title_justify="left")
+    table = Table(title=f"{whose}, {counted(summary.samples, sample_noun(result.benchmark))}", title_justify="left")
     table.add_column("corruption")
     shown = [
         m
