@@ -100,6 +100,11 @@ _CHANGES = {
     ),
     "the flow moved more on the valid pixels than on all": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
     "the flow on the clean frames differs from itself": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
+    "it has numbers of an attack and is none": (_FOG, {"attack_linf": pl.lit(1.0)}),
+    "a confidence knows its errors better than the errors themselves": (
+        _FOG,
+        {"error_at_80": pl.lit(1.0), "oracle_at_80": pl.lit(1.1)},
+    ),
     "its size or group differs from that of the sample's other rows": (_FOG, {"group": pl.lit("other")}),
     "its ground truth differs from that of the sample's other rows": (
         _FOG,

@@ -23,24 +23,8 @@ from robustflow.testing import TexturePairs
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
+from .small_attacks import FEW, ON_SMALL_PAIRS, attacked_pair  # noqa: E402
 from .smooth_net import Given, linear_model, random_pair, smooth_model  # noqa: E402
-
-FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd": {"steps": 12}} | {
-    "pcfa": {"steps": 2},
-    "square": {"queries": 30},
-    "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4},
-    "worst_of": {"parts": "fgsm+square", "queries": 30},
-}
-ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patch", "universal")]
-"""The attacks that need neither samples to train on nor frames of some size (see test_trained)."""
-"""Options with which an attack is quick."""
-
-
-def attacked_pair(name: str, model=None, severity: int = 4, seed: int = 0, **options):
-    pair = random_pair()
-    truth = np.zeros((8, 10, 2), np.float32)
-    options = {**FEW.get(name, {}), **options}
-    return pair, rf.attack(*pair, model or smooth_model(), name, severity, flow=truth, seed=seed, **options)
 
 
 @settings(max_examples=60)

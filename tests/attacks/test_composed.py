@@ -13,8 +13,8 @@ from robustflow.attacks.registry import norm_of
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
+from .small_attacks import FEW, attacked_pair
 from .smooth_net import linear_model, random_pair, smooth_model
-from .test_attacks import FEW, attacked_pair
 
 
 @pytest.mark.parametrize("name", ["fgsm", "pgd", "apgd", "pcfa"])

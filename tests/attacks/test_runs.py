@@ -13,9 +13,9 @@ import pytest
 from scipy.stats import spearmanr
 
 import robustflow as rf
-from robustflow.analysis.attack_ranks import predictions, spearman_interval
+from robustflow.analysis.attack_ranks import predictions
 from robustflow.analysis.attacks import AttackScore, attack_scores, budget_at_double
-from robustflow.analysis.ranking import spearman
+from robustflow.analysis.ranking import spearman, spearman_interval
 from robustflow.analysis.security_curves import security_curves
 from robustflow.attacks.api import with_controls
 from robustflow.attacks.ball import GREY_LEVELS

@@ -25,6 +25,13 @@ SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__ma
 """What an installer writes as the command `robustflow`."""
 
 
+def _python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run Python in a folder."""
+    environment = {name: value for name, value in os.environ.items() if name != SAFE_PATH}  # commands run here set it
+    begin = [sys.executable, *map(str, arguments)]
+    return subprocess.run(begin, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
 class Place:
     """A folder with a decoy of every module that could be imported, which leaves its name when it is run.
 
@@ -50,11 +57,7 @@ class Place:
 
     def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run Python in the folder."""
-        begin = [sys.executable, *map(str, arguments)]
-        environment = {
-            name: value for name, value in os.environ.items() if name != SAFE_PATH
-        }  # commands run here set it
-        return subprocess.run(begin, cwd=self.here, env=environment, capture_output=True, text=True, check=False)
+        return _python(self.here, *arguments)
 
     def what_ran(self) -> list[str]:
         """The names of the decoys that were run since the last call."""
@@ -88,10 +91,7 @@ def test_decoys_that_python_itself_looks_at_run(place):
 def test_started_with_python_m_in_a_folder_of_decoys_runs_none_but_what_python_loads_before_it(tmp_path):
     place = Place(tmp_path)
     (tmp_path / "loaded.py").write_text("import sys\nprint(*sys.modules)\n")
-    of_python = subprocess.run(
-        [sys.executable, "-m", "loaded"], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    for name in of_python.stdout.split():
+    for name in _python(tmp_path, "-m", "loaded").stdout.split():
         (place.here / f"{name}.py").unlink(missing_ok=True)
     assert len(list(place.here.iterdir())) > 200
     done = place.python("-m", "robustflow", "list", "models")

@@ -11,13 +11,11 @@ from ..runs.comparable import common_to
 from ..runs.run import Run
 from .attacks import attack_scores
 from .exclusion import exclusions
-from .ranking import spearman
+from .ranking import spearman, spearman_interval
 from .run_names import run_names
 
 LEAST_MODELS = 5
 """Models below which a rank correlation says nothing: of four, one order in twelve gives 1 or -1 by chance."""
-_NORMAL = 1.959964
-"""Half-width of a 95 % interval in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -85,20 +83,6 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
         ends = None if rho is None else spearman_interval(rho, len(after))
         predicted.append(Prediction(attack, tuple(shared), metric, tuple(after), left_out, rho, ends))
     return predicted
-
-
-def spearman_interval(rho: float, count: int) -> tuple[float, float]:
-    """The 95 % interval of a rank correlation of `count` pairs, by Fisher's z with the variance of Bonett and Wright
-    (2000). 1 and -1 are taken half a step nearer to 0, a step being that of two neighbours that change places.
-
-    >>> tuple(round(end, 2) for end in spearman_interval(1.0, 5))
-    (0.15, 1.0)
-    """
-    most = 1 - 6 / (count**3 - count)
-    inside = min(max(rho, -most), most)
-    reach = _NORMAL * math.sqrt((1 + inside * inside / 2) / (count - 3))
-    low, high = (math.tanh(math.atanh(inside) + side * reach) for side in (-1, 1))
-    return min(low, rho), max(high, rho)
 
 
 def _corrupted(runs: Mapping[str, Run], metric: str) -> dict[str, float]:

@@ -32,7 +32,7 @@ def list_attacks() -> list[str]:
     """Return the names that `load_attack` knows, the controls first, those of installed packages last.
 
     >>> list_attacks()[:3]
-    ['random_sign', 'random_gauss', 'fgsm']
+    ['random_sign', 'random_gauss', 'random_patch']
     """
     return list(ATTACKS.names())
 

@@ -13,10 +13,10 @@ from itertools import combinations
 
 import numpy as np
 import polars as pl
-from scipy.special import betaincinv, ndtri, stdtr, stdtrit
+from scipy.special import betaincinv, stdtr, stdtrit
 
 from ...text import counted
-from ..ranking import spearman
+from ..ranking import spearman, spearman_interval
 from ..uncertainty.bootstrap import LEVEL
 from ..uncertainty.holm import holm
 from ..uncertainty.standings import standings
@@ -86,11 +86,8 @@ def of_correlation(first: Sequence[float], second: Sequence[float], over: str) -
     rho = spearman(first, second)
     if rho is None:
         return None
-    count, low, high = len(first), None, None
-    if count > 4:
-        center = math.atanh(max(-1 + 1e-12, min(1 - 1e-12, rho)))
-        reach = float(ndtri(_TAIL)) * math.sqrt((1 + rho * rho / 2) / (count - 3))
-        low, high = math.tanh(center - reach), math.tanh(center + reach)
+    count = len(first)
+    low, high = spearman_interval(rho, count) if count > 4 else (None, None)
     return Margin(rho, low, high, _units(count, over))
 
 

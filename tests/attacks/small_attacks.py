@@ -1,0 +1,28 @@
+"""Every attack with few steps, on a small pair and a smooth network."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import robustflow as rf
+from robustflow.attacks.registry import SHIPPED
+
+from .smooth_net import random_pair, smooth_model
+
+FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd": {"steps": 12}} | {
+    "pcfa": {"steps": 2},
+    "square": {"queries": 30},
+    "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4},
+    "worst_of": {"parts": "fgsm+square", "queries": 30},
+}
+"""Options with which an attack is quick."""
+
+ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patch", "universal")]
+"""The attacks that need neither samples to train on nor frames of some size."""
+
+
+def attacked_pair(name: str, model=None, severity: int = 4, seed: int = 0, **options):
+    pair = random_pair()
+    truth = np.zeros((8, 10, 2), np.float32)
+    options = {**FEW.get(name, {}), **options}
+    return pair, rf.attack(*pair, model or smooth_model(), name, severity, flow=truth, seed=seed, **options)
