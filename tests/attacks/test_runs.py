@@ -26,7 +26,7 @@ from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.report.attack_table import attack_table, prediction_table
 from robustflow.runner.frames_digest import frames_digest
-from robustflow.testing import TexturePairs
+from robustflow.testing import TexturePairs, ZeroFlow
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
@@ -401,6 +401,15 @@ def test_the_norm_of_each_attack_is_that_of_its_class():
 
     assert {name: norm_of(name) for name in SHIPPED} == {name: load_attack(name).norm for name in SHIPPED}
     assert with_controls(["pgd"]) == ("random_sign", "random_gauss", "pgd")
+
+
+def test_an_attack_that_finds_nothing_says_so_and_a_control_does_not():
+    frames = TexturePairs(1).load("0").frames
+    truth = np.ones((*frames[0].shape[:2], 2), np.float32)
+    square, noise = (
+        rf.attack(*frames, ZeroFlow(), name, 3, flow=truth) for name in ("square:queries=3", "random_sign")
+    )
+    assert (square.warnings, noise.warnings) == (("nothing_gained",), ())
 
 
 def test_square_attacks_any_model_in_a_run(tmp_path):

@@ -208,6 +208,8 @@ def attack_pair(
     assert isinstance(model, FlowModel)
     after = predict_checked(model, frames, pair.key, attack.name, 0)
     clean_loss, here = loss.of(clean_flow, weighted=False), loss.of(after, weighted=False)
+    if not attack.control and loss.score(here) <= loss.score(clean_loss):
+        doubts |= {"nothing_gained"}
     float_loss = problem.loss_at(images) if attack.needs_gradients else None
     linf, rms, changed = norms_of(frames, pair.frames)
     return Attacked(

@@ -13,6 +13,7 @@ WARNINGS = {
     "answers_differ": "the model answers the same frames differently when asked twice",
     "gradient_not_finite": "the gradient was NaN or infinite somewhere",
     "gradient_zero": "the gradient was zero everywhere: the model may hide it",
+    "nothing_gained": "the attacked pair has no larger error than the clean one: the attack found nothing",
     "still_rising": "the loss still changed by more than 2 % in the last quarter of the steps",
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
     "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
