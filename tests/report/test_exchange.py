@@ -64,7 +64,8 @@ def test_the_card_holds_the_means_of_the_rows_and_escapes_names(run, tmp_path):
     assert means["epe", "clean"] == summary.epe_clean
     assert means["cre", "average"] == summary.cre == means["cre", "contrast"]
     assert card["run"] == run.manifest.identity_digest
-    assert f"| {summary.rcre:.3f} |" in markdown
+    averages = (summary.epe, summary.cre, summary.rcre, summary.crer)
+    assert f"| average | {' | '.join(f'{value:.3f}' for value in averages)} |" in markdown
     assert markdown.startswith(f"# Robustness of {escape(HOSTILE)} on")
     assert "<img" not in markdown
     assert any("too few pairs to resample (1)" in warning for warning in card["warnings"])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import PurePosixPath
 
 from ...analysis.labels import inside, long_label, metric_label
 from ...atomic import json_bytes
+from ...benchmarks.facts import sample_noun
 from ...text import counted, joined
 from ..render.markdown import escape
 from .facts import RunFacts, RunMean
@@ -56,18 +58,17 @@ def _markdown(facts: RunFacts) -> str:
     data, training = facts.data, facts.run.provenance
     unknown = "nothing" if training.setting == "knowledge" else "not stated"
     sets = unknown if training.trained_on is None else joined(list(training.trained_on) or ["nothing"])
+    count = counted(data["pairs"], sample_noun(facts.run.benchmark))
     lines = [
         f"# Robustness of {escape(facts.name)} on {escape(facts.title)}",
         "",
         f"Trained on: {escape(sets)}; setting {escape(training.setting)} ({escape(training.basis)}).  ",
-        f"Measured on {counted(data['pairs'], 'pair')} under {counted(len(data['corruptions']), 'corruption')} at "
+        f"Measured on {count} under {counted(len(data['corruptions']), 'corruption')} at "
         f"{counted(len(data['severities']), 'severity', 'severities')}, seed {data['seed']}, "
         f"RobustFlow {escape(facts.version)}, run `{facts.digest}`.",
         "",
         *(f"> **Warning.** {escape(warning)}\n" for warning in facts.warnings),
-        "| Frames | Metric | Mean | 95 % interval |",
-        "| :-- | :-- | --: | --: |",
-        *(_row(mean) for mean in facts.means),
+        *_table(facts.means),
         "",
         "Check it: pack the run, or take its record, and compare this file with what follows from the rows.",
         "",
@@ -78,7 +79,22 @@ def _markdown(facts: RunFacts) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _row(mean: RunMean) -> str:
-    frames = {"clean": "clean", "average": "average"}.get(mean.condition) or inside(long_label(mean.condition))
-    ends = "" if mean.interval is None else f"{mean.interval[0]:.3f} to {mean.interval[1]:.3f}"
-    return f"| {escape(frames)} | {escape(metric_label(mean.metric))} | {mean.value:.3f} | {ends} |"
+def _table(means: Sequence[RunMean]) -> list[str]:
+    """A line for each condition and a column for each metric."""
+    cells = {(mean.condition, mean.metric): mean for mean in means}
+    conditions, metrics = (list(dict.fromkeys(which)) for which in zip(*cells, strict=True))
+    head = ["Frames", *(escape(metric_label(metric)) for metric in metrics)]
+    lines = [f"| {' | '.join(head)} |", f"| :-- |{' --: |' * len(metrics)}"]
+    for condition in conditions:
+        frames = condition if condition in ("clean", "average") else inside(long_label(condition))
+        values = (_cell(cells.get((condition, metric))) for metric in metrics)
+        lines.append(f"| {escape(frames)} | {' | '.join(values)} |")
+    brackets = any(mean.interval for mean in means)
+    return [*lines, "", "In brackets: 95 % intervals."] if brackets else lines
+
+
+def _cell(mean: RunMean | None) -> str:
+    if mean is None:
+        return ""
+    ends = "" if mean.interval is None else f" [{mean.interval[0]:.3f}, {mean.interval[1]:.3f}]"
+    return f"{mean.value:.3f}{ends}"
