@@ -38,7 +38,7 @@ def in_child(name: str, options: argparse.Namespace, rows: Path) -> None:
 
 
 def supervised(name: str, options: argparse.Namespace, scratch: Path) -> list[dict[str, Any]]:
-    """The rows of one section, computed in a process of its own within the section's budget."""
+    """The rows of one section, computed in a separate process within the section's budget."""
     rows = scratch / f"{name}.jsonl"
     command = [sys.executable, __file__, "--section", str(rows), "--device", options.device]
     command += ["--data", str(options.data), *(["--quick"] if options.quick else []), name]
@@ -117,7 +117,7 @@ def main() -> int:
     parser.add_argument("--data", type=Path, help="KITTI 2015, or the folder kitti/ that --prepare made")
     parser.add_argument("--output", type=Path, default=Path("gpu-results"))
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--budget", type=int, help="seconds of every section, in place of its own")
+    parser.add_argument("--budget", type=int, help="seconds of every section, instead of its own")
     parser.add_argument("--prepare", type=Path, metavar="FOLDER")
     parser.add_argument("--section", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -115,3 +117,25 @@ def source_of_target(target: str) -> bytes | None:
     """
     path = getattr(sys.modules.get(target.partition(":")[0]), "__file__", None)
     return Path(path).read_bytes() if path else None
+
+
+def own_name(made: Any) -> str:
+    """The name of a user's class or object: its attribute `name`, else the name of its class in snake case.
+
+    >>> class HeavyRain: ...
+    >>> own_name(HeavyRain)
+    'heavy_rain'
+    """
+    kind = made if inspect.isclass(made) else type(made)
+    named = getattr(made, "name", None)
+    return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def described(made: Any) -> str:
+    """What a user gave, for messages: `module:Class`, or "the function name".
+
+    >>> described(len)
+    'the function len'
+    """
+    kind = made if inspect.isclass(made) else type(made)
+    return f"the function {made.__name__}" if inspect.isroutine(made) else f"{kind.__module__}:{kind.__qualname__}"

@@ -166,10 +166,13 @@ def attack_of_sample(
     Raises:
         ModelError: see `attack`.
     """
+    return attack_pair(attack, model, pair_of_sample(attack, sample, severity, seed), clean_flow, doubts)
+
+
+def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
+    """The pair of a sample that is attacked, with the attack's budget at a severity."""
     first, second = sample.frames[:2]
-    budget = attack.budget(severity)
-    pair = Pair((first, second), budget, sample.flow, sample.valid, sample.key, seed, severity)
-    return attack_pair(attack, model, pair, clean_flow, doubts)
+    return Pair((first, second), attack.budget(severity), sample.flow, sample.valid, sample.key, seed, severity)
 
 
 def answers_differ(model: AnyModel, frames: tuple[Frame, Frame], key: str) -> bool:

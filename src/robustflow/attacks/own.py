@@ -16,7 +16,7 @@ from ..models.base import AnyModel
 from ..random.rng import Rng
 from ..sample import Flow
 from ..source_digest import source_digest
-from ..target import import_target, is_target
+from ..target import described, import_target, is_target, own_name
 from .base import Attack
 from .images import Images
 from .problem import Pair, Problem
@@ -116,15 +116,13 @@ def register_attack(made: Made) -> str:
     Raises:
         UsageError: it has no `run`, an unusable name, or one of this package's.
     """
-    kind = made if inspect.isclass(made) else type(made)
-    described = f"the function {made.__name__}" if inspect.isroutine(made) else f"{kind.__module__}:{kind.__qualname__}"
     if not callable(getattr(made, "run", None)):
-        raise UsageError(f"{described} has no method run, so it is not an attack; {_GUIDE}")
+        raise UsageError(f"{described(made)} has no method run, so it is not an attack; {_GUIDE}")
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"an attack cannot be called '{name}': give it a name of letters, digits and '_'")
     if name in ATTACKS:
-        raise UsageError(f"{described} has the name of the attack '{name}': give it another `name`")
+        raise UsageError(f"{described(made)} has the name of the attack '{name}': give it another `name`")
     _own[name] = made
     return name
 
@@ -155,18 +153,6 @@ def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
     """The registered attacks in some names, parts of others included, for another process to `register_attack`."""
     parts = {part for name in names for part in re.split(r"[:=+]", name)}
     return tuple(made for name, made in _own.items() if name in parts)
-
-
-def own_name(made: Made) -> str:
-    """The name of an attack: its attribute `name`, else its class's in lower case.
-
-    >>> class MyClimb: ...
-    >>> own_name(MyClimb)
-    'my_climb'
-    """
-    kind = made if inspect.isclass(made) else type(made)
-    named = getattr(made, "name", None)
-    return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
 
 
 def _parameters(made: Made) -> dict[str, Any]:

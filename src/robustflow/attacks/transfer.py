@@ -70,7 +70,7 @@ class Transfer(Attack):
         )
 
     def known_options(self) -> set[str]:
-        """See `Attack.known_options`; those of the model that is named are known to it alone."""
+        """See `Attack.known_options`; only the named model knows its own."""
         return {"on", "attack", *self.attack.known_options()}
 
     def options(self) -> dict[str, Any]:

@@ -54,8 +54,7 @@ def digests_of(name: str) -> dict[str, str]:
 
 
 def _pair() -> tuple[Frame, Frame]:
-    """Coloured blocks under noise, 96x160, and the same moved; integers alone, so that no machine makes them
-    differently."""
+    """Coloured blocks under noise, 96x160, and the same moved; computed in integers, so that no machine differs."""
     rng = Rng.of("machine check")
     height, width = (blocks * _SIDE for blocks in _BLOCKS)
     colours = rng.bits(_BLOCKS[0] * _BLOCKS[1] * 3) % 224

@@ -18,7 +18,7 @@ from ..random.rng import Rng
 from ..sample import Frame
 from ..severity import SEVERITIES
 from ..source_digest import source_digest
-from ..target import import_target
+from ..target import described, import_target, own_name
 from .base import BGR, VARIANTS, Corruption
 from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
@@ -103,12 +103,12 @@ def register_custom(made: Made) -> str:
     """
     for method in ("draw", "apply"):
         if not callable(getattr(made, method, None)):
-            raise UsageError(f"{_described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
+            raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
     if name in SHIPPED or on_disk(name) is not None:
-        raise UsageError(f"{_described(made)} has the name of the corruption '{name}': give it another `name`")
+        raise UsageError(f"{described(made)} has the name of the corruption '{name}': give it another `name`")
     _own[name] = made
     return name
 
@@ -150,18 +150,6 @@ def own_among(names: Iterable[str]) -> tuple[Made, ...]:
     return tuple(made for name, made in _own.items() if name in parts)
 
 
-def own_name(made: Made) -> str:
-    """The name of a corruption: its attribute `name`, else its class's in lower case.
-
-    >>> class HeavyRain: ...
-    >>> own_name(HeavyRain)
-    'heavy_rain'
-    """
-    kind = made if inspect.isclass(made) else type(made)
-    named = getattr(made, "name", None)
-    return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
-
-
 def _build(kind: type[Any], variant: str) -> Any:
     try:
         takes = inspect.signature(kind).parameters
@@ -173,10 +161,3 @@ def _build(kind: type[Any], variant: str) -> Any:
             f"corruption '{own_name(kind)}' cannot be built: {type(error).__name__}: {error}; "
             "give every argument a default, or pass the object itself"
         ) from error
-
-
-def _described(made: Made) -> str:
-    kind = made if inspect.isclass(made) else type(made)
-    if inspect.isroutine(made):
-        return f"the function {made.__name__}"
-    return f"{kind.__module__}:{kind.__qualname__}"

@@ -24,7 +24,7 @@ Answer = npt.NDArray[np.float32]
 
 
 CHANNELS = {None: 2, OF_MODEL: 3, FORWARD_BACKWARD: 4}
-"""How many channels the answers have, by confidence; None for a flow alone."""
+"""How many channels the answers have, by confidence; None for only a flow."""
 
 
 @runtime_checkable

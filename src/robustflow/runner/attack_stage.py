@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..attacks import Attack, load_attack
 from ..attacks.api import answers_differ, attack_of_sample
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
@@ -20,7 +19,7 @@ from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, FlowModel, describe_cell
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow, Sample
-from .attack_training import training_digest
+from .attack_training import attacks_in_run, training_digest
 from .seconds import Seconds, timed
 
 
@@ -83,11 +82,6 @@ class AttackStage:
         differ = answers_differ(self._model, (first, second), sample.key)
         self._on_predict(None)
         return frozenset({"answers_differ"} if differ else ())
-
-
-def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
-    """The attacks of a run by name: in the run's variant, if they have it."""
-    return {name: load_attack(name).with_variant(variant) for name in names}
 
 
 def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:

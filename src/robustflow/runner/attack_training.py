@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from ..attacks import Attack, load_attack
-from ..attacks.problem import Pair
+from ..attacks.api import pair_of_sample
 from ..attacks.trained import Pattern, Trained
 from ..benchmarks import Benchmark
 from ..datasets.split import read_split
@@ -20,6 +20,11 @@ from ..runs.store import RunFolder
 
 Learned = dict[str, dict[int, Pattern]]
 """What trained attacks have learned, by attack and severity."""
+
+
+def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
+    """The attacks of a run by name: in the run's variant, if they have it."""
+    return {name: load_attack(name).with_variant(variant) for name in names}
 
 
 def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
@@ -56,9 +61,7 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
     return digest_of_value([list(keys), digests])
 
 
-def learned_patterns(
-    folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]
-) -> dict[str, dict[int, Pattern]]:
+def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]) -> Learned:
     """What the trained attacks of some units learn, read from the run's folder, where a digest verifies it, or trained
     and stored there.
 
@@ -66,7 +69,7 @@ def learned_patterns(
         DataError, ModelError: a sample cannot be read, or the model fails.
     """
     options = plan.options
-    attacks = {name: load_attack(name).with_variant(options.variant) for name in options.attacks}
+    attacks = attacks_in_run(options.attacks, options.variant)
     trained = {name: one for name, one in attacks.items() if isinstance(one, Trained)}
     learned: Learned = {name: {} for name, one in trained.items() if one.trains}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
@@ -86,9 +89,6 @@ def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pat
     options, benchmark = plan.options, plan.benchmark
     pairs = []
     for key in training_keys(attack, benchmark, options.seed):
-        sample = benchmark.dataset.load(key)
-        first, second = sample.frames[:2]
-        budget = attack.budget(severity)
-        pair = Pair((first, second), budget, sample.flow, sample.valid, key, options.seed, severity)
+        pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, options.seed)
         pairs.append((pair, predict_checked(model, pair.frames, key, "clean", 0)))  # type: ignore[arg-type]
     return attack.learn(model, pairs, Rng.of(options.seed, "attack training", attack.name, severity))

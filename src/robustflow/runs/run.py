@@ -12,7 +12,7 @@ import polars as pl
 
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
-from ..benchmarks.facts import is_still, truth_remark
+from ..benchmarks.facts import sample_noun, truth_remark
 from ..errors import RobustFlowError, RunError
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
@@ -238,9 +238,7 @@ def _lines(run: Run) -> list[str]:
     title = benchmark_facts(run.benchmark).title
     samples = len(run.manifest.samples)
     truth = truth_remark(run.manifest.identity.frames.protocol)
-    on = ", ".join(
-        filter(None, (plain(title), counted(samples, "still frame" if is_still(run.benchmark) else "pair"), truth))
-    )
+    on = ", ".join(filter(None, (plain(title), counted(samples, sample_noun(run.benchmark)), truth)))
     head = f"{plain(run.name)} ({plain(run.setting)}) on {on}"
     means = [
         f"{name} {value:.4g}{unit}"

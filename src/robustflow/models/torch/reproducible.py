@@ -8,8 +8,8 @@ from typing import Any
 
 import torch
 
-# PyTorch 2.9 sets precision per backend; its older functions, which earlier versions have alone, fail to tell what was
-# set that way.
+# PyTorch 2.9 sets precision per backend; its older functions, the only ones of earlier versions, fail to tell what
+# was set that way.
 _PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
 _MATMULS: tuple[Any, ...] = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul) if _PER_BACKEND else ()
 _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}

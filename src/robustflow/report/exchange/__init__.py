@@ -1,6 +1,6 @@
 """A run in the forms in which results are published: a robustness card, Croissant, Every Eval Ever, Hugging Face.
 
-Every file follows from the run alone, so that `check_exported` can compare one with the run's record, byte for byte.
+Every file follows from nothing but the run, so `check_exported` can compare one with the run's record, byte for byte.
 """
 
 from __future__ import annotations
