@@ -67,7 +67,7 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
     """
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
-    if truth is not None and not truth.any() and np.array_equal(*panel.sample.frames[:2]):
+    if truth is not None and not truth.any() and np.array_equal(sample.frames[0], sample.frames[1]):
         return _file(_drawn(panel, _of_still(panel)), form)
     radius = flow_radius(panel.clean_flow) if truth is None else flow_radius(truth, valid)
     pictures: list[tuple[str, Frame | None]] = [
