@@ -19,6 +19,44 @@ Flow = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 """bool, shape (H, W)."""
 
+DepthMap = npt.NDArray[np.float32]
+"""Depth along the optical axis in metres, float32, shape (H, W); positive and finite everywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera that both frames are taken with, and how it moves between them.
+
+    Coordinates are the field's: x right, y down, z forward, metres; pixel centres at whole numbers.
+
+    Attributes:
+        focal: (fx, fy) in pixels.
+        centre: (cx, cy), the principal point in pixels.
+        rotation: float64 (3, 3), and
+        translation: float64 (3,), metres: a point X in the coordinates of frame 1 is at `rotation @ X + translation` in
+            those of frame 2. Both are None where the motion is unknown.
+    """
+
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    rotation: npt.NDArray[np.float64] | None = None
+    translation: npt.NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SceneDepth:
+    """The depth of a pair.
+
+    Attributes:
+        maps: of frame 1 and frame 2, each complete.
+        measured: where each map was measured; elsewhere it was filled in.
+        camera: its intrinsics, and its motion where that is known.
+    """
+
+    maps: tuple[DepthMap, DepthMap]
+    measured: tuple[Mask, Mask]
+    camera: Camera
+
 
 @dataclass(frozen=True, eq=False)
 class Sample:
@@ -32,6 +70,7 @@ class Sample:
         occluded: bool (H, W), True where the pixel of frame 0 is not visible in frame 1; None when the dataset
             has no such map.
         group: the same for samples that are not independent (one video sequence); the key itself by default.
+        depth: of frames 0 and 1, or None: read only for corruptions that need it.
 
     Raises:
         DataError: frames of different sizes, of a wrong dtype, or ground truth that does not fit them.
@@ -48,6 +87,7 @@ class Sample:
     valid: Mask | None = None
     occluded: Mask | None = None
     group: str = ""
+    depth: SceneDepth | None = None
     meta: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -67,7 +107,10 @@ class Sample:
                 )
         if (self.flow is None) != (self.valid is None):
             raise DataError(f"sample '{self.key}': give flow and valid mask together")
-        for name, array in (("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)):
+        maps = [("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)]
+        if self.depth is not None:
+            maps += [("depth map", array) for array in (*self.depth.maps, *self.depth.measured)]
+        for name, array in maps:
             if array is not None and array.shape[:2] != self.shape:
                 raise DataError(
                     f"sample '{self.key}': the {name} is {array.shape[1]}x{array.shape[0]}, "

@@ -9,7 +9,7 @@ from typing import Any, overload
 
 from ..errors import UsageError, unknown_name
 from ..random.rng import Rng
-from ..sample import Frame, Sample
+from ..sample import Frame, Sample, SceneDepth
 from ..severity import check_severity
 from .base import BGR, SCALES, Corruption
 from .channel_order import ChannelsReversed
@@ -121,6 +121,7 @@ def corrupt(
     variant: str = ...,
     scale: str = ...,
     common_draws: bool = ...,
+    depth: SceneDepth | None = ...,
 ) -> tuple[Frame, Frame]: ...
 
 
@@ -138,6 +139,7 @@ def corrupt(
     variant: str = "default",
     scale: str = "paper",
     common_draws: bool = False,
+    depth: SceneDepth | None = None,
 ) -> Any:
     """Corrupt a pair of frames, or a single image.
 
@@ -154,6 +156,7 @@ def corrupt(
         scale: of the severities, "paper" or "calibrated"; variant and scale are ignored for a `Corruption`.
         common_draws: the same draw at all five severities: the same drops, flakes and exposed frame, only stronger. By
             default each severity is drawn independently, as the paper's frames were.
+        depth: of both frames, for the corruptions of the family "depth".
 
     Returns:
         Two new frames of the same shape; of a single image, one. The same arguments give the same bytes, always.
@@ -175,7 +178,7 @@ def corrupt(
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
     Sample(key or "pair", (frames[0], frames[-1]))
-    clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws)
+    clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws, depth=depth)
     out = tuple(to_input_type(frame, one) for frame, one in zip(clip, given, strict=True))
     return out if len(out) > 1 else out[0]
 
@@ -190,12 +193,14 @@ def corrupt_clip(
     scale: str = "paper",
     first: int = 0,
     common_draws: bool = False,
+    depth: SceneDepth | None = None,
 ) -> Iterator[Frame]:
     """Corrupt frames one at a time: what the frames of a clip share is drawn once, what differs from frame to frame is
     drawn per frame.
 
-    Arguments as for `corrupt`, and `first`, the number of the first frame given. Frames 0 and 1 equal the pair that
-    `corrupt` returns for the same seed and key; a clip that begins before that pair begins with a negative number.
+    Arguments as for `corrupt`, with `first`, the number of the first frame given; `depth` is of frames 0 and 1. These
+    equal the pair that `corrupt` returns for the same seed and key; a clip that begins before that pair begins with a
+    negative number.
     Yields RGB uint8 arrays; holds one frame at a time.
 
     >>> import numpy as np
@@ -212,5 +217,6 @@ def corrupt_clip(
     if head is None:
         raise UsageError("a clip needs at least one frame")
     height, width = head.shape[:2]
-    state: Any = chosen.draw(stream_for(chosen, severity, seed, key, common_draws), severity, (height, width))
+    rng = stream_for(chosen, severity, seed, key, common_draws)
+    state: Any = chosen.draw_with_depth(rng, severity, (height, width), depth)
     return (chosen.apply(frame, state, index) for index, frame in enumerate(chain((head,), rest), first))

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from ..errors import UsageError
 from ..random.rng import Rng
-from ..sample import Frame
+from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES, check_severity
 
 VARIANTS = ("default", "reference", "paper")
@@ -41,6 +41,8 @@ class Corruption(ABC):
     paper_severities: ClassVar[tuple[Any, ...]]
     level: ClassVar[type[NamedTuple] | None] = None
     """The names of a severity's parameters, if it has several."""
+    needs_depth: bool = False
+    """Whether the depth of the sample decides the result; see `DepthCorruption`."""
     source_key: ClassVar[str] = ""
     """The name of `source` in a run's identity; empty if no user's file affects the result."""
 
@@ -87,9 +89,46 @@ class Corruption(ABC):
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         """Every random choice for frames of `shape` (H, W); the state that `apply` takes."""
 
+    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
+        """`draw` for a sample whose depth may be known; what `corrupt_clip` calls."""
+        return self.draw(rng, severity, shape)
+
     @abstractmethod
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         """Corrupt frame number `index` (0 is the first of the pair); RGB uint8 in, a new RGB uint8 array out.
 
         Frames before the pair have negative numbers, and are frames of the same clip like any other.
         """
+
+
+class DepthCorruption(Corruption):
+    """A corruption of the scene in three dimensions: it needs the depth of both frames.
+
+    Subclasses implement `draw_scene` in place of `draw`; the state it returns holds whatever `apply` needs of the depth
+    maps. Only frames 0 and 1 have depth, so frames around a pair cannot be corrupted.
+    """
+
+    needs_depth = True
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
+        """Refused: there is no depth to draw from.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(
+            f"{self.name} needs the depth of the sample: choose a data set that has it ('robustflow list datasets'), "
+            "or give your own with --depth DIR"
+        )
+
+    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
+        """The state for a sample with depth.
+
+        Raises:
+            UsageError: the sample has none.
+        """
+        return self.draw(rng, severity, shape) if depth is None else self.draw_scene(rng, severity, depth)
+
+    @abstractmethod
+    def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
+        """Every random choice for a pair, and what `apply` needs of its depth."""

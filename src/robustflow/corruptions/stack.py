@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from ..errors import UsageError
 from ..random.rng import Rng
-from ..sample import Frame
+from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES, check_severity
 from ..target import is_target
 from .base import Corruption
@@ -136,14 +136,19 @@ class Stack(Corruption):
             if level is not None:
                 part.parameter(level)
         self._parts = parts
+        self.needs_depth = any(part.needs_depth for part, _ in parts)
         names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
         self.name = _PLUS.join(names)  # type: ignore[misc]  # a stack's name is its own
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
         """One state per part."""
+        return self.draw_with_depth(rng, severity, shape, None)
+
+    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> list[Any]:
+        """One state per part."""
         self.parameter(severity)
         return [
-            part.draw(rng.spawn(place, part.name), severity if level is None else level, shape)
+            part.draw_with_depth(rng.spawn(place, part.name), severity if level is None else level, shape, depth)
             for place, (part, level) in enumerate(self._parts)
         ]
 
