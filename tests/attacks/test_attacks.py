@@ -154,6 +154,48 @@ def test_the_best_pair_that_was_seen_is_kept(name):
     assert found == pytest.approx(max(attacked.trace), rel=1e-6)
 
 
+@pytest.mark.parametrize("name", ["bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"])
+def test_where_every_change_helps_the_model_the_clean_pair_is_the_best(name):
+    clean = torch.from_numpy(images_of(*random_pair()))
+
+    def already_at_the_target(images1, images2):
+        return ((images1 - clean[:1]).abs() + (images2 - clean[1:]).abs())[:, :2]
+
+    pair, attacked = attacked_pair(name, Given(already_at_the_target), target="zero")
+
+    assert np.array_equal(attacked.frames, pair)
+    assert attacked.loss == attacked.clean_loss == 0
+    assert "nothing_gained" in attacked.warnings
+
+
+def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
+    """The flow grows up to 0.6 grey levels, and a whole one shrinks it."""
+    clean = torch.from_numpy(images_of(*random_pair()))
+
+    def ridge(images1, images2):
+        up = (images1 - clean[:1]) * 255
+        return (10 + torch.where(up < 0.6, up, -3 * up))[:, :2] + 0 * images2[:, :2]
+
+    options = {"budget": 1, "flow": np.zeros((8, 10, 2), np.float32), "steps": 9}
+    attacked = rf.attack(*random_pair(), Given(ridge), "bim", **options)
+
+    assert np.array_equal(attacked.frames, random_pair())
+    assert attacked.loss == attacked.float_loss == attacked.clean_loss
+    assert {"nothing_gained", "rounding"} <= set(attacked.warnings)
+
+
+def test_the_clean_pair_is_predicted_twice_to_know_whether_the_answers_differ():
+    asked = []
+
+    def counted(frame1, frame2):
+        asked.append(frame1)
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    rf.attack(*random_pair(), counted, "random_sign", 4)
+
+    assert len(asked) == 3  # and the attacked pair
+
+
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "cospgd", "apgd", "square"])
 def test_attacks_beat_random_noise_of_the_same_norm(name):
     noise = attacked_pair("random_sign")[1].loss

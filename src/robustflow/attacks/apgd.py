@@ -37,7 +37,7 @@ class Apgd(Attack):
         """See `Attack.run`."""
         for number in range(self.starts):
             self._climb(problem, problem.ball.random(rng.spawn(number)))
-        return problem.best if problem.best is not None else problem.ball.clean
+        return problem.best
 
     def _climb(self, problem: Problem, images: Images) -> None:
         ball, size = problem.ball, 2 * problem.ball.budget

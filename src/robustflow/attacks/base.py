@@ -216,3 +216,11 @@ class Attack(ABC):
         Returns:
             float32 (2, 3, H, W).
         """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control(Attack):
+    """Random frames that ask the model nothing, beside which attacks of a norm are judged."""
+
+    needs_gradients: ClassVar[bool] = False
+    control: ClassVar[bool] = True

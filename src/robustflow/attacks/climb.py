@@ -30,4 +30,4 @@ def climb(problem: Problem, images: Images, steps: int, size: float, keep_best: 
         _, gradient = problem.slope(images)
         images = problem.ball.step(images, gradient, size)
     problem.score(images)
-    return problem.best if keep_best and problem.best is not None else images
+    return problem.best if keep_best else images

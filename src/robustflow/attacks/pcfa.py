@@ -69,9 +69,7 @@ class Pcfa(Attack):
         if self.box == "change" and saturated(problem.ball.clean) > _SATURATED:
             problem.troubles.add("saturated")
         search.run(self.steps)
-        if self.variant == "default" and problem.best is not None:
-            return problem.best
-        return problem.ball.project(search.kept)
+        return problem.best if self.variant == "default" else problem.ball.project(search.kept)
 
 
 class _Search:

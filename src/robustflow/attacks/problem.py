@@ -59,7 +59,7 @@ class Problem:
         evaluations: flows that were computed for the attack, those with a gradient included.
         gradients: how many of them had a gradient.
         trace: the loss at each of them, without CosPGD's weight.
-        best: the images inside the ball with the highest score so far; None before any.
+        best: the images inside the ball with the highest score so far; at first the clean pair, which every budget has.
         troubles: what happened that makes a result doubtful, as keys of `result.WARNINGS`.
     """
 
@@ -72,12 +72,18 @@ class Problem:
     evaluations: int = 0
     gradients: int = 0
     trace: list[float] = field(default_factory=list)
-    best: Images | None = None
-    best_score: float = -np.inf
+    best: Images = field(init=False)
+    best_score: float = field(init=False)
     troubles: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        score = self.loss.score(self.loss.of(self.clean_flow, weighted=False))
+        self.best, self.best_score = self.ball.clean, score if np.isfinite(score) else -np.inf
 
     def loss_at(self, images: Images) -> float:
         """The loss at images, without CosPGD's weight; computed only if it is not known. Not noted."""
+        if images is self.ball.clean:
+            return self.loss.of(self.clean_flow, weighted=False)
         if images is self.best:
             return self.loss.score(self.best_score)
         return self.loss.of(self.flow(images), weighted=False)

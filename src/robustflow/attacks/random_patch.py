@@ -8,20 +8,18 @@ from typing import ClassVar
 import numpy as np
 
 from ..random.rng import Rng
-from .base import Attack
+from .base import Control
 from .images import Images
 from .patch import diameter, paste
 from .problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomPatch(Attack):
+class RandomPatch(Control):
     """Random colours in a disc of the budget's area; it asks the model nothing."""
 
     name: ClassVar[str] = "random_patch"
-    needs_gradients: ClassVar[bool] = False
     norms: ClassVar[tuple[str, ...]] = ("area",)
-    control: ClassVar[bool] = True
 
     norm: str = "area"
 

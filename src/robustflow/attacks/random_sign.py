@@ -8,19 +8,17 @@ from typing import ClassVar
 import numpy as np
 
 from ..random.rng import Rng
-from .base import Attack
+from .base import Control
 from .images import Images
 from .problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomSign(Attack):
+class RandomSign(Control):
     """Random noise with the norm of the attacks under "linf"; it asks the model nothing."""
 
     name: ClassVar[str] = "random_sign"
-    needs_gradients: ClassVar[bool] = False
     norms: ClassVar[tuple[str, ...]] = ("linf",)
-    control: ClassVar[bool] = True
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""

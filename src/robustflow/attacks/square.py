@@ -46,8 +46,7 @@ class Square(Attack):
         count = len(moved) * channels * width
         stripes = _signs(rng, count).reshape(len(moved), channels, 1, width)
         signs[list(moved)] = stripes[:1] if joint else stripes
-        best = self._inside(clean, signs * budget, joint)
-        score = problem.score_of_frames(frames_of(best))
+        score = problem.score_of_frames(frames_of(self._inside(clean, signs * budget, joint)))
         for query in range(1, self.queries):
             part = _LARGEST / 2 ** bisect_right(_HALVED, query * 10_000 // self.queries)
             side = min(max(round(float(np.sqrt(part * height * width))), 1), height, width)
@@ -55,11 +54,10 @@ class Square(Attack):
             chosen = [moved[rng.integer(0, len(moved))]] if not joint else list(moved)
             tried = signs.copy()
             tried[chosen, :, top : top + side, left : left + side] = _signs(rng, channels)[:, None, None]
-            levels = self._inside(clean, tried * budget, joint)
-            now = problem.score_of_frames(frames_of(levels))
+            now = problem.score_of_frames(frames_of(self._inside(clean, tried * budget, joint)))
             if now > score:
-                best, score, signs = levels, now, tried
-        return best.astype(np.float32) / np.float32(WHITE)
+                score, signs = now, tried
+        return problem.best
 
     @staticmethod
     def _inside(

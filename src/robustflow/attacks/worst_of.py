@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
 from ..digest import digest_of_value
 from ..errors import UsageError, unknown_name
 from ..models.base import AnyModel
@@ -96,7 +94,7 @@ class WorstOf(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
-        best, highest, pair = problem.ball.clean, -np.inf, problem.pair
+        best, highest, pair = problem.best, problem.best_score, problem.pair
         for part in self.parts:
             inner = part.problem(problem.model, pair, problem.clean_flow)
             frames = frames_of(inner.ball.to_8_bits(part.run(inner, pair.stream(part.name))))

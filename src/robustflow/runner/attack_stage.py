@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..attacks.api import answers_differ, attack_of_sample
+from ..attacks.api import attack_of_sample, first_doubts
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
 from ..attacks.trained import Trained
@@ -16,7 +16,7 @@ from ..benchmarks import Benchmark
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
-from ..models.base import AnyModel, FlowModel, describe_cell
+from ..models.base import AnyModel, FlowModel, describe_cell, predict_checked
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow, Sample
 from .attack_training import attacks_in_run, training_digest
@@ -79,9 +79,11 @@ class AttackStage:
         """What the model's answers say before the first attack."""
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
-        differ = answers_differ(self._model, (first, second), sample.key)
+        assert isinstance(self._model, FlowModel)
+        flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)  # the clean one may be of a batch
+        doubts = first_doubts(self._model, (first, second), sample.key, flow)
         self._on_predict(None)
-        return frozenset({"answers_differ"} if differ else ())
+        return doubts
 
 
 def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
