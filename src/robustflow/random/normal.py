@@ -78,7 +78,7 @@ def _centre(q: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _tail(q: Any) -> Any:
-    r = math.sqrt(-_log(0.5 - abs(q)))
+    r = math.sqrt(-natural_log(0.5 - abs(q)))
     if r <= 5.0:
         z = _horner7(r - 1.6, _TAIL_NUMERATOR) / _horner7(r - 1.6, _TAIL_DENOMINATOR)
     else:
@@ -87,8 +87,8 @@ def _tail(q: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _log(x: Any) -> Any:
-    """The natural logarithm of a float64 in (0, 1/2], within a few ulp.
+def natural_log(x: Any) -> Any:
+    """The natural logarithm of a float64 in (0, 1], within a few ulp.
 
     Scales into [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges as 0.03**k.
     """

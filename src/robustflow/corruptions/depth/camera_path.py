@@ -1,0 +1,48 @@
+"""How points move in the coordinates of the camera between two frames."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...compiled import njit
+from ...sample import Camera
+
+FRAME_INTERVAL = 0.1
+"""Seconds between the frames of a pair: KITTI's 10 Hz."""
+
+
+class Motion(NamedTuple):
+    """The camera's motion between two frames: X becomes `rotation @ X + translation`, metres."""
+
+    rotation: npt.NDArray[np.float64]
+    """float64 (3, 3)."""
+    translation: npt.NDArray[np.float64]
+    """float64 (3,)."""
+
+
+def motion_of(camera: Camera) -> Motion | None:
+    """The camera's motion, or None where it is unknown.
+
+    >>> motion_of(Camera((700.0, 700.0), (320.0, 240.0))) is None
+    True
+    """
+    if camera.rotation is None or camera.translation is None:
+        return None
+    rotation, translation = np.array(camera.rotation, np.float64), np.array(camera.translation, np.float64)
+    return Motion(np.ascontiguousarray(rotation), np.ascontiguousarray(translation))
+
+
+STILL = Motion(np.eye(3), np.zeros(3))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def moved(rotation: Any, translation: Any, x: Any, y: Any, z: Any) -> Any:
+    """`rotation @ (x, y, z) + translation`, added in a fixed order."""
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + translation[0],
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + translation[1],
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + translation[2],
+    )

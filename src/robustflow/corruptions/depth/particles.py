@@ -1,0 +1,250 @@
+"""Rain and snow as particles in the world: where they are in both frames, and the streaks they leave.
+
+The particles are a Poisson process in space, drawn once for the pair in the part of the world that either frame sees.
+They have one speed for the pair, so that they are in frame 2 where the wind and gravity carried them in
+`FRAME_INTERVAL` seconds; the motion of the camera then adds the parallax. A camera of unknown motion stands still.
+"Down" is the y axis of frame 1.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...compiled import njit
+from ...errors import UsageError
+from ...random.normal import natural_log
+from ...random.rng import Rng, hash64
+from ...sample import Camera
+from .camera_path import FRAME_INTERVAL, STILL, Motion, motion_of, moved
+
+Points = npt.NDArray[np.float64]
+"""float64 (n, 3), metres or metres a second."""
+
+EXPOSURE = 0.002
+"""Seconds that the shutter is open: the longest of KITTI's cameras."""
+NEAREST = 0.3
+"""Metres: nothing is drawn nearer to the camera than this."""
+_LENS_DIAMETER, _FOCUS = 0.002, 10.0
+"""Of the camera, metres: the aperture, and the distance it is focused at; only the blur of near particles depends on
+them."""
+_PIXEL = 1.0
+"""Radius in pixels to which lens and pixel spread a point in focus."""
+_SMALLEST, _SMALLEST_SHARE = 0.75, 6e-4
+"""Diameter in pixels, and in widths of the image, below which a particle is part of the veil: the larger counts."""
+_MARGIN = 0.05
+"""How far beyond the border particles are drawn, as a share of the image's longer side: their streaks may reach in."""
+_MOST = 1_000_000
+
+
+class Sizes(NamedTuple):
+    """An exponential distribution of diameters: `density * exp(-slope * D)` particles a cubic metre and millimetre."""
+
+    density: float
+    """1 / (m^3 mm)."""
+    slope: float
+    """1 / mm."""
+    largest: float
+    """mm: larger ones do not exist."""
+
+
+class Fall(NamedTuple):
+    """How particles move."""
+
+    slowest: float
+    """m/s: the terminal speed is `slowest + spread * u + root * sqrt(D)`, u uniform in [0, 1) and D in mm."""
+    spread: float
+    """m/s."""
+    root: float
+    """m/s for a diameter of 1 mm."""
+    wind: float
+    """m/s: the largest speed of the wind, which is horizontal and the same for all."""
+    flutter: float
+    """m/s: what a particle's own velocity differs from that at most, along each axis."""
+
+
+class Particles(NamedTuple):
+    """Particles in the coordinates of each frame's camera."""
+
+    positions: tuple[Points, Points]
+    """At the time of the frame."""
+    velocities: tuple[Points, Points]
+    """Relative to the world, m/s."""
+    diameters: npt.NDArray[np.float64]
+    """float64 (n,), metres."""
+    focal: tuple[float, float]
+    """See `Camera`."""
+    centre: tuple[float, float]
+    """See `Camera`."""
+    motion: Motion
+    """Of the camera, from frame 1 to frame 2."""
+
+
+def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
+    """The particles of a pair; particle i reads a key that is a hash of i.
+
+    Only those are drawn whose image is large enough to be seen by itself: `smallest_diameter`.
+
+    Raises:
+        UsageError: there are too many, as the focal length is too long for the size of the frames.
+    """
+    height, width = shape
+    margin = _MARGIN * max(shape)
+    reach = camera.focal[0] * 1e-3 / smallest_diameter(width)
+    spread = (width + 2 * margin) * (height + 2 * margin) / (camera.focal[0] * camera.focal[1])
+    # a particle is drawn up to the distance reach * D, so the integral over space and sizes is one of D^3 exp(-slope D)
+    squared = sizes.slope * sizes.slope
+    expected = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
+    if not expected < _MOST:
+        raise UsageError(
+            f"the camera would see {expected:.3g} particles: its focal length of {camera.focal[0]:g} px does not go "
+            f"with a frame of {width} px; check the intrinsics"
+        )
+    motion = motion_of(camera) or STILL
+    wind = _wind(rng.spawn("wind"), fall.wind)
+    count = int(expected + rng.uniform())
+    table = np.empty((2 * count, 13))
+    keys = np.array([rng.spawn("frame", index).key for index in (0, 1)], np.uint64)
+    box = np.array([-0.5 - margin, -0.5 - margin, width + 2 * margin, height + 2 * margin, reach])
+    lens = np.array([*camera.focal, *camera.centre], np.float64)
+    kept = _draw(keys, count, box, lens, np.array(sizes), np.array([*fall, *wind]), *motion, table)
+    parts = [np.ascontiguousarray(table[:kept, first : first + 3]) for first in (0, 3, 6, 9)]
+    return Particles(
+        (parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), camera.focal, camera.centre, motion
+    )
+
+
+def smallest_diameter(width: int) -> float:
+    """Pixels: smaller particles are not drawn one by one, in an image of this width.
+
+    >>> smallest_diameter(1242), smallest_diameter(4000)
+    (0.75, 2.4)
+    """
+    return max(_SMALLEST, _SMALLEST_SHARE * width)
+
+
+def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
+    """(extinction coefficient in 1/m, distance in metres it begins at) of the particles too small to be drawn.
+
+    The coefficient is twice the cross-section of all particles in a volume, as they are much larger than a wavelength;
+    it begins where a particle of the mean cross-section's size, 3 / slope, becomes too small.
+
+    >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
+    >>> [round(value, 4) for value in veil_of(rain, 1242, Camera((721.0, 721.0), (609.0, 172.0)))]
+    [0.0066, 1.8501]
+    """
+    cubed = sizes.slope * sizes.slope * sizes.slope
+    start = camera.focal[0] * 1e-3 / smallest_diameter(width) * 3 / sizes.slope
+    return 1e-6 * 3.141592653589793 * sizes.density / cubed, max(start, NEAREST)
+
+
+def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
+    """What each particle in front of the camera leaves in frame `index`: float64 (n, 7).
+
+    (x, y) at the beginning and at the end of the exposure in pixels, depth in metres, the particle's radius, and the
+    radius in pixels to which lens and pixel spread a point of it.
+    """
+    lens = np.array([*particles.focal, *particles.centre], np.float64)
+    out = np.empty((len(particles.diameters), 7))
+    kept = _project(
+        particles.positions[index], particles.velocities[index], particles.diameters, lens, *particles.motion, out
+    )
+    return out[:kept]
+
+
+def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
+    """(x, z) of the wind in m/s: uniform in a disk."""
+    while True:
+        x, z = rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
+        if x * x + z * z <= 1:
+            return fastest * x, fastest * z
+
+
+@njit(cache=True, nogil=True)
+def _uniform(key: Any, place: int) -> Any:
+    """A multiple of 2**-53 in (0, 1]."""
+    return (np.float64(hash64(key, np.uint64(place)) >> np.uint64(11)) + 1.0) * 2.0**-53
+
+
+@njit(cache=True, nogil=True)
+def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
+    """Whether particles are drawn in this place from the view of one camera."""
+    if z < NEAREST or z > box[4] * diameter:
+        return False
+    column, row = lens[0] * x / z + lens[2] - box[0], lens[1] * y / z + lens[3] - box[1]
+    return 0 <= column < box[2] and 0 <= row < box[3]
+
+
+@njit(cache=True, nogil=True)
+def _draw(
+    keys: Any, count: int, box: Any, lens: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
+) -> int:
+    """Fill rows of (position, velocity) in frame 1, the same in frame 2, diameter; return their number.
+
+    What frame 1 sees is drawn first, then what frame 2 sees and frame 1 does not. A diameter is seen up to a distance
+    in proportion to it: diameters are therefore the sum of four exponential numbers, and the distance is the largest
+    of three uniform ones.
+    """
+    kept = 0
+    still = np.zeros(3)
+    for frame in range(2):
+        for i in range(count):
+            key = hash64(keys[frame], np.uint64(i))
+            product = _uniform(key, 0) * _uniform(key, 1) * _uniform(key, 2) * _uniform(key, 3)
+            diameter = -natural_log(product) / sizes[1]
+            z = box[4] * diameter * max(_uniform(key, 4), max(_uniform(key, 5), _uniform(key, 6)))
+            if diameter > sizes[2] or z < NEAREST:
+                continue
+            x = (box[0] + box[2] * _uniform(key, 7) - lens[2]) / lens[0] * z
+            y = (box[1] + box[3] * _uniform(key, 8) - lens[3]) / lens[1] * z
+            vx = fall[5] + fall[4] * (2.0 * _uniform(key, 9) - 1.0)
+            vy = fall[0] + fall[1] * _uniform(key, 10) + fall[2] * np.sqrt(diameter)
+            vy = vy + fall[4] * (2.0 * _uniform(key, 11) - 1.0)
+            vz = fall[6] + fall[4] * (2.0 * _uniform(key, 12) - 1.0)
+            if frame == 1:
+                dx, dy, dz = x - translation[0], y - translation[1], z - translation[2]
+                x = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0] * dz - FRAME_INTERVAL * vx
+                y = rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1] * dz - FRAME_INTERVAL * vy
+                z = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2] * dz - FRAME_INTERVAL * vz
+                if _seen(x, y, z, diameter, box, lens):
+                    continue
+            row = out[kept]
+            row[0], row[1], row[2], row[3], row[4], row[5] = x, y, z, vx, vy, vz
+            x, y, z = x + FRAME_INTERVAL * vx, y + FRAME_INTERVAL * vy, z + FRAME_INTERVAL * vz
+            row[6], row[7], row[8] = moved(rotation, translation, x, y, z)
+            row[9], row[10], row[11] = moved(rotation, still, vx, vy, vz)
+            row[12] = diameter * 1e-3
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _project(
+    positions: Any, velocities: Any, diameters: Any, lens: Any, rotation: Any, translation: Any, out: Any
+) -> int:
+    """Both ends of the path during the exposure, which is centred on the frame's time; the camera moves on in it as
+    between the frames."""
+    kept = 0
+    part = 0.5 * EXPOSURE / FRAME_INTERVAL
+    for i in range(diameters.size):
+        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+        nx, ny, nz = moved(
+            rotation,
+            translation,
+            x + FRAME_INTERVAL * velocities[i, 0],
+            y + FRAME_INTERVAL * velocities[i, 1],
+            z + FRAME_INTERVAL * velocities[i, 2],
+        )
+        dx, dy, dz = part * (nx - x), part * (ny - y), part * (nz - z)
+        if z < NEAREST or z - dz < 0.5 * NEAREST or z + dz < 0.5 * NEAREST:
+            continue
+        row = out[kept]
+        row[0], row[1] = lens[0] * (x - dx) / (z - dz) + lens[2], lens[1] * (y - dy) / (z - dz) + lens[3]
+        row[2], row[3] = lens[0] * (x + dx) / (z + dz) + lens[2], lens[1] * (y + dy) / (z + dz) + lens[3]
+        row[4] = z
+        row[5] = 0.5 * lens[0] * diameters[i] / z
+        row[6] = _PIXEL + 0.5 * lens[0] * _LENS_DIAMETER * abs(1.0 / z - 1.0 / _FOCUS)
+        kept += 1
+    return kept

@@ -1,0 +1,125 @@
+"""What rain and snow have in common: particles and a veil over both frames."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ...compiled import njit
+from ...images.contiguous import contiguous
+from ...random.rng import Rng
+from ...sample import DepthMap, Frame, SceneDepth
+from ..base import DepthCorruption
+from .particles import Fall, Particles, Sizes, draw_particles, streaks_of, veil_of
+from .transmission import transmission
+
+
+class PrecipitationState(NamedTuple):
+    """The particles of a pair, and the scene among them."""
+
+    particles: Particles
+    depth: tuple[DepthMap, DepthMap]
+    """Of both frames, metres."""
+    veil: tuple[float, float]
+    """(extinction coefficient in 1/m, distance in metres from which it acts)."""
+
+
+class Precipitation(DepthCorruption):
+    """Particles of one colour that hide what is behind them for the share of the exposure they are in front of it.
+
+    A particle that covers a pixel for a share a of the exposure changes it to (1 - a) x + a * colour: a is 2 r / L for
+    a particle of diameter 2 r which leaves a streak of length L, the time it takes to pass. A particle is drawn as a
+    disk with a soft rim, as wide as lens and pixel spread a point at its depth; its sum over all pixels is that of the
+    sharp disk, however small that is. Pixels whose scene is nearer than the particle are not changed.
+    """
+
+    colour: ClassVar[tuple[float, float, float]]
+    fall: ClassVar[Fall]
+
+    @abstractmethod
+    def sizes(self, rate: float) -> Sizes:
+        """The sizes of the particles at a rate in mm of water an hour."""
+
+    def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> PrecipitationState:
+        """The particles."""
+        sizes, shape = self.sizes(self.parameter(severity)), depth.maps[0].shape
+        particles = draw_particles(rng, sizes, self.fall, shape, depth.camera)
+        return PrecipitationState(particles, depth.maps, veil_of(sizes, shape[1], depth.camera))
+
+    def apply(self, frame: Frame, state: PrecipitationState, index: int) -> Frame:
+        """Let it fall on frame `index`, 0 or 1."""
+        frame = contiguous(frame)
+        depth = np.ascontiguousarray(state.depth[index])
+        density, start = state.veil
+        passed = transmission(depth, density, start)
+        _cover(streaks_of(state.particles, index), depth, passed)
+        out = np.empty_like(frame)
+        _blend(frame, passed, np.array(self.colour, np.float32), out)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def _cover(streaks: Any, depth: Any, passed: Any) -> None:
+    """Multiply `passed` by what each streak lets through, pixel by pixel.
+
+    In coordinates along and across the streak, the disk covers a point while its centre is on a piece of the path. Its
+    profile is the difference of two paraboloids, of radius r + s and r - s, whose integrals along the path are
+    polynomials.
+    """
+    height, width = depth.shape
+    for i in range(len(streaks)):
+        x0, y0, dx, dy = streaks[i, 0], streaks[i, 1], streaks[i, 2] - streaks[i, 0], streaks[i, 3] - streaks[i, 1]
+        z, radius, soft = streaks[i, 4], streaks[i, 5], streaks[i, 6]
+        length = np.sqrt(dx * dx + dy * dy)
+        if length < 0.1:  # too short to see which way it points
+            x0, y0 = x0 + 0.5 * dx - 0.05, y0 + 0.5 * dy
+            length, dx, dy = 0.1, 0.1, 0.0
+        outer, inner = radius + soft, max(radius - soft, 0.0)
+        outer2, inner2 = outer * outer, inner * inner
+        gain = 2.0 * radius * radius / ((outer2 + inner2) * (outer2 - inner2) * length)
+        ux, uy = dx / length, dy / length
+        top = np.int64(np.ceil(max(min(y0, y0 + dy) - outer, 0.0)))
+        bottom = np.int64(np.floor(min(max(y0, y0 + dy) + outer, height - 1.0)))
+        for y in range(top, bottom + 1):
+            low, high = min(x0, x0 + dx) - outer, max(x0, x0 + dx) + outer
+            if abs(uy) > 0.01:
+                middle, reach = x0 + (y - y0) * ux / uy, outer / abs(uy)
+                low, high = max(low, middle - reach), min(high, middle + reach)
+            left, right = np.int64(np.ceil(max(low, 0.0))), np.int64(np.floor(min(high, width - 1.0)))
+            row, scene = passed[y], depth[y]
+            for x in range(left, right + 1):
+                if z > scene[x]:
+                    continue
+                along = (x - x0) * ux + (y - y0) * uy
+                across = (y - y0) * ux - (x - x0) * uy
+                across = across * across
+                share = _passing(outer2 - across, along, length) - _passing(inner2 - across, along, length)
+                row[x] = row[x] * np.float32(1.0 - gain * max(share, 0.0))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _passing(square: Any, along: Any, length: Any) -> Any:
+    """The integral of max(square - (along - s)^2, 0) over s in [0, length]."""
+    if square <= 0.0:
+        return 0.0
+    half = np.sqrt(square)
+    a, b = max(-half, along - length), min(half, along)
+    if b <= a:
+        return 0.0
+    return square * (b - a) - (b * b * b - a * a * a) / 3.0
+
+
+@njit(cache=True, nogil=True)
+def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
+    """passed * frame + (1 - passed) * colour."""
+    red, green, blue = colour[0], colour[1], colour[2]
+    for y in range(frame.shape[0]):
+        source, target, row = frame[y], out[y], passed[y]
+        for x in range(row.size):
+            share = row[x]
+            rest = np.float32(1) - share
+            target[x, 0] = np.uint8(np.rint(share * np.float32(source[x, 0]) + rest * red))
+            target[x, 1] = np.uint8(np.rint(share * np.float32(source[x, 1]) + rest * green))
+            target[x, 2] = np.uint8(np.rint(share * np.float32(source[x, 2]) + rest * blue))

@@ -1,0 +1,199 @@
+"""Rain and snow in three dimensions: where the particles are, what they hide, and what hides them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.corruptions.depth.camera_path import STILL, Motion
+from robustflow.corruptions.depth.particles import EXPOSURE, FRAME_INTERVAL, NEAREST, Particles, streaks_of
+from robustflow.corruptions.depth.rain_3d import Rain3d
+from robustflow.corruptions.depth.snow_3d import Snow3d
+from robustflow.errors import UsageError
+from robustflow.random.rng import Rng
+
+from .pictures import picture
+from .scenes import plane, scene
+
+both = pytest.mark.parametrize("kind", [Rain3d, Snow3d])
+
+
+def turned(about_x, about_y, about_z):
+    """A rotation matrix, from angles in radians."""
+    matrix = np.eye(3)
+    for axis, angle in enumerate((about_x, about_y, about_z)):
+        one = np.eye(3)
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        one[[a, a, b, b], [a, b, a, b]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+        matrix = one @ matrix
+    return matrix
+
+
+def projected(points, camera):
+    return points[:, :2] / points[:, 2:] * camera.focal + camera.centre
+
+
+small = st.floats(-0.2, 0.2)
+
+
+@both
+@settings(max_examples=10)
+@given(angles=st.tuples(small, small, small), shift=st.tuples(small, small, st.floats(-1.5, 0.5)), seed=st.integers(0))
+def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed):
+    rotation, translation = turned(*angles), np.array(shift)
+    depth = plane(30.0, (180, 320), rotation=rotation, translation=translation, focal=200.0)
+    particles = kind().draw_scene(Rng.of(seed), 5, depth).particles
+    first, speed = particles.positions[0], particles.velocities[0]
+    assert len(first) > 20
+    at = first, (first + FRAME_INTERVAL * speed) @ rotation.T + translation
+    speeds = speed, speed @ rotation.T
+    for index in (0, 1):
+        # the camera goes on as between the frames, so a point goes on along the same step
+        step = (at[index] + FRAME_INTERVAL * speeds[index]) @ rotation.T + translation - at[index]
+        ends = [at[index] + sign * EXPOSURE / 2 / FRAME_INTERVAL * step for sign in (-1, 1)]
+        shown = (at[index][:, 2] >= NEAREST) & (np.minimum(ends[0][:, 2], ends[1][:, 2]) >= NEAREST / 2)
+        streaks = streaks_of(particles, index)
+        assert len(streaks) == shown.sum()
+        for columns, end in zip((slice(0, 2), slice(2, 4)), ends, strict=True):
+            assert np.abs(streaks[:, columns] - projected(end[shown], depth.camera)).max() < 0.01
+
+
+@both
+@pytest.mark.parametrize("ahead", [0.0, -1.5])
+def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kind, ahead):
+    depth = plane(30.0, (375, 1242), translation=np.array([0.1, 0.0, ahead]), focal=721.0)
+    sizes = kind().sizes(kind.paper_severities[4])
+    particles = kind().draw_scene(Rng.of("count"), 5, depth).particles
+    for index in (0, 1):
+        at = particles.positions[index]
+        pixel = projected(at, depth.camera)
+        inside = ((pixel >= -0.5) & (pixel < [1241.5, 374.5])).all(axis=1) & (at[:, 2] >= NEAREST)
+        diameters = np.linspace(0, sizes.largest, 20001)
+        for low, high in ((0.0, 0.5), (0.5, 1.0)):  # as shares of the largest diameter
+            chosen = (diameters > low * sizes.largest) & (diameters <= high * sizes.largest)
+            reach = np.maximum(721.0 * diameters[chosen] * 1e-3 / 0.75, NEAREST)
+            volume = (reach**3 - NEAREST**3) / 3 * 1242 * 375 / 721.0**2
+            number = sizes.density * np.exp(-sizes.slope * diameters[chosen])
+            expected = (number * volume).sum() * diameters[1]
+            size = particles.diameters * 1e3
+            visible = inside & (at[:, 2] < 721.0 * particles.diameters / 0.75)
+            count = (visible & (size > low * sizes.largest) & (size <= high * sizes.largest)).sum()
+            assert abs(count - expected) < 4 * math.sqrt(expected)
+
+
+def test_terminal_speeds_are_those_of_rain_and_of_snow():
+    rain, snow = (
+        kind().draw_scene(Rng.of("speed"), 5, plane(30.0, (240, 320), focal=300.0)).particles
+        for kind in (Rain3d, Snow3d)
+    )
+    fall = rain.velocities[0][:, 1]
+    assert np.abs(fall - 200 * np.sqrt(rain.diameters / 2)).max() <= 0.1 + 1e-9
+    middle = (rain.diameters > 1.3e-3) & (rain.diameters < 4e-3)
+    assert 5 - 0.2 < fall[middle].min() < fall[middle].max() < 9 + 0.1
+    assert 1 - 0.5 <= snow.velocities[0][:, 1].min() < snow.velocities[0][:, 1].max() <= 2 + 0.5
+
+
+@both
+def test_a_scene_nearer_than_all_particles_is_unchanged(kind):
+    frame = picture(60, 90)
+    for severity in range(1, 6):
+        state = kind().draw_scene(Rng.of("near", severity), severity, plane(NEAREST - 0.01, (60, 90)))
+        for index in (0, 1):
+            assert np.array_equal(kind().apply(frame, state, index), frame)
+
+
+@both
+def test_particles_are_hidden_pixel_by_pixel(kind):
+    frame, maps = np.zeros((120, 160, 3), np.uint8), np.full((2, 120, 160), 50.0, np.float32)
+    maps[:, :, :80] = NEAREST - 0.01
+    open_sky = kind().draw_scene(Rng.of("half"), 5, plane(50.0, (120, 160)))
+    out = kind().apply(frame, kind().draw_scene(Rng.of("half"), 5, scene(*maps)), 0)
+    assert (out[:, :80] == 0).all()
+    assert np.array_equal(out[:, 80:], kind().apply(frame, open_sky, 0)[:, 80:])
+    assert out[:, 80:].max() > 40
+
+
+def by_hand(points, diameters, motion=STILL, speed=(0.0, 0.0, 0.0)):
+    """Particles in given places, all of one velocity."""
+    first = np.array(points, np.float64)
+    velocity = np.tile(np.array(speed), (len(first), 1))
+    second = (first + FRAME_INTERVAL * velocity) @ motion.rotation.T + motion.translation
+    return Particles(
+        (first, second), (velocity, velocity @ motion.rotation.T), np.array(diameters, np.float64),
+        (100.0, 100.0), (79.5, 59.5), motion,
+    )  # fmt: skip
+
+
+def shares(particles, index=0, depth=None):
+    """What the particles hide of each pixel of 120x160."""
+    depth = depth or plane(50.0, (120, 160))
+    state = Snow3d().draw_scene(Rng.of("hand"), 1, depth)._replace(particles=particles, veil=(0.0, 1.0))
+    white = type("White", (Snow3d,), {"colour": (255.0, 255.0, 255.0)})()
+    return white.apply(np.zeros((120, 160, 3), np.uint8), state, index)[..., 0] / 255
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.8, 2.0, 6.0])
+@pytest.mark.parametrize("streak", [0.0, 4.0])
+def test_a_particle_covers_its_area_whatever_its_size_and_speed(radius, streak):
+    rng = np.random.default_rng(3)
+    depth, total, count = 5.0, 0.0, 40
+    for _ in range(count):
+        x, y = (rng.uniform(-20, 20, 2) / 100) * depth
+        angle = rng.uniform(0, 2 * np.pi)
+        speed = streak / 100 * depth / EXPOSURE * np.array([np.cos(angle), np.sin(angle), 0])
+        total += shares(by_hand([(x, y, depth)], [2 * radius * depth / 100], speed=speed)).sum()
+    tolerance = 0.1 if radius < 0.5 else 0.02  # faint ones are rounded to whole grey levels
+    assert total / count == pytest.approx(np.pi * radius**2, rel=tolerance)
+
+
+def test_a_large_particle_is_opaque_and_centred_on_its_projection():
+    at = 0.613, -0.427, 8.0
+    hidden = shares(by_hand([at], [1.2]))
+    y, x = np.mgrid[:120, :160]
+    assert hidden.max() > 0.95
+    assert (hidden * x).sum() / hidden.sum() == pytest.approx(79.5 + 100 * at[0] / at[2], abs=0.02)
+    assert (hidden * y).sum() / hidden.sum() == pytest.approx(59.5 + 100 * at[1] / at[2], abs=0.02)
+
+
+def test_streaks_of_a_camera_that_drives_forward_point_to_where_it_drives():
+    points = np.random.default_rng(5).uniform([-2, -1.5, 2], [2, 1.5, 6], (60, 3))
+    particles = by_hand(points, np.full(60, 1e-2), Motion(np.eye(3), np.array([0, 0, -1.2])))
+    for index in (0, 1):
+        streaks = streaks_of(particles, index)
+        out, along = (streaks[:, :2] - [79.5, 59.5]), streaks[:, 2:4] - streaks[:, :2]
+        assert (
+            np.abs((out[:, 0] * along[:, 1] - out[:, 1] * along[:, 0]) / np.hypot(*out.T) / np.hypot(*along.T)).max()
+            < 1e-9
+        )
+        assert ((out * along).sum(axis=1) > 0).all()  # outward: they come nearer
+
+
+@both
+def test_a_camera_of_unknown_motion_stands_still(kind):
+    frame = picture(60, 90)
+    still = plane(20.0, (60, 90), rotation=np.eye(3), translation=np.zeros(3))
+    unknown = plane(20.0, (60, 90))
+    for index in (0, 1):
+        a, b = (kind().apply(frame, kind().draw_scene(Rng.of("p"), 3, one), index) for one in (still, unknown))
+        assert np.array_equal(a, b)
+
+
+@both
+def test_layout_of_depth_and_order_of_frames_do_not_matter(kind):
+    frame = picture(60, 90)
+    first, second = np.random.default_rng(2).uniform(1, 40, (2, 60, 90)).astype(np.float32)
+    state = kind().draw_scene(Rng.of("o"), 5, scene(first, second))
+    expected = [kind().apply(frame, state, index) for index in (0, 1)]
+    wide = np.zeros((60, 180), np.float32)
+    wide[:, ::2] = second
+    again = kind().draw_scene(Rng.of("o"), 5, scene(np.asfortranarray(first), wide[:, ::2]))
+    assert np.array_equal(kind().apply(np.asfortranarray(frame), again, 1), expected[1])
+    assert np.array_equal(kind().apply(frame[::-1][::-1], again, 0), expected[0])
+
+
+@both
+def test_intrinsics_of_a_telescope_are_refused(kind):
+    with pytest.raises(UsageError, match=r"focal length of 1e\+09 px does not go with a frame of 90 px"):
+        kind().draw_scene(Rng.of("t"), 5, plane(5.0, (60, 90), focal=1e9))
