@@ -1,6 +1,7 @@
 """`robustflow run` draws its examples, and `robustflow examples` those of a finished run."""
 
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 
 from robustflow.api import evaluate
+from robustflow.datasets import load_dataset
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 
@@ -87,3 +89,51 @@ def test_data_that_moved_and_data_that_changed(robustflow, tmp_path):
     assert code == 1
     assert "are not those that the run measured" in error
     assert not Path("run/examples").exists()
+
+
+MINE = """
+import numpy as np
+class Lighter:
+    needs_gradients = False
+    def run(self, problem, rng):
+        return problem.ball.project(problem.ball.clean + problem.ball.radius)
+"""
+
+
+@pytest.fixture
+def attacked(tmp_path, robustflow, monkeypatch):
+    """A run with attacks of the package, of the user and with a file; nothing of them is known afterwards."""
+    (tmp_path / "lighter_attack.py").write_text(MINE)
+    frames = load_dataset("motorcycle").load("motorcycle").frames
+    np.save(tmp_path / "added.npy", np.full((1, 3, *frames[0].shape[:2]), 0.01, np.float32))
+    attacks = "lighter_attack:Lighter,universal:file=added.npy"
+    run = ("run", "-m", "dis", "-O", "preset=ultrafast", "--attacks", attacks, "-s", 2, "-o", "run", "--no-examples")
+    assert robustflow(*run)[0] == 0
+    sys.modules.pop("lighter_attack")
+    monkeypatch.setattr("robustflow.attacks.own._own", {})
+    return ("examples", "run", "--sample", "motorcycle", "-s", 2, "-o", "cell.png", "--attack")
+
+
+def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loaded(robustflow, attacked, real_pictures):
+    with real_pictures():
+        assert robustflow(*attacked, "random_sign")[0] == 0
+    with Image.open("cell.png") as picture:
+        assert picture.width == 1400
+
+    code, _, error = robustflow(*attacked, "lighter")
+    assert (code, error.count("\n")) == (1, 1)
+    assert "name it with --own-attack MODULE:ATTRIBUTE" in error
+    code, _, error = robustflow(*attacked, "universal:file=added.npy")
+    assert (code, error.count("\n")) == (1, 1)
+    assert "give --own-attack 'universal:file=added.npy' yourself" in error
+    assert "lighter_attack" not in sys.modules
+
+    with real_pictures():
+        assert robustflow(*attacked, "lighter", "--own-attack", "lighter_attack:Lighter")[0] == 0
+        named = ("universal:file=added.npy", "--own-attack", "universal:file=added.npy")
+        assert robustflow(*attacked, *named)[0] == 0
+    np.save("added.npy", -np.load("added.npy"))
+    code, _, error = robustflow(*attacked, *named)
+    assert (code, error.count("\n")) == (1, 1)
+    assert "what decides the attack universal:file=added.npy has changed" in error
+    assert robustflow(*attacked, "pgd")[0] == 2

@@ -11,11 +11,13 @@ from .options import (
     DataOptions,
     Device,
     ModelOptions,
+    OwnAttacks,
     OwnCorruptions,
     Precision,
     PsfDir,
     keyword_options,
     model_options,
+    use_own_attacks,
     use_own_corruptions,
     use_psf_dir,
 )
@@ -25,7 +27,10 @@ def examples(
     run: Annotated[Path, typer.Argument(help="A run's folder.")],
     sample: Annotated[str | None, typer.Option("--sample", help="Draw this sample alone, as one PNG.")] = None,
     corruption: Annotated[
-        str | None, typer.Option("--corruption", "--corruptions", "-c", help="With --sample.")
+        str | None,
+        typer.Option(
+            "--corruption", "--corruptions", "-c", "--attack", "--attacks", help="With --sample: corruption or attack."
+        ),
     ] = None,
     severity: Annotated[int | None, typer.Option("--severity", "--severities", "-s", help="With --sample.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="PNG file for --sample.")] = None,
@@ -39,6 +44,7 @@ def examples(
     precision: Precision = None,
     option: ModelOptions = None,
     own_corruption: OwnCorruptions = None,
+    own_attack: OwnAttacks = None,
     psf_dir: PsfDir = None,
 ) -> None:
     """Draw the worst and the median sample of a run: frames, corrupted frames, flows and error maps.
@@ -52,6 +58,7 @@ def examples(
       robustflow examples runs/demo_dis_1a2b3c4d
       robustflow examples RUN --data /mnt/kitti
       robustflow examples RUN --sample 000010_10 --corruption fog --severity 3 -o fog.png
+      robustflow examples RUN --sample 000010_10 --attack pgd --severity 3 -o pgd.png
     """
     from ..atomic import write_bytes
     from ..errors import UsageError
@@ -66,6 +73,7 @@ def examples(
 
     use_psf_dir(psf_dir)
     use_own_corruptions(own_corruption)
+    named_attacks = use_own_attacks(own_attack)
     result = Run(run)
     cell = (sample, corruption, severity)
     if any(part is not None for part in cell) and None in cell:
@@ -81,7 +89,7 @@ def examples(
     setup = restore_setup(result, source)
     if sample is not None and corruption is not None and severity is not None:
         target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
-        write_bytes(target, draw_example(result, setup, sample, corruption, severity))
+        write_bytes(target, draw_example(result, setup, sample, corruption, severity, named_attacks))
         typer.echo(str(target))
         return
     folder = RunFolder(result.path)

@@ -75,6 +75,15 @@ OwnCorruptions = Annotated[
         help="Your own corruption that the run used; nothing is imported merely because a run names it.",
     ),
 ]
+OwnAttacks = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--own-attack",
+        metavar="MODULE:ATTRIBUTE",
+        help="Your own attack that the run used, or the name of one that is made with a file or a model of your own; "
+        "nothing is loaded merely because a run names it.",
+    ),
+]
 Corruptions = Annotated[
     str | None,
     typer.Option(
@@ -179,6 +188,18 @@ def use_own_corruptions(targets: list[str] | None) -> None:
 
     for target in targets or []:
         corruption_name(target)
+
+
+def use_own_attacks(targets: list[str] | None) -> frozenset[str]:
+    """Import the user's own attacks, so that they can be made again, and return the names by which runs have them.
+
+    Raises:
+        UsageError: one cannot be imported, or is not an attack.
+    """
+    from ..attacks import load_attack
+    from ..attacks.own import with_target_registered
+
+    return frozenset(load_attack(with_target_registered(target)).label for target in targets or [])
 
 
 def use_psf_dir(folder: Path | None) -> None:

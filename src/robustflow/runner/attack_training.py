@@ -75,14 +75,23 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
         if name not in learned:
             continue
-        path, made_of = folder.pattern_path(name, severity), f"{plan.digest()} {name} {severity}"
-        pattern = read_clean(path, made_of)
+        pattern = learned_pattern(folder, plan, name, severity)
         if pattern is None:
             pattern = _trained(trained[name], plan, model, severity)
+            path = folder.pattern_path(name, severity)
             path.parent.mkdir(exist_ok=True)
-            write_clean(path, pattern, made_of)
+            write_clean(path, pattern, _made_of(plan, name, severity))
         learned[name][severity] = pattern
     return learned
+
+
+def learned_pattern(folder: RunFolder, plan: Plan, name: str, severity: int) -> Pattern | None:
+    """What a trained attack learned in a run; None unless its folder has it intact."""
+    return read_clean(folder.pattern_path(name, severity), _made_of(plan, name, severity))
+
+
+def _made_of(plan: Plan, name: str, severity: int) -> str:
+    return f"{plan.digest()} {name} {severity}"
 
 
 def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pattern:

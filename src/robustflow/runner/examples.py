@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,6 +23,7 @@ from ..runs.example_list import EXAMPLES_FILE, FOLDER, are_current, drop_example
 from ..runs.plan import Cell
 from ..runs.run import Run
 from ..threads import one_opencv_thread
+from .attack_again import with_attack
 from .setup import Setup
 from .slider_pictures import WIDEST, kept_picture, slider_picture
 from .worker import View, Worker
@@ -72,15 +73,28 @@ def write_examples(run: Run, setup: Setup) -> bool:
     return True
 
 
-def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
+def draw_example(
+    run: Run, setup: Setup, key: str, corruption: str, severity: int, named_attacks: Container[str] = ()
+) -> bytes:
     """Any cell of a run as a PNG, with the run's numbers.
+
+    Args:
+        run: a run.
+        setup: the set-up of that run.
+        key, corruption, severity: the cell; also of an attack.
+        named_attacks: see `with_attack`.
 
     Raises:
         UsageError: a cell that the run does not have.
-        RunError: frames or flows that are not those of the run.
+        RunError: frames or flows that are not those of the run, or an attack that cannot be made again.
     """
+    cell, rows = (key, corruption, severity), run.rows
+    if corruption in run.attacks:
+        rows = run.attack_rows
+        _row(rows, cell)
+        setup = with_attack(setup, run, corruption, severity, named_attacks)
     with _worker(setup) as worker:
-        return _picture(run.rows, worker, (key, corruption, severity), "", "png")
+        return _picture(rows, worker, cell, "", "png")
 
 
 @contextmanager

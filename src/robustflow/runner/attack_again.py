@@ -1,0 +1,69 @@
+"""Make an attack of a finished run again, without loading anything that only the run's folder names."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import replace
+
+from ..attacks import load_attack
+from ..attacks.own import own_attacks_among
+from ..attacks.registry import split_name
+from ..errors import RunError, UsageError
+from ..models.loading import ModelSpec
+from ..runs.run import Run
+from ..runs.source import RunSource
+from ..runs.store import RunFolder
+from ..text import plain
+from .attack_training import learned_pattern
+from .setup import Setup
+
+
+def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Container[str] = ()) -> Setup:
+    """The set-up of a finished run, with one of its attacks at one severity.
+
+    Args:
+        setup: of the run, see `restore_setup`.
+        run: with the attack.
+        name: of the attack, as the run has it.
+        severity: at which it is made.
+        named: attacks that the user named, and that may load code and files therefore.
+
+    Raises:
+        RunError: the attack names code or a file and the user did not, what decides it has changed, or what was trained
+            for it is gone.
+    """
+    if name not in named:
+        _refuse_code_and_files(name)
+    plan, options = setup.plan, setup.options
+    try:
+        attack = load_attack(name).with_variant(options.variant)
+    except UsageError as error:
+        raise RunError(
+            f"the run's attack '{plain(name)}' cannot be made here ({plain(str(error), 200)}); if it is your own, name "
+            "it with --own-attack MODULE:ATTRIBUTE"
+        ) from error
+    learned = {}
+    if attack.trains:
+        pattern = learned_pattern(RunFolder(run.path), plan, name, severity)
+        if pattern is None:
+            raise RunError(f"{run.path} no longer has what was trained for {plain(name)}; run it again")
+        learned = {name: {severity: pattern}}
+    elif attack.source != options.attack_sources.get(name, ""):
+        raise RunError(f"what decides the attack {plain(name)} has changed since {run.path} was run; run it again")
+    options = replace(options, attacks=(name,), own_attacks=own_attacks_among([name]), learned=learned)
+    return replace(setup, plan=replace(plan, options=options))
+
+
+def _refuse_code_and_files(name: str) -> None:
+    head, argument, options = split_name(name)
+    on = options.pop("on", argument if head == "transfer" else "tiny") or "tiny"
+    options.pop("train", None)  # what was trained is in the run's folder
+    try:
+        if "file" in options:
+            raise RunError("a file")
+        RunSource(ModelSpec(on, tuple(options.items()))).model_to_reuse({})
+    except RunError:
+        raise RunError(
+            f"the run's attack '{plain(name)}' names code or a file, and nothing is loaded because a folder names it: "
+            f"give --own-attack '{plain(name)}' yourself if you trust it"
+        ) from None
