@@ -368,6 +368,8 @@ def test_search_for_models_lists_what_each_of_their_checkpoints_saw(robustflow):
         "sea_raft_m spring: LEAKED on kitti-fc, LEAKED on sintel, OOD on gopro-fc; trained on"
     )
     assert lines[spring + 1].startswith("    confidence high: the name hides KITTI")
+    assert robustflow("list", "models", "SEA-RAFT-m")[1] == out
+    assert robustflow("list", "models", "FlowFormer++")[1].startswith("flowformer_pp chairs: ")
     assert robustflow("list", "models", "farneback")[1] == "farneback: no published checkpoints\n"
     for arguments in (("models", "sea_rafd"), ("corruptions", "fog")):
         code, _, error = robustflow("list", *arguments)

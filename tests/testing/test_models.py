@@ -19,7 +19,14 @@ class Clip(ZeroClipFlow):
         return super().predict_clip(frames, index)
 
 
-@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip((2, 1))])
+class Sure(ZeroFlow):
+    """Sure of its flow everywhere."""
+
+    def predict_with_confidence(self, frame1, frame2):
+        return self.predict(frame1, frame2), np.ones(frame1.shape[:2], np.float32)
+
+
+@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip((2, 1)), Sure()])
 def test_models_that_keep_the_rules(model):
     assert check_model(model) == (model.__name__ if isinstance(model, type) else type(model).__name__)
 
@@ -53,6 +60,27 @@ class Loses(Batched):
         return super().predict_batch(frames1, frames2)[:1]
 
 
+class SureOfOther(Sure):
+    def predict_with_confidence(self, frame1, frame2):
+        flow, confidence = super().predict_with_confidence(frame1, frame2)
+        return flow + 1, confidence
+
+
+class SurerEachTime(Sure):
+    calls = 0
+
+    def predict_with_confidence(self, frame1, frame2):
+        self.calls += 1
+        flow, confidence = super().predict_with_confidence(frame1, frame2)
+        return flow, self.calls * confidence
+
+
+class SureOfLess(Sure):
+    def predict_with_confidence(self, frame1, frame2):
+        flow, confidence = super().predict_with_confidence(frame1, frame2)
+        return flow, confidence[1:]
+
+
 def padded(frame1, frame2):
     return np.zeros((-(-frame1.shape[0] // 8) * 8, frame1.shape[1], 2), np.float32)
 
@@ -77,6 +105,9 @@ def never(frame1, frame2):
         (lambda a, b: [[0]], "returned list"),
         (lambda a, b: a.nothing, "raised AttributeError on frames of 128x160"),
         (3, "has no method predict"),
+        (SureOfOther(), "predict_with_confidence gives another flow than predict on frames of 128x160"),
+        (SurerEachTime(), "another confidence for the same frames on frames of 128x160"),
+        (SureOfLess(), r"confidence on frames of 128x160 has the shape \(127, 160\); expected \(128, 160\)"),
     ],
 )
 def test_every_broken_rule_is_named(model, says):

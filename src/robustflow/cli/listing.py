@@ -119,11 +119,13 @@ def _published(search: str) -> list[str]:
     """The published checkpoints of models with `search` in their name, and what each has seen."""
     from ..benchmarks.setting import setting_of
     from ..models import MODELS
-    from ..models.catalog import checkpoints, entries_of
+    from ..models.catalog import checkpoints, entries_of, methods
     from ..models.provenance import training_of_entry
 
     names = sorted({*MODELS.names(), *(entry.model for entry in checkpoints())})
-    found = [name for name in names if search.lower() in name]
+    labels = {name: method.method.lower() for name, method in methods().items()}
+    wanted = search.lower()
+    found = [name for name in names if wanted.replace("-", "_") in name or wanted in labels.get(name, "")]
     if not found:
         raise unknown_name("model", search, names)
     lines = []

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
-from .base import AnyModel, ClipModel, FlowModel, checked_flow, describe_cell, naming_errors
+from .base import AnyModel, ClipModel, FlowModel, checked_flow, naming_errors
 
 FORWARD_BACKWARD, OF_MODEL = "forward-backward", "model"
 CONFIDENCES = (FORWARD_BACKWARD, OF_MODEL)
@@ -59,15 +59,12 @@ def with_back(flow: Flow, back: Flow) -> Answer:
     return np.concatenate([flow, back], axis=2)
 
 
-def predict_with_confidence_checked(
-    model: ConfidentModel, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
-) -> Answer:
-    """Call a model that gives its confidence, and check both parts of its answer.
+def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, ...], where: str) -> Answer:
+    """Call a model that gives its confidence, and check both parts of its answer; `where` names the frames in messages.
 
     Raises:
         ModelError: the model raised, or returned no flow, or a confidence of another size or that is NaN.
     """
-    where = describe_cell(key, corruption, severity)
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
     if not isinstance(answer, tuple) or len(answer) != 2:

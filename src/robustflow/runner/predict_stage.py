@@ -14,6 +14,7 @@ from ..models.base import (
     ClipModel,
     FlowLookup,
     FlowModel,
+    describe_cell,
     describe_cells,
     predict_batch_checked,
     predict_checked,
@@ -82,7 +83,10 @@ class PredictStage:
             self._on_predict(describe_cells([request.cell for request in requests]))
             if self._confidence == OF_MODEL:
                 assert isinstance(self._model, ConfidentModel)
-                answers = [predict_with_confidence_checked(self._model, one.frames, *one.cell) for one in requests]
+                answers = [
+                    predict_with_confidence_checked(self._model, one.frames, describe_cell(*one.cell))
+                    for one in requests
+                ]
             else:
                 answers = self._flows(requests)
             if self._confidence == FORWARD_BACKWARD:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowModel, given_name
+from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
 from ..models.construct import as_model
 from ..models.window import window_of
 from ..sample import Flow, Frame
@@ -126,7 +127,8 @@ def check_model(model: Any, seed: int = 0) -> str:
 
     Its flow must be float (H, W, 2) and finite; the same frames must give the same flow, also after others were
     predicted and in any order; it must not write into the frames that it is given; and if it predicts batches, they
-    must give the flows of single pairs to 1e-4 px. A multi-frame model is given a clip of the frames in its window.
+    must give the flows of single pairs to 1e-4 px. With `predict_with_confidence` it must give the same flow there, and
+    the same confidence, (H, W) without NaN, twice. A multi-frame model is given a clip of the frames in its window.
 
     Args:
         model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch module.
@@ -154,6 +156,8 @@ def check_model(model: Any, seed: int = 0) -> str:
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
+        if isinstance(made, ConfidentModel):
+            _check_confidence(made, clips, first, where)
     return given_name(model) or getattr(model, "__name__", None) or type(model).__name__
 
 
@@ -196,6 +200,18 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
                 f"the model {where} gives another flow in a batch than alone: keep the pairs of a batch apart, or "
                 "leave out predict_batch"
             )
+
+
+def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flow, where: str) -> None:
+    frames = where.removeprefix("on ")
+    first, _, again = (predict_with_confidence_checked(model, tuple(clip), frames) for clip in (*clips, clips[0]))
+    if not np.array_equal(flow_of(first), np.asarray(flow, np.float32)):
+        raise ModelError(f"predict_with_confidence gives another flow than predict {where}: give the same in both")
+    if not np.array_equal(first, again):
+        raise ModelError(
+            f"predict_with_confidence gives another confidence for the same frames {where} after others were "
+            "predicted: seed what is random, and keep nothing from call to call"
+        )
 
 
 def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int]) -> list[Frame]:

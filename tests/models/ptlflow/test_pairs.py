@@ -14,7 +14,8 @@ from robustflow import load_model
 from robustflow.errors import AssetError, ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.catalog import PTLFLOW
-from robustflow.models.ptlflow.pairs import BESIDES
+from robustflow.models.confidence import ConfidentModel
+from robustflow.models.ptlflow.pairs import BESIDES, CONFIDENT
 from robustflow.models.registry import MODELS
 
 from ..textures import textured_pair
@@ -142,6 +143,24 @@ def test_any_other_model_by_its_name(library):
         load_model("pwcnet", checkpoint="random", iterations=3)
     spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
     assert "source" not in spec.identity(model), "the library is known by its version, not by a file's hash"
+
+
+@pytest.mark.torch
+def test_a_network_that_returns_its_confidence_gives_the_librarys(library):
+    import torch
+
+    frames = textured_pair(64, 96)
+    model = load_model("liteflownet3s", checkpoint="random", device="cpu")
+    flow, confidence = model.predict_with_confidence(*frames)
+    assert np.array_equal(flow, model.predict(*frames))
+    images = torch.from_numpy(np.stack(frames)[..., ::-1].copy()).permute(0, 3, 1, 2)[None].float() / 255
+    with torch.inference_mode():
+        outputs = model.net.model({"images": images})
+    assert np.array_equal(confidence, outputs["confs"][0, 0, 0].numpy())
+    assert np.ptp(confidence) > 0
+    assert not isinstance(adapter("raft"), ConfidentModel)
+    with pytest.raises(UsageError, match="differ in size"):
+        model.predict_with_confidence(frames[0], frames[1][1:])
 
 
 LAYOUTS = {
@@ -320,7 +339,10 @@ def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
         model = load_model(known, checkpoint="random", device="cpu")
         assert model.identity()["name"] == known
         if hasattr(model, "predict"):
+            returned: set[str] = set()
+            model.net.model.register_forward_hook(lambda net, given, outputs, known=returned: known.update(outputs))
             flow = model.predict(*frames)
+            assert ("confs" in returned) == isinstance(model, ConfidentModel) == (name in CONFIDENT), name
         else:
             offsets = model.window.offsets(range(-5, 7))
             flow = model.predict_clip([frames[offset % 2] for offset in offsets], offsets.index(0))

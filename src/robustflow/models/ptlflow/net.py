@@ -25,12 +25,13 @@ class PtlflowNet(nn.Module):
         self.model = model
         self.batched = batched
 
-    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """Images (N, 3, H, W), BGR, 0..255, to flow (N, 2, H, W) in pixels."""
+    def forward(self, image1: Tensor, image2: Tensor, confidence: bool = False) -> Tensor:
+        """Images (N, 3, H, W), BGR, 0..255, to flow (N, 2, H, W) in pixels; with the network's confidence (N, 3, H, W),
+        for those that have one."""
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         if self.batched:
-            return self._flow(images)
-        return torch.cat([self._flow(pair) for pair in images.split(1)])
+            return self._flow(images, confidence)
+        return torch.cat([self._flow(pair, confidence) for pair in images.split(1)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
         """The flow after every iteration, for the loss; in training mode only.
@@ -60,11 +61,12 @@ class PtlflowNet(nn.Module):
             )
         return list(outputs["flow_preds"]), outputs
 
-    def _flow(self, images: Tensor) -> Tensor:
-        flows: Tensor = self.model({"images": images})["flows"]
+    def _flow(self, images: Tensor, confidence: bool) -> Tensor:
+        outputs = self.model({"images": images})
+        flows: Tensor = outputs["flows"]
         if flows.ndim != 5 or flows.shape[1] != 1:
             raise ModelError(
                 f"the network returned flows of shape {tuple(flows.shape)} for two frames, not one flow; "
                 "it is made for more frames: choose a two-frame model"
             )
-        return flows[:, 0]
+        return torch.cat([flows[:, 0], outputs["confs"][:, 0]], dim=1) if confidence else flows[:, 0]

@@ -45,6 +45,10 @@ BESIDES = {
 }
 """What some of ptlflow's models need besides ptlflow, which does not install it."""
 
+CONFIDENT = ("liteflownet3", "liteflownet3_pseudoreg", "liteflownet3s", "liteflownet3s_pseudoreg")
+"""Networks that return a confidence, 0 to 1, with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow) is
+none, and what SEA-RAFT and its relatives know of their error, they return in training alone."""
+
 _SOURCE = SOURCES["ptlflow"]
 BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
 """Networks whose pairs of a batch do not see each other, which `tests/models/test_batches.py` checks for each one.
@@ -145,6 +149,7 @@ def ptlflow_network(
             **({"use_tile_input": False} if "use_tile_input" in options else {}),
         },
         adapt=_adapt,
+        confident=architecture in CONFIDENT,
         execution=execution,
     )
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
@@ -12,7 +14,7 @@ from ...errors import ModelError, RobustFlowError, UsageError, first_line
 from ...sample import Flow, Frame
 from ..execution import Execution
 from ..input_convention import InputConvention
-from ..pairs import PairNetwork
+from ..pairs import PairNetwork, check_pair
 from ..traceback_hint import traceback_hint
 from .fit import fitted_images, fitted_values, unfitted_flow
 from .reproducible import reproducible
@@ -122,6 +124,17 @@ class NetworkModel(PairNetwork):
                 f"{traceback_hint(error)}); {advice}"
             ) from error
         return flow
+
+
+class ConfidentNetwork(NetworkModel):
+    """A network that says how sure it is of each pixel: called with `confidence=True` it returns (N, 3, H, W), the flow
+    and the confidence. Satisfies `ConfidentModel`."""
+
+    def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.float32]]:
+        """See `ConfidentModel.predict_with_confidence`."""
+        check_pair(frame1, frame2)
+        (answer,) = self.run([frame1], [frame2], confidence=True)
+        return answer[..., :2], answer[..., 2]
 
 
 def find_device(name: str) -> torch.device:

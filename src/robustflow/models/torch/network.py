@@ -43,6 +43,7 @@ def network_model(
     scope: str | None = None,
     settings: Mapping[str, Any] | None = None,
     adapt: Callable[[Any, Checkpoint], Mapping[str, Any]] | None = None,
+    confident: bool = False,
     execution: Execution,
 ) -> NetworkModel:
     """Build a network, load its checkpoint strictly, and wrap it.
@@ -60,6 +61,7 @@ def network_model(
         settings: what else changes the network's numbers.
         adapt: changes the network according to what the checkpoint holds besides weights, before these are loaded;
             returns what should be recorded.
+        confident: whether the network can return its confidence, see `ConfidentNetwork`.
         execution: device, precision, compilation, threads.
 
     Raises:
@@ -73,13 +75,14 @@ def network_model(
     require("torch", f"model '{name}'")
     settings = dict(settings or {})
     if checkpoint == RANDOM:
-        from .model import NetworkModel
+        from .model import ConfidentNetwork, NetworkModel
 
         seed = {"seed_of_weights": _SEED.get()} if _SEED.get() else {}
-        return NetworkModel(name, _seeded(build), convention, {"checkpoint": RANDOM, **seed, **settings}, execution)
+        kind = ConfidentNetwork if confident else NetworkModel
+        return kind(name, _seeded(build), convention, {"checkpoint": RANDOM, **seed, **settings}, execution)
     path, known = find_checkpoint(name, checkpoint, published or {}, source)
     from .checkpoint import read_checkpoint
-    from .model import NetworkModel
+    from .model import ConfidentNetwork, NetworkModel
     from .weights import load_weights
 
     read = read_checkpoint(path, sha256 or known)
@@ -88,7 +91,7 @@ def network_model(
         settings |= adapt(net, read)
     cast = load_weights(net, read, name, scope)
     identity = {"checkpoint": read.sha256, **({"weights_cast_from": cast} if cast else {}), **settings}
-    model = NetworkModel(name, net, convention, identity, execution)
+    model = (ConfidentNetwork if confident else NetworkModel)(name, net, convention, identity, execution)
     model.trained_on = read.trained_on
     return model
 
