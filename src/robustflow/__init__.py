@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .models import list_models, load_model
     from .models.torch.user_model import TorchModel
     from .report.comparison import Comparison, compare
-    from .sample import Sample
+    from .sample import Camera, Sample, SceneDepth
 
 __version__ = VERSION
 
@@ -50,17 +50,21 @@ _HOMES = {
     "TorchModel": "models.torch.user_model",
     "evaluate": "api",
     "Result": "api",
+    "Camera": "sample",
     "Sample": "sample",
+    "SceneDepth": "sample",
 }
 
 __all__ = [
     "Attacked",
     "Benchmark",
+    "Camera",
     "Comparison",
     "Corruption",
     "Result",
     "RobustFlowError",
     "Sample",
+    "SceneDepth",
     "TorchModel",
     "attack",
     "attacks",

@@ -35,12 +35,22 @@ class Camera:
         rotation: float64 (3, 3), and
         translation: float64 (3,), metres: a point X in the coordinates of frame 1 is at `rotation @ X + translation` in
             those of frame 2. Both are None where the motion is unknown.
+        second: (fx, fy, cx, cy) of frame 2 where they differ from those of frame 1: a zoom, or the other camera of a
+            stereo pair.
+
+    >>> Camera((500.0, 500.0), (320.0, 240.0)).intrinsics(1)
+    (500.0, 500.0, 320.0, 240.0)
     """
 
     focal: tuple[float, float]
     centre: tuple[float, float]
     rotation: npt.NDArray[np.float64] | None = None
     translation: npt.NDArray[np.float64] | None = None
+    second: tuple[float, float, float, float] | None = None
+
+    def intrinsics(self, index: int) -> tuple[float, float, float, float]:
+        """(fx, fy, cx, cy) of frame `index`, 0 or 1."""
+        return self.second if index and self.second is not None else (*self.focal, *self.centre)
 
 
 @dataclass(frozen=True, eq=False)

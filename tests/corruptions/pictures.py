@@ -1,6 +1,8 @@
-"""Textured frames."""
+"""Textured frames, and depth for them."""
 
 import numpy as np
+
+from robustflow.sample import Camera, SceneDepth
 
 
 def picture(height, width, seed=0):
@@ -9,3 +11,13 @@ def picture(height, width, seed=0):
     coarse = rng.integers(-40, 296, (height // 8 + 1, width // 8 + 1, 3))
     tiled = coarse.repeat(8, axis=0).repeat(8, axis=1)[:height, :width]
     return np.clip(tiled + rng.integers(-20, 21, tiled.shape), 0, 255).astype(np.uint8)
+
+
+def scene(height, width, seed=0, moves=(0.1, 0.0, -0.4)):
+    """A wall of blocks from 3 to 60 m away, the same in both frames, before a camera that moves a little."""
+    rng = np.random.default_rng([seed, height, width, 1])
+    blocks = rng.uniform(3, 60, (height // 12 + 1, width // 12 + 1)).astype(np.float32)
+    depth = np.ascontiguousarray(blocks.repeat(12, axis=0).repeat(12, axis=1)[:height, :width])
+    known = np.ones((height, width), bool)
+    camera = Camera((float(width),) * 2, ((width - 1) / 2, (height - 1) / 2), np.eye(3), np.array(moves))
+    return SceneDepth((depth, depth), (known, known), camera)

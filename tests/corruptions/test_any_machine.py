@@ -16,14 +16,19 @@ from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS
 from robustflow.datasets.motorcycle import Motorcycle
 from robustflow.errors import AssetError
+from robustflow.sample import SceneDepth
 
 cv2.setNumThreads(1)
-frames = [frame[100:221, 200:387] for frame in Motorcycle().load("motorcycle").frames]
+part = slice(100, 221), slice(200, 387)
+sample = Motorcycle().load("motorcycle")
+frames, whole = [frame[part] for frame in sample.frames], Motorcycle().depth(sample)
+maps, masks = ([each[part] for each in both] for both in (whole.maps, whole.measured))
+depth = SceneDepth((10 * maps[0], 10 * maps[1]), tuple(masks), whole.camera)
 for name in CORRUPTIONS.names():
     if name in CLIP:
         continue
     try:
-        pairs = [corrupt(*frames, name, severity, seed=3) for severity in (1, 3, 5)]
+        pairs = [corrupt(*frames, name, severity, seed=3, depth=depth) for severity in (1, 3, 5)]
     except AssetError:
         continue
     print(name, hashlib.sha256(b"".join(frame.tobytes() for pair in pairs for frame in pair)).hexdigest())

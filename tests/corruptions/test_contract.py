@@ -14,16 +14,16 @@ from robustflow.corruptions.registry import CLIP, CORRUPTIONS, IMAGE_PAIR, PAPER
 from robustflow.errors import AssetError, UsageError
 from robustflow.random.rng import Rng
 
-from .pictures import picture
+from .pictures import picture, scene
 
 NAMES = [name for name in CORRUPTIONS.names() if name not in CLIP]
 every_corruption = pytest.mark.parametrize("name", NAMES)
 
 
 def corrupted(*args, **options):
-    """As `corrupt`; skips where textures or lenses are neither there nor to be fetched."""
+    """As `corrupt`, with depth; skips where textures or lenses are neither there nor to be fetched."""
     try:
-        return corrupt(*args, **options)
+        return corrupt(*args, **options, depth=scene(*args[0].shape[:2]))
     except AssetError as error:
         pytest.skip(str(error))
 
@@ -86,7 +86,7 @@ def draws_nothing(name):
     """Whether a corruption is the same for every key and seed: neither `draw` nor `apply` touches the generator."""
     corruption = load_corruption(name)
     try:
-        state = corruption.draw(_NotToBeUsed(), 3, (64, 80))
+        state = corruption.draw_with_depth(_NotToBeUsed(), 3, (64, 80), scene(64, 80))
         corruption.apply(picture(64, 80), state, 1)
     except AssertionError:
         return False
@@ -126,7 +126,7 @@ def test_severities_differ(name):
 @every_corruption
 def test_a_pickled_state_gives_the_same_frame(name):
     frame, corruption = picture(40, 50), load_corruption(name)
-    state = corruption.draw(Rng.of("contract", name), 4, frame.shape[:2])
+    state = corruption.draw_with_depth(Rng.of("contract", name), 4, frame.shape[:2], scene(*frame.shape[:2]))
     try:
         out = corruption.apply(frame, state, 1)
     except AssetError as error:
@@ -146,7 +146,7 @@ def test_threads_share_an_instance(name):
     corruption, frames = load_corruption(name), [picture(60, 75, seed=i) for i in range(6)]
     expected = [corrupted(frame, frame, corruption, 2, key=str(i)) for i, frame in enumerate(frames)]
     with ThreadPoolExecutor(3) as pool:
-        jobs = [pool.submit(corrupt, frame, frame, corruption, 2, key=str(i)) for i, frame in enumerate(frames)]
+        jobs = [pool.submit(corrupted, frame, frame, corruption, 2, key=str(i)) for i, frame in enumerate(frames)]
         for job, pair in zip(jobs, expected, strict=True):
             assert all((out == other).all() for out, other in zip(job.result(), pair, strict=True))
 

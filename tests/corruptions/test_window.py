@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
 from robustflow.corruptions.base import VARIANTS
-from robustflow.corruptions.registry import CLIP, CORRUPTIONS
-from robustflow.errors import AssetError
+from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER
+from robustflow.errors import AssetError, UsageError
 
-from .pictures import picture
+from .pictures import picture, scene
 
-NAMES = [*(name for name in CORRUPTIONS.names() if name not in CLIP), "fog:2+gaussian_noise", "snow+over_exposure:3"]
+FLAT = [name for name in CORRUPTIONS.names() if name not in (*CLIP, *FURTHER["depth"])]
+NAMES = [*FLAT, "fog:2+gaussian_noise", "snow+over_exposure:3"]
 NEW_IN_EVERY_FRAME = {"snow", "gaussian_noise", "shot_noise", "impulse_noise"}
 EVERY_SECOND_FRAME = {"over_exposure", "under_exposure"}
 
@@ -75,3 +76,11 @@ def test_apply_at_a_negative_index_equals_the_clip():
         for index, frame in zip((-3, -1), frames[::2], strict=True)
     ]
     np.testing.assert_array_equal(again, clip[::2])
+
+
+@pytest.mark.parametrize("name", [*FURTHER["depth"], "fog+fog_3d:2"])
+@pytest.mark.parametrize("first", [-1, 0])
+def test_frames_around_a_pair_have_no_depth_and_are_refused(name, first):
+    frames = [picture(32, 48, seed=i) for i in range(3)]
+    with pytest.raises(UsageError, match="pairs and a model of two frames"):
+        list(corrupt_clip(frames, name, 2, first=first, depth=scene(32, 48)))

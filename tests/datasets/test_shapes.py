@@ -14,7 +14,7 @@ import robustflow as rf
 from robustflow.datasets import load_dataset
 from robustflow.datasets.shapes.dataset import FlyingShapes
 from robustflow.datasets.shapes.motion import backward, forward
-from robustflow.datasets.shapes.outline import depth
+from robustflow.datasets.shapes.outline import inset
 from robustflow.datasets.shapes.render import colours_at, flow_at
 from robustflow.datasets.shapes.scene import draw_scene
 from robustflow.datasets.shapes.textures import procedural_textures
@@ -31,7 +31,7 @@ def scene(number):
 
 def depths(scene, points):
     """How far inside each layer points of frame 1 are, (layers, points)."""
-    return np.array([[depth(outline, x, y) for x, y in points] for outline in scene.outlines])
+    return np.array([[inset(outline, x, y) for x, y in points] for outline in scene.outlines])
 
 
 @given(st.integers(0, 10**6), st.tuples(st.floats(-50, 150), st.floats(-50, 150)))
@@ -50,7 +50,7 @@ def test_the_flow_leads_to_the_same_colour_to_rounding(number):
     sharp = (np.abs(inside) > 0.6).all(axis=0)  # no border of any layer within reach, in frame 1
     there = np.stack(
         [
-            [depth(outline, *backward(motion, *target)) for target in points + flow]
+            [inset(outline, *backward(motion, *target)) for target in points + flow]
             for outline, motion in zip(drawn.outlines, drawn.motions, strict=True)
         ]
     )
@@ -76,7 +76,7 @@ def test_occlusion_against_points_carried_along(number):
     for layer in range(len(drawn.outlines) - 1):
         outline, motion = drawn.outlines[layer], drawn.motions[layer]
         near = fine[np.hypot(*(fine - outline[:2]).T) < motion[20] + 1]
-        covers = np.array([depth(outline, *point) > 0 for point in near], bool)
+        covers = np.array([inset(outline, *point) > 0 for point in near], bool)
         if not covers.any():
             continue
         moved = np.array([forward(motion, *point) for point in near])

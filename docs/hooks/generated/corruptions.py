@@ -18,6 +18,7 @@ from robustflow.analysis.published.tables import published_results
 from robustflow.corruptions import CORRUPTIONS, FAMILIES, PAPER_ORDER, SEVERITIES, load_corruption
 from robustflow.corruptions.registry import CLIP, SHIPPED
 from robustflow.corruptions.scale import calibrated_severities
+from robustflow.corruptions.stack import needs_depth
 from robustflow.images.flow_colours import flow_colours, flow_radius
 
 from . import families
@@ -203,6 +204,7 @@ def _figure(path: str, alt: str, caption: str) -> str:
 
 
 def _use(name: str) -> str:
+    depth, given = (_DEPTH, ", depth=depth") if needs_depth(name) else ("", "")
     return f"""```bash
 robustflow run --model dis --corruptions {name} --no-examples
 ```
@@ -214,15 +216,23 @@ import robustflow as rf
 
 frame1 = np.full((48, 64, 3), 90, np.uint8)  # RGB uint8
 frame2 = np.full((48, 64, 3), 94, np.uint8)
-corrupted1, corrupted2 = rf.corrupt(frame1, frame2, "{name}", severity=3, seed=0)
+{depth}corrupted1, corrupted2 = rf.corrupt(frame1, frame2, "{name}", severity=3, seed=0{given})
 ```"""
+
+
+_DEPTH = """\
+metres, known = np.full((48, 64), 20, np.float32), np.ones((48, 64), bool)  # of both frames
+camera = rf.Camera((60, 60), (31.5, 23.5), np.eye(3), np.zeros(3))
+depth = rf.SceneDepth((metres, metres), (known, known), camera)
+"""
 
 
 def _index() -> str:
     parts = [
         "# Corruptions",
-        "The paper's 24 corruptions at five severities, in the order of its tables, and `elastic_transform` from its "
-        "appendix. Each is made on the fly from a seed, the same to the byte on every machine.",
+        "The paper's 24 corruptions at five severities, in the order of its tables, and besides `elastic_transform` "
+        "from its appendix and those [in three dimensions](../depth.md), which are in none of its means. Each is made "
+        "on the fly from a seed, the same to the byte on every machine.",
     ]
     for family, names in {**FAMILIES, "besides": tuple(n for n in SHIPPED if n not in PAPER_ORDER)}.items():
         title = family.capitalize()

@@ -18,6 +18,7 @@ from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import SEVERITIES, load_corruption
 from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.registry import CLIP
+from robustflow.corruptions.stack import needs_depth
 from robustflow.video.object_motion import mean_of_windows
 from robustflow.video.short_clip import ShortClip
 
@@ -57,7 +58,14 @@ def seen(name: str) -> list[Seen]:
     frames, truth, valid, clean = clean_pair(clip)
     similarity = [Ssim(frame) for frame in frames]
     as_demo = load_corruption(name, classes=DEMO_CLASSES)
-    pairs = _clip_pairs(name) if clip else (corrupt(*frames, as_demo, severity, key=KEY) for severity in SEVERITIES)
+    pairs = (
+        _clip_pairs(name)
+        if clip
+        else (
+            corrupt(*frames, as_demo, severity, key=KEY, depth=_depth() if needs_depth(name) else None)
+            for severity in SEVERITIES
+        )
+    )
     cells = []
     for severity, pair in zip(SEVERITIES, pairs, strict=True):
         index = int(np.array_equal(pair[0], frames[0]) and not np.array_equal(pair[1], frames[1]))
@@ -78,6 +86,13 @@ def clean_pair(clip: bool) -> tuple[Any, Any, Any, Any]:
         sample = load_dataset(KEY).load(KEY)
         frames, truth, valid = sample.frames, sample.flow, sample.valid
     return frames, truth, valid, _model().predict(*frames)
+
+
+@cache
+def _depth() -> Any:
+    """Of the demonstration pair."""
+    data = load_dataset(KEY)
+    return data.depth(data.load(KEY))
 
 
 @cache

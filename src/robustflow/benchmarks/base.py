@@ -9,8 +9,8 @@ from typing import Any
 from ..attacks.api import AnyAttack, with_controls
 from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_corruption
 from ..corruptions.on_disk import on_disk
-from ..corruptions.stack import split_stack
-from ..datasets.base import Dataset, PreCorrupted
+from ..corruptions.stack import needs_depth, split_stack
+from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
 from ..datasets.still import Still
 from ..errors import UsageError, unknown_name
 from ..layout import VIDEO_SUFFIXES
@@ -48,6 +48,27 @@ class Benchmark:
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     attacks: tuple[str, ...] = ()
     facts: BenchmarkFacts = NEUTRAL
+
+    @property
+    def depths(self) -> Depths | None:
+        """Where the depth of its samples comes from; None where nothing has it."""
+        return self.dataset if isinstance(self.dataset, Depths) else None
+
+    def depth_to_read(self) -> Depths | None:
+        """Where the depth comes from that its corruptions need; None if none of them does.
+
+        Raises:
+            UsageError: its data have no depth.
+            DataError: a file of it is missing.
+        """
+        wanting = next((name for name in self.corruptions if needs_depth(name)), None)
+        if wanting is None:
+            return None
+        if self.depths is None:
+            raise no_depth(wanting, self.dataset.name)
+        for key in self.keys:
+            self.depths.depth_files(key)
+        return self.depths
 
     def narrowed(
         self,

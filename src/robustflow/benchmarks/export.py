@@ -22,7 +22,7 @@ from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
 from ..images.io import write_image
-from ..sample import Frame, Sample
+from ..sample import Frame, Sample, SceneDepth
 from .base import Benchmark
 
 EXPORT_FILE = "export.json"
@@ -55,24 +55,27 @@ def export(
 
     Raises:
         RunError: the folder holds an export with other settings, or cannot be written.
-        DataError: a key that cannot be a file name.
+        UsageError: no depth for a corruption that needs it.
+        DataError: a key that cannot be a file name, or a file of depth is missing.
     """
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
     draws: dict[str, object] = {"common_draws": True} if common_draws else {}
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
+    depths = benchmark.depth_to_read()
     _claim(output, settings | scale | draws | user_sources(variant))
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")
         sample = benchmark.dataset.load(key)
         fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
+        scene = depths.depth(sample) if depths is not None else None
         _write_truth(output / "clean" / "val", sample)
         yield Written(key, "clean", fresh)
         for corruption in corruptions:
             for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
                 condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
-                make = partial(_corrupted, sample, corruption, severity, seed, common_draws)
+                make = partial(_corrupted, sample, corruption, severity, seed, common_draws, scene)
                 fresh = _write_frames(output / condition / "val", key, make)
                 yield Written(key, condition, fresh)
 
@@ -82,9 +85,11 @@ def _frames(sample: Sample) -> tuple[Frame, ...]:
 
 
 def _corrupted(
-    sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool
+    sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool, depth: SceneDepth | None
 ) -> tuple[Frame, ...]:
-    return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common_draws))
+    return tuple(
+        corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common_draws, depth=depth)
+    )
 
 
 def _write_frames(folder: Path, key: str, make: Callable[[], tuple[Frame, ...]]) -> bool:

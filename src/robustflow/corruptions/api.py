@@ -219,4 +219,13 @@ def corrupt_clip(
     height, width = head.shape[:2]
     rng = stream_for(chosen, severity, seed, key, common_draws)
     state: Any = chosen.draw_with_depth(rng, severity, (height, width), depth)
-    return (chosen.apply(frame, state, index) for index, frame in enumerate(chain((head,), rest), first))
+    return (_applied(chosen, frame, state, index) for index, frame in enumerate(chain((head,), rest), first))
+
+
+def _applied(corruption: Corruption, frame: Frame, state: Any, index: int) -> Frame:
+    if corruption.needs_depth and index not in (0, 1):
+        raise UsageError(
+            f"{corruption.name} needs depth, which the two frames of a pair have and those around it do not; "
+            "give it pairs and a model of two frames"
+        )
+    return corruption.apply(frame, state, index)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..random.rng import Rng
-from ..sample import Frame
+from ..sample import Frame, SceneDepth
 from .base import BGR, Corruption
 
 
@@ -32,6 +32,7 @@ class ChannelsReversed(Corruption):
         self.paper_severities = inner.paper_severities  # type: ignore[misc]
         super().__init__(inner.variant, inner.severities)
         self.variant = BGR
+        self.needs_depth = inner.needs_depth
         self._inner = inner
 
     @property
@@ -42,6 +43,10 @@ class ChannelsReversed(Corruption):
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         """The inner corruption's state."""
         return self._inner.draw(rng, severity, shape)
+
+    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
+        """The inner corruption's state."""
+        return self._inner.draw_with_depth(rng, severity, shape, depth)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         """Reverse the channels, corrupt, and reverse them back."""

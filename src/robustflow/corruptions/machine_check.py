@@ -11,7 +11,7 @@ import numpy as np
 from ..digest import quick_digest_of_bytes
 from ..errors import AssetError, first_line
 from ..random.rng import Rng
-from ..sample import Frame
+from ..sample import Camera, DepthMap, Frame, SceneDepth
 from ..threads import one_opencv_thread
 from .api import corrupt
 from .registry import CLIP, SHIPPED
@@ -47,9 +47,9 @@ def digests_of(name: str) -> dict[str, str]:
     Raises:
         AssetError: files that the corruption needs are not here, and cannot be fetched.
     """
-    pair = _pair()
+    pair, depth = _pair(), _depth()
     with one_opencv_thread():
-        made = {str(level): corrupt(*pair, name, level, _SEED) for level in SEVERITIES}
+        made = {str(level): corrupt(*pair, name, level, _SEED, depth=depth) for level in SEVERITIES}
     return {level: quick_digest_of_bytes(*(frame.tobytes() for frame in frames)) for level, frames in made.items()}
 
 
@@ -62,3 +62,15 @@ def _pair() -> tuple[Frame, Frame]:
     blocks = colours.reshape(*_BLOCKS, 3).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)
     frame = (blocks + noise.reshape(height, width, 3)).astype(np.uint8)
     return frame, np.roll(frame, _SHIFT, axis=(0, 1))
+
+
+def _depth() -> SceneDepth:
+    """Blocks at 2 to 65.75 m before a camera that moves forward and to the left; the map of the second frame moves as
+    its picture does."""
+    blocks = 2 + (Rng.of("machine check", "depth").bits(_BLOCKS[0] * _BLOCKS[1]) % 256) / 4
+    first: DepthMap = blocks.astype(np.float32).reshape(_BLOCKS).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)
+    second = np.roll(first, _SHIFT, axis=(0, 1))
+    height, width = first.shape
+    camera = Camera((160.0, 160.0), (width / 2, height / 2), np.eye(3), np.array([0.25, 0.0, -0.5]))
+    known = np.ones(first.shape, bool)
+    return SceneDepth((first, second), (known, known), camera)

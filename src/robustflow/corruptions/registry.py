@@ -32,6 +32,12 @@ CLIP: tuple[str, ...] = ("object_motion_blur", *FAMILIES["video"])
 IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
 """The corruptions that need nothing but the two images."""
 
+FURTHER: dict[str, tuple[str, ...]] = {
+    "digital": ("elastic_transform",),
+    "depth": ("fog_3d",),
+}
+"""Corruptions that are in none of the paper's means, nor in those of its families; "depth" needs the scene's."""
+
 CORRUPTIONS: Registry[type[Corruption]] = Registry("corruption", entry_point_group="robustflow.corruptions")
 
 _CLASSES = {
@@ -60,6 +66,7 @@ _CLASSES = {
     "h264_abr": "clip.h264_abr:H264Abr",
     "bit_error": "clip.bit_error:BitError",
     "elastic_transform": "digital.elastic_transform:ElasticTransform",
+    "fog_3d": "depth.fog_3d:Fog3d",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
 """The corruptions of this package; installed packages add others."""

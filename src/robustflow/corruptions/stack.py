@@ -17,7 +17,7 @@ from ..target import is_target
 from .base import Corruption
 from .on_disk import refuse_on_disk
 from .own import is_known, register_target
-from .registry import CORRUPTIONS, SHIPPED
+from .registry import CORRUPTIONS, FURTHER, SHIPPED
 from .scale import calibrated_levels
 
 _PLUS, _COLON = "+", ":"
@@ -105,6 +105,15 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
         return severities
     known = [set(calibrated_levels(part)) for part in free]
     return tuple(level for level in severities if all(level in levels for levels in known))
+
+
+def needs_depth(name: str) -> bool:
+    """Whether a corruption, or a part of a stack, needs the depth of the scene.
+
+    >>> needs_depth("fog"), needs_depth("fog_3d"), needs_depth("fog_3d:2+snow")
+    (False, True, True)
+    """
+    return any(part in FURTHER["depth"] for part, _ in (split_stack(name) if is_stack(name) else [(name, None)]))
 
 
 class Stack(Corruption):

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from ..sample import Frame, Sample
+from ..errors import UsageError
+from ..sample import Frame, Sample, SceneDepth
 
 
 @runtime_checkable
@@ -54,6 +55,34 @@ class PreCorrupted(Protocol):
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """The files `corrupted` reads."""
+
+
+@runtime_checkable
+class Depths(Protocol):
+    """Where the depth of samples comes from: a data set that has it, or maps of the user's."""
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """The depth of a sample that was loaded.
+
+        Raises:
+            DataError: a file is missing, damaged, or does not fit the frames.
+        """
+
+    def depth_files(self, key: str) -> list[Path]:
+        """The files that `depth` reads.
+
+        Raises:
+            DataError: one is missing.
+            UsageError: there is no depth here.
+        """
+
+
+def no_depth(corruption: str, dataset: str) -> UsageError:
+    """The error for a corruption that needs depth on a data set that has none."""
+    return UsageError(
+        f"{corruption} needs the depth of the scene, which '{dataset}' does not have: choose a data set that has it "
+        "('robustflow list datasets'), or give your own maps with --depth DIR"
+    )
 
 
 @runtime_checkable

@@ -1,7 +1,9 @@
 """A real pair with dense ground truth that ships with scikit-image: Middlebury 2014's Motorcycle, 741x500.
 
 A rectified stereo pair is optical flow without vertical motion: flow = (-disparity, 0) from the left to the right
-image, unknown where the disparity is not finite. Source: Scharstein et al., GCPR 2014.
+image, unknown where the disparity is not finite. Its depth is f B / (disparity + 31.086 px) with f = 994.978 px and
+B = 193.001 mm, as calibrated; in the right image it is that of the left one, moved by the disparity. Source:
+Scharstein et al., GCPR 2014.
 """
 
 from __future__ import annotations
@@ -13,9 +15,15 @@ import skimage
 
 from ..errors import AssetError, UsageError
 from ..images.io import read_image
-from ..sample import Sample
+from ..sample import Camera, Flow, Mask, Sample, SceneDepth
+from .depth import carried, scene_depth
 from .facts import DatasetFacts
 from .samples import Samples
+
+_FOCAL, _CENTRE = 994.978, (311.193, 254.877)
+_BASELINE = 0.193001
+_OFFSET = 31.086
+"""Pixels by which the principal points of the two images differ in x."""
 
 
 class Motorcycle(Samples):
@@ -63,13 +71,28 @@ class Motorcycle(Samples):
     def load(self, key: str) -> Sample:
         """See `Dataset.load`."""
         self._check(key)
-        left, right, disparities = self._files
-        with np.load(disparities, allow_pickle=False) as archive:
+        return Sample(key, (read_image(self._files[0]), read_image(self._files[1])), *self._truth())
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`. The motion of the camera is the baseline, to the right."""
+        flow, valid = self._truth()
+        depth = np.zeros(valid.shape, np.float32)
+        depth[valid] = _FOCAL * _BASELINE / (_OFFSET - flow[valid, 0].astype(np.float64))
+        right = (_FOCAL, _FOCAL, _CENTRE[0] + _OFFSET, _CENTRE[1])
+        camera = Camera((_FOCAL, _FOCAL), _CENTRE, np.eye(3), np.array([-_BASELINE, 0.0, 0.0]), right)
+        return scene_depth(depth, carried(depth, flow, valid), camera, self.name, sample.shape)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        return self.files(key)[2:]
+
+    def _truth(self) -> tuple[Flow, Mask]:
+        with np.load(self._files[2], allow_pickle=False) as archive:
             disparity = archive["arr_0"]
         valid = np.isfinite(disparity)
         flow = np.zeros((*disparity.shape, 2), np.float32)
         flow[valid, 0] = -disparity[valid]
-        return Sample(key, (read_image(left), read_image(right)), flow, valid)
+        return flow, valid
 
     def _check(self, key: str) -> None:
         if key != "motorcycle":

@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ..errors import UsageError
-from ..sample import Frame, Sample
-from .base import Dataset, PreCorrupted
+from ..sample import Camera, Frame, Sample, SceneDepth
+from .base import Dataset, Depths, PreCorrupted, no_depth
 from .samples import Samples
 
 SECOND = ":2"
@@ -74,6 +74,23 @@ class Still(Samples):
         frame = sample.frames[key.endswith(SECOND)]
         zero = np.zeros((*sample.shape, 2), np.float32)
         return Sample(key, (frame, frame), zero, np.ones(sample.shape, bool), group=sample.group)
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`: that of the frame, twice; the camera is at rest."""
+        pair = self._depths().depth(self._dataset.load(pair_key(sample.key)))
+        which = int(sample.key.endswith(SECOND))
+        fx, fy, cx, cy = pair.camera.intrinsics(which)
+        camera = Camera((fx, fy), (cx, cy), np.eye(3), np.zeros(3))
+        return SceneDepth((pair.maps[which],) * 2, (pair.measured[which],) * 2, camera)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        return self._depths().depth_files(pair_key(key))
+
+    def _depths(self) -> Depths:
+        if not isinstance(self._dataset, Depths):
+            raise no_depth("this corruption", self.name)
+        return self._dataset
 
     def around(self, key: str, reach: int) -> range:
         """See `Clips.around`."""

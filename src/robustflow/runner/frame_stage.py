@@ -13,7 +13,7 @@ from ..errors import DataError
 from ..metrics.regions import Regions
 from ..models.window import place_of_pair
 from ..runs.plan import Cell, RunOptions
-from ..sample import Frame, Sample
+from ..sample import Frame, Sample, SceneDepth
 from .frames_digest import frames_digest
 from .predict_stage import PredictionRequest
 from .seconds import Seconds, timed
@@ -55,6 +55,7 @@ class FrameStage:
         for made in options.own:
             register_custom(made)
         self._corruptions: dict[str, Corruption] = {}
+        self._last_depth: tuple[str, SceneDepth] | None = None
 
     def load(self, key: str) -> Loaded:
         """Read a sample.
@@ -95,7 +96,19 @@ class FrameStage:
             seed, common = self._options.seed, self._options.common_draws
             if self._context is not None:
                 return self._context.corrupt(sample, corruption, severity, seed, common)
-            return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
+            depth = self._depth(sample) if corruption.needs_depth else None
+            return tuple(
+                corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common, depth=depth)
+            )
+
+    def _depth(self, sample: Sample) -> SceneDepth | None:
+        """The depth of a sample; that of the last one is kept."""
+        if self._options.depth is None:
+            return None
+        if self._last_depth is None or self._last_depth[0] != sample.key:
+            self._last_depth = None  # released before the next one is read
+            self._last_depth = sample.key, self._options.depth.depth(sample)
+        return self._last_depth[1]
 
     def request(self, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
         """The request for the flow of these frames, in the order that the model expects."""

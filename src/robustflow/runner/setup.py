@@ -16,7 +16,7 @@ from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.sources import user_sources
 from ..datasets import DATASETS
-from ..datasets.base import Dataset, FromClips
+from ..datasets.base import Dataset, Depths, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
 from ..models import ModelSpec
@@ -89,8 +89,21 @@ def set_up(
     check_confidence(confidence, named.model)
     attack_sources = check_attacks(benchmark, seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
+    if benchmark.depth_to_read() is not None and window is not None:
+        raise UsageError(
+            f"corruptions in three dimensions need depth, which only the two frames of a pair have, and this model "
+            f"sees {window.before + 2 + window.after}: choose a model of two frames, or other corruptions"
+        )
     options = _options(
-        seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.classes
+        seed,
+        variant,
+        severity_scale,
+        allow_invalid,
+        window,
+        benchmark.corruptions,
+        common_draws,
+        benchmark.classes,
+        benchmark.depths,
     )
     options = replace(
         options,
@@ -126,7 +139,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     except RobustFlowError as error:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
     options = replace(
-        _options_of(identity, benchmark.classes, window_on(named.model, benchmark.dataset)),
+        _options_of(identity, benchmark, window_on(named.model, benchmark.dataset)),
         confidence=identity.measuring.confidence,
     )
     check_confidence(options.confidence, named.model)
@@ -150,7 +163,7 @@ def set_up_frames(
     """
     benchmark = _benchmark_of(identity.frames, data, data_options)
     options = replace(
-        _options_of(identity, benchmark.classes), allow_invalid=True
+        _options_of(identity, benchmark), allow_invalid=True
     )  # invalid pixels come from a model, not used here
     made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
     if made != recorded:
@@ -205,9 +218,7 @@ def open_benchmark(
     return chosen.still() if still else chosen
 
 
-def _options_of(
-    identity: Identity, classes: Mapping[str, type[Corruption]], window: Window | None = None
-) -> RunOptions:
+def _options_of(identity: Identity, benchmark: Benchmark, window: Window | None = None) -> RunOptions:
     frames = identity.frames
     for name in frames.corruptions:
         if not is_known(name):
@@ -223,7 +234,8 @@ def _options_of(
         window,
         list(frames.corruptions),
         frames.common_draws,
-        classes,
+        benchmark.classes,
+        benchmark.depths,
     )
     return replace(options, attack_sources=frames.attack_sources)  # no attack is made again
 
@@ -237,9 +249,10 @@ def _options(
     corruptions: Sequence[str],
     common_draws: bool,
     classes: Mapping[str, type[Corruption]],
+    depth: Depths | None,
 ) -> RunOptions:
     of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # it may be one of attacks alone
     sources = user_sources(of_corruptions, corruptions)
     return RunOptions(
-        seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), classes
+        seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), classes, depth=depth
     )

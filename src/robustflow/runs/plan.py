@@ -17,6 +17,7 @@ from ..corruptions.base import Corruption
 from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
 from ..datasets import DATASETS
+from ..datasets.base import Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
 from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity
@@ -70,6 +71,8 @@ class RunOptions:
     """What decides attacks besides their names: name to digest."""
     confidence: str | None = None
     """What the model is asked for beside its flow (see `models.confidence`)."""
+    depth: Depths | None = None
+    """Where the depth of samples comes from, for corruptions that need it; None where nothing has it."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from ...errors import UsageError
 from ...random.rng import Rng
-from ...sample import Sample
+from ...sample import Camera, Sample, SceneDepth
 from ...size import parse_size
 from ..facts import DatasetFacts
 from ..samples import Samples
-from .render import render_pair
-from .scene import draw_scene
+from .render import depths_of, render_pair
+from .scene import Scene, draw_scene
 from .textures import picture_textures, procedural_textures, texture_files
 
 SPLITS = ("test", "train")
@@ -89,14 +89,29 @@ class FlyingShapes(Samples):
 
     def load(self, key: str) -> Sample:
         """See `Dataset.load`."""
+        frames, flow, occluded = render_pair(self._scene(key))
+        return Sample(key, frames, flow, np.ones_like(occluded), occluded)
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`: exact. The camera, as wide as it sees far, is at rest; the layers move, each in a plane
+        of one depth."""
+        first, second = depths_of(self._scene(sample.key))
+        height, width = self._shape
+        known = np.ones(self._shape, bool)
+        camera = Camera((float(width),) * 2, ((width - 1) / 2, (height - 1) / 2), np.eye(3), np.zeros(3))
+        return SceneDepth((first, second), (known, known), camera)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`: none."""
+        return []
+
+    def _scene(self, key: str) -> Scene:
         index = self._checked(key)
         if self._textures is None:
             textures = procedural_textures(self._seed, self._split)
         else:
             textures = picture_textures(self._textures)
-        rng = Rng.of(self._seed, "shapes", self._split, "pair", index)
-        frames, flow, occluded = render_pair(draw_scene(rng, self._shape, self._motion, textures))
-        return Sample(key, frames, flow, np.ones_like(occluded), occluded)
+        return draw_scene(Rng.of(self._seed, "shapes", self._split, "pair", index), self._shape, self._motion, textures)
 
     def _checked(self, key: str) -> int:
         if len(key) >= 6 and key.isdecimal() and key == f"{int(key):06d}" and int(key) < self._pairs:

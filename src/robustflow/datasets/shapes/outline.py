@@ -23,7 +23,7 @@ OUTLINE = 13 + 2 * SIDES
 
 
 @njit(cache=True, nogil=True)
-def depth(o: Any, x: Any, y: Any) -> Any:
+def inset(o: Any, x: Any, y: Any) -> Any:
     """How far inside the outline a point of frame 1 is, about in pixels; negative outside, infinite in a background."""
     if o[7] < 0.0:
         return np.inf

@@ -8,10 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ...compiled import njit
-from ...sample import Flow, Frame, Mask
+from ...sample import DepthMap, Flow, Frame, Mask
 from .motion import backward, forward
-from .outline import depth
+from .outline import inset
 from .scene import Scene
+
+_NEAREST, _FARTHEST = 5.0, 100.0
+"""Metres of the first layer and of the background."""
 
 
 def render_pair(scene: Scene) -> tuple[tuple[Frame, Frame], Flow, Mask]:
@@ -53,6 +56,25 @@ def flow_at(scene: Scene, points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[
     return flow, occluded
 
 
+def depths_of(scene: Scene) -> tuple[DepthMap, DepthMap]:
+    """The depth of the uppermost layer at each pixel of both frames, float32 (H, W), metres (`layer_depths`)."""
+    of_layers = layer_depths(len(scene.motions))
+    first, second = (np.empty(scene.shape, np.float32) for _ in range(2))
+    for which, out in enumerate((first, second)):
+        _depths(which, scene.motions, scene.outlines, of_layers, out)
+    return first, second
+
+
+def layer_depths(count: int) -> npt.NDArray[np.float32]:
+    """The depths of layers from front to back, metres: from 5 to 100, evenly spaced in inverse depth.
+
+    >>> layer_depths(3).tolist()
+    [5.0, 9.523809432983398, 100.0]
+    """
+    place = np.arange(count) / max(count - 1, 1)
+    return (1.0 / ((1.0 - place) / _NEAREST + place / _FARTHEST)).astype(np.float32)
+
+
 @njit(cache=True, nogil=True)
 def _covers_near(outline: Any, motion: Any, which: Any, x: Any, y: Any) -> Any:
     """False if a point is certainly outside a layer: tested by a circle, so that most layers cost next to nothing."""
@@ -80,7 +102,7 @@ def _colours(
             mx, my = x, y
             if which == 1:
                 mx, my = backward(motions[layer], x, y)
-            inside = depth(outlines[layer], mx, my)
+            inside = inset(outlines[layer], mx, my)
             if inside <= -0.5:
                 continue
             share = left * min(inside + 0.5, 1.0)
@@ -107,7 +129,7 @@ def _flows(points: Any, motions: Any, outlines: Any, height: Any, width: Any, fl
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         top = 0
-        while not (_covers_near(outlines[top], motions[top], 0, x, y) and depth(outlines[top], x, y) > 0.0):
+        while not (_covers_near(outlines[top], motions[top], 0, x, y) and inset(outlines[top], x, y) > 0.0):
             top += 1
         qx, qy = forward(motions[top], x, y)
         flow[i, 0], flow[i, 1] = qx - x, qy - y
@@ -117,5 +139,22 @@ def _flows(points: Any, motions: Any, outlines: Any, height: Any, width: Any, fl
                 break
             if _covers_near(outlines[layer], motions[layer], 1, qx, qy):
                 mx, my = backward(motions[layer], qx, qy)
-                hidden = depth(outlines[layer], mx, my) > 0.0
+                hidden = inset(outlines[layer], mx, my) > 0.0
         occluded[i] = hidden
+
+
+@njit(cache=True, nogil=True)
+def _depths(which: Any, motions: Any, outlines: Any, of_layers: Any, out: Any) -> None:
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            x, y = float(column), float(row)
+            top = 0
+            while True:
+                if _covers_near(outlines[top], motions[top], which, x, y):
+                    mx, my = x, y
+                    if which == 1:
+                        mx, my = backward(motions[top], x, y)
+                    if inset(outlines[top], mx, my) > 0.0:
+                        break
+                top += 1
+            out[row, column] = of_layers[top]

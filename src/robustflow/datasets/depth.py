@@ -1,0 +1,143 @@
+"""Depth maps of a pair, from what was measured: completed, carried to the second frame, and checked.
+
+Where a map was not measured it takes the depth of the background beside it, as KITTI's development kit fills disparity:
+along each row the farther of the nearest measured pixels to the left and to the right; where a row has none, down each
+column the farther of the nearest rows above and below. Beyond the outermost measured pixel there is only one of the
+two.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..compiled import njit
+from ..errors import DataError
+from ..sample import Camera, DepthMap, Flow, Mask, SceneDepth
+
+_NEAREST, _FARTHEST = 0.1, 10_000.0
+"""Metres: a median depth outside them is probably in another unit."""
+
+
+def scene_depth(
+    first: npt.NDArray[Any], second: npt.NDArray[Any], camera: Camera, what: str, shape: tuple[int, int]
+) -> SceneDepth:
+    """The depth of a pair from two maps, which are completed.
+
+    Args:
+        first, second: (H, W) in metres; zero, NaN and infinite where nothing was measured.
+        camera: of both.
+        what: where they come from, for messages.
+        shape: (H, W) of the frames.
+
+    Raises:
+        DataError: another size than the frames, a negative depth, or nothing measured.
+    """
+    maps, masks = [], []
+    for number, values in enumerate((first, second), 1):
+        if values.shape != shape:
+            size = "x".join(map(str, values.shape[::-1]))
+            raise DataError(
+                f"{what}: the depth of frame {number} is {size}, the frames are {shape[1]}x{shape[0]}; give a map for "
+                "every pixel"
+            )
+        map_, measured = completed(values, f"{what}, frame {number}")
+        maps.append(map_)
+        masks.append(measured)
+    median = float(np.median(maps[0][masks[0]]))
+    if not _NEAREST <= median <= _FARTHEST:
+        warnings.warn(
+            f"{what}: the median depth is {median:.3g} m, which no scene for these corruptions has; check the unit "
+            "(.npy and .pfm in metres, 16-bit .png in millimetres)",
+            stacklevel=2,
+        )
+    return SceneDepth((maps[0], maps[1]), (masks[0], masks[1]), camera)
+
+
+def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[DepthMap, Mask]:
+    """A map without holes, float32 (H, W), and where it was measured.
+
+    Args:
+        values: (H, W), metres; zero, NaN and infinite where nothing was measured.
+        what: its name in messages.
+
+    Raises:
+        DataError: a negative depth, or nothing measured.
+
+    >>> completed(np.array([[0.0, 3.0, np.nan, 5.0], [0.0, 0.0, 0.0, 0.0]]))[0].tolist()
+    [[3.0, 3.0, 5.0, 5.0], [3.0, 3.0, 5.0, 5.0]]
+    """
+    with np.errstate(over="ignore"):
+        depth = np.array(values, np.float32, order="C")
+    measured = np.isfinite(depth) & (depth != 0)
+    if not measured.any():
+        raise DataError(f"{what}: no pixel has a depth, only holes; give a map that was measured")
+    if (depth[measured] < 0).any():
+        raise DataError(f"{what}: negative depths; give distances along the optical axis, in front of the camera")
+    if not measured.all():
+        _fill(depth, measured)
+    return depth, measured
+
+
+def carried(depth: npt.NDArray[Any], flow: Flow, known: Mask) -> DepthMap:
+    """A map of frame 2, from what is known at the pixels of frame 1.
+
+    Args:
+        depth: (H, W), metres: the depth in frame 2 of what frame 1 shows.
+        flow: float32 (H, W, 2), where it is in frame 2.
+        known: bool (H, W), where both are.
+
+    Returns:
+        float32 (H, W) with holes of zero; each point at the nearest pixel, and the nearest point of those that meet.
+
+    >>> flow = np.zeros((1, 3, 2), np.float32)
+    >>> flow[0, :, 0] = 1, 0, 5
+    >>> carried(np.array([[4.0, 7.0, 2.0]], np.float32), flow, np.ones((1, 3), bool)).tolist()
+    [[0.0, 4.0, 0.0]]
+    """
+    out = np.zeros(known.shape, np.float32)
+    _carry(np.ascontiguousarray(depth, np.float32), flow, known, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _carry(depth: Any, flow: Any, known: Any, out: Any) -> None:
+    height, width = out.shape
+    for y in range(height):
+        for x in range(width):
+            if known[y, x]:
+                u, v = np.rint(x + flow[y, x, 0]), np.rint(y + flow[y, x, 1])
+                if 0 <= u < width and 0 <= v < height:
+                    there = out[int(v), int(u)]
+                    if there == 0 or depth[y, x] < there:
+                        out[int(v), int(u)] = depth[y, x]
+
+
+@njit(cache=True, nogil=True)
+def _fill(depth: Any, measured: Any) -> None:
+    height, width = depth.shape
+    full = np.zeros(height, np.bool_)
+    for y in range(height):
+        last = -1
+        for x in range(width):
+            if measured[y, x]:
+                for hole in range(last + 1, x):
+                    depth[y, hole] = depth[y, x] if last < 0 else max(depth[y, last], depth[y, x])
+                last = x
+        full[y] = last >= 0
+        if full[y]:
+            for hole in range(last + 1, width):
+                depth[y, hole] = depth[y, last]
+    last = -1
+    for y in range(height):
+        if full[y]:
+            for hole in range(last + 1, y):
+                for x in range(width):
+                    depth[hole, x] = depth[y, x] if last < 0 else max(depth[last, x], depth[y, x])
+            last = y
+    for hole in range(last + 1, height):
+        for x in range(width):
+            depth[hole, x] = depth[last, x]
