@@ -34,6 +34,8 @@ _NEEDS: tuple[tuple[str, str], ...] = (
     *((f"n_{region}", "n_valid") for region in REGIONS),
 )
 """(column of a count, column that has a value wherever pixels were counted)."""
+_FEW_ROWS = 10_000
+"""Lazy rows up to this many are read once, instead of once for each column."""
 
 
 def summarize(
@@ -63,11 +65,14 @@ def summarize(
     """
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
-    rows = rows.lazy()
-    where = _checked(rows)
+    lazy = rows.lazy()
+    if lazy.select(pl.len()).collect().item() <= _FEW_ROWS:
+        rows = lazy.collect()
+        lazy = rows.lazy()
+    where = _checked(lazy)
     missing = _missing(where, planned)
     with_truth = pl.coalesce("n_valid", "n_all")
-    unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).collect().iter_rows())
+    unmeasured = _units(lazy.filter(with_truth == 0).select(ROW_KEY).collect().iter_rows())
 
     whole = rows.with_columns(
         rcre_sum=pl.when(pl.col("n_valid").is_null()).then("rcre_all_sum").otherwise("rcre_sum"),
@@ -87,7 +92,7 @@ def summarize(
         missing=missing,
         unmeasured=unmeasured,
         samples=len(where.samples),
-        n_invalid=int(rows.select(pl.col("n_invalid").sum()).collect().item()),
+        n_invalid=int(lazy.select(pl.col("n_invalid").sum()).collect().item()),
         epe_clean=clean.epe,
         clean_flow_length=clean_flow_length(rows, averaging),
         clean=clean,
@@ -117,7 +122,8 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
             "the rows of two runs were mixed; summarise one run at a time"
         )
     lacking = [(pl.col(count) > 0).fill_null(False) & pl.col(total).is_null() for count, total in _NEEDS]
-    if any(rows.select(each.any()).collect().item() for each in lacking):  # few columns at a time
+    few = (lacking[start : start + 8] for start in range(0, len(lacking), 8))  # columns in memory at a time
+    if any(rows.select(pl.any_horizontal(some).any()).collect().item() for some in few):
         damaged = rows.filter(pl.any_horizontal(lacking)).select(ROW_KEY).sort(ROW_KEY).head(1).collect()
         sample, corruption, severity = damaged.row(0)
         raise RunError(
@@ -168,11 +174,12 @@ def _corruptions(by_condition: dict[tuple[str, int], Scores], clean: Scores) -> 
     }
 
 
-def _regions(rows: pl.LazyFrame, where: RowPlaces, averaging: Averaging) -> dict[str, RegionScores]:
+def _regions(rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, averaging: Averaging) -> dict[str, RegionScores]:
     out = {}
+    lazy = rows.lazy()
     for region in REGIONS:
         count = f"n_{region}"
-        if not rows.select(pl.col(count).sum()).collect().item():
+        if not lazy.select(pl.col(count).sum()).collect().item():
             continue
         columns = {
             "epe": (f"epe_sum_{region}", count, 1.0),
@@ -181,7 +188,7 @@ def _regions(rows: pl.LazyFrame, where: RowPlaces, averaging: Averaging) -> dict
         }
         clean, by_condition = scores_by_condition(rows, where, columns, averaging)
         overall = mean_scores([*_corruptions(by_condition, clean).values()], clean)
-        clean_rows = rows.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
+        clean_rows = lazy.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
         inside, n_valid = clean_rows.select(pl.col(count, "n_valid").sum()).collect().row(0)
         out[region] = RegionScores(
             **overall.model_dump(),

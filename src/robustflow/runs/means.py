@@ -78,7 +78,7 @@ def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
 
 
 def scores_by_condition(
-    rows: pl.LazyFrame, where: RowPlaces, columns: MetricColumns, averaging: Averaging
+    rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, columns: MetricColumns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
     """Scores on the clean frames, and at each (corruption, severity).
 
@@ -112,9 +112,10 @@ def scores_by_condition(
     return clean, by_condition
 
 
-def _array(rows: pl.LazyFrame, column: str) -> np.ndarray:
+def _array(rows: pl.DataFrame | pl.LazyFrame, column: str) -> np.ndarray:
     """A column of all rows; 0 where there is no value."""
-    return rows.select(pl.col(column).fill_null(0)).collect().to_series().to_numpy()
+    values = rows[column] if isinstance(rows, pl.DataFrame) else rows.select(column).collect().to_series()
+    return values.fill_null(0).to_numpy()
 
 
 def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: Averaging) -> float | None:
