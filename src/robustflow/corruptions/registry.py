@@ -35,6 +35,7 @@ IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),
     "depth": ("fog_3d",),
+    "sensor": ("raw_noise",),
 }
 """Corruptions that are in none of the paper's means, nor in those of its families; "depth" needs the scene's."""
 
@@ -67,6 +68,7 @@ _CLASSES = {
     "bit_error": "clip.bit_error:BitError",
     "elastic_transform": "digital.elastic_transform:ElasticTransform",
     "fog_3d": "depth.fog_3d:Fog3d",
+    "raw_noise": "sensor.raw_noise:RawNoise",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
 """The corruptions of this package; installed packages add others."""

@@ -26,16 +26,16 @@ def normal_field(rng: Rng, height: int, width: int) -> npt.NDArray[np.int16]:
     (True, True)
     """
     out = np.empty((height, width), np.int16)
-    _fill(np.uint64(rng.spawn("normal").key), _quantiles(), out.reshape(-1))
+    _fill(np.uint64(rng.spawn("normal").key), quantiles(), out.reshape(-1))
     return out
 
 
 @cache
-def _quantiles() -> npt.NDArray[np.int16]:
-    """Quantile i is that of probability (i + 1/2) / 65536."""
-    quantiles = np.empty(65536)
-    normals_from_bits((np.arange(65536, dtype=np.uint64) << np.uint64(48)) | np.uint64(1 << 47), quantiles)
-    return np.rint(quantiles / UNIT).astype(np.int16)
+def quantiles() -> npt.NDArray[np.int16]:
+    """Quantile i of the normal distribution is that of probability (i + 1/2) / 65536; int16 in units of `UNIT`."""
+    out = np.empty(65536)
+    normals_from_bits((np.arange(65536, dtype=np.uint64) << np.uint64(48)) | np.uint64(1 << 47), out)
+    return np.rint(out / UNIT).astype(np.int16)
 
 
 @njit(cache=True, nogil=True)

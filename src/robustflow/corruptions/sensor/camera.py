@@ -1,0 +1,113 @@
+"""A camera between scene and RAW: tone curve, colours, white balance, drawn as in Brooks et al. (CVPR 2019).
+
+"Unprocessing Images for Learned Raw Denoising" takes an sRGB image back to what a sensor recorded: inverse tone curve
+(a smooth step), inverse gamma (2.2), the camera's colour matrix, inverse white balance and brightness. Matrices, gains
+and curves are theirs, with three differences, all so that developing the RAW image gives the picture back:
+
+* a camera's response to a primary is never negative: the fitted matrices say so in one place, which is set to 0;
+* near white, where their gains fade to 1 by the grey value of the pixel, they do so for each channel by itself, which
+  can be inverted;
+* the brightness is limited to 0.6 .. 1, so that green never exceeds what the sensor can hold.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...random.rng import Rng
+
+Numbers = npt.NDArray[np.float64]
+
+_CAMERAS = (
+    ((1.0234, -0.2969, -0.2266), (-0.5625, 1.6328, -0.0469), (-0.0703, 0.2188, 0.6406)),
+    ((0.4913, -0.0541, -0.0202), (-0.613, 1.3513, 0.2906), (-0.1564, 0.2151, 0.7183)),
+    ((0.838, -0.263, -0.0639), (-0.2887, 1.0725, 0.2496), (-0.0627, 0.1427, 0.5438)),
+    ((0.6596, -0.2079, -0.0562), (-0.4782, 1.3016, 0.1933), (-0.097, 0.1581, 0.5181)),
+)
+"""XYZ to camera, of the four cameras of the Darmstadt Noise Dataset."""
+_SRGB_TO_XYZ = (
+    (0.4124564, 0.3575761, 0.1804375),
+    (0.2126729, 0.7151522, 0.0721750),
+    (0.0193339, 0.1191920, 0.9503041),
+)
+_RED, _BLUE = (1.9, 2.4), (1.5, 1.9)
+_BRIGHTNESS, _BRIGHTNESS_SPREAD, _BRIGHTNESS_LIMITS = 0.8, 0.1, (0.6, 1.0)
+LEVELS = 1 << 14
+"""Steps of the table from linear light to bytes: at least ten for each byte."""
+
+
+class Camera(NamedTuple):
+    """What a pair shares.
+
+    Attributes:
+        from_srgb: linear sRGB to the camera's colours, float64 (3, 3); no entry is negative, rows sum to 1.
+        to_srgb: its inverse.
+        gains: factors of red, green and blue on the way to the sensor, float64 (3,), at most 1.
+    """
+
+    from_srgb: Numbers
+    to_srgb: Numbers
+    gains: Numbers
+
+
+def draw_camera(rng: Rng) -> Camera:
+    """A camera: a random mean of four, with random white balance and brightness."""
+    weights = [rng.uniform() + 1e-8 for _ in _CAMERAS]
+    mean = np.zeros((3, 3))
+    for weight, camera in zip(weights, _CAMERAS, strict=True):
+        mean += weight / sum(weights) * np.array(camera)
+    product = np.array([[sum(row[k] * _SRGB_TO_XYZ[k][j] for k in range(3)) for j in range(3)] for row in mean])
+    response = np.maximum(product / _row_sums(product), 0.0)
+    response /= _row_sums(response)
+    brightness = float(np.clip(_BRIGHTNESS + _BRIGHTNESS_SPREAD * rng.normals(1)[0], *_BRIGHTNESS_LIMITS))
+    red, blue = rng.uniform(*_RED), rng.uniform(*_BLUE)
+    return Camera(response, _inverse(response), np.array([brightness / red, brightness, brightness / blue]))
+
+
+def _row_sums(matrix: Numbers) -> Numbers:
+    return matrix[:, :1] + matrix[:, 1:2] + matrix[:, 2:]
+
+
+def _inverse(m: Numbers) -> Numbers:
+    """By cofactors: libraries of linear algebra differ between machines."""
+    next_row, last_row = np.roll(m, -1, axis=0), np.roll(m, 1, axis=0)
+    cofactors = np.roll(next_row, -1, axis=1) * np.roll(last_row, 1, axis=1)
+    cofactors = cofactors - np.roll(next_row, 1, axis=1) * np.roll(last_row, -1, axis=1)
+    determinant = m[0, 0] * cofactors[0, 0] + m[0, 1] * cofactors[0, 1] + m[0, 2] * cofactors[0, 2]
+    return np.ascontiguousarray(cofactors.T / determinant)
+
+
+@cache
+def linear_of_bytes() -> npt.NDArray[np.float32]:
+    """Linear light of each byte, float32 (256,): inverse tone curve, then inverse gamma.
+
+    >>> light = linear_of_bytes()
+    >>> float(light[0]), float(light[255]), round(float(light[128]), 3)
+    (0.0, 1.0, 0.219)
+    """
+    return _linear(np.arange(256) / 255.0).astype(np.float32)
+
+
+@cache
+def bytes_of_linear() -> npt.NDArray[np.uint8]:
+    """The byte of each of `LEVELS` equal parts of linear light: gamma, then the tone curve."""
+    edges = _linear((np.arange(255) + 0.5) / 255.0)
+    return np.searchsorted(edges, (np.arange(LEVELS) + 0.5) / LEVELS).astype(np.uint8)
+
+
+def _linear(shown: npt.NDArray[np.floating[Any]]) -> npt.NDArray[Any]:
+    """Linear light x of shown = 3 v^2 - 2 v^3 with v = x^(1/2.2), by bisection for r with v = r^5, x = r^11."""
+    low, high = np.zeros_like(shown), np.ones_like(shown)
+    for _ in range(60):
+        r = 0.5 * (low + high)
+        r2 = r * r
+        v = r2 * r2 * r
+        below = v * v * (3.0 - 2.0 * v) < shown
+        low, high = np.where(below, r, low), np.where(below, high, r)
+    r2 = high * high
+    r4 = r2 * r2
+    return r4 * r4 * r2 * high

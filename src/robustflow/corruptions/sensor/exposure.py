@@ -1,0 +1,147 @@
+"""A RAW image of light: photons, read-out, a converter; and how much noise there is at an ISO.
+
+The sensor's number of electrons is Poisson distributed about the light's, read-out adds normal noise, and the converter
+rounds and clips to 14 bits between black and white level. Noise is heteroscedastic: its variance is `shot` times the
+light plus `read` squared, in units of the white level, as in Foi et al. (IEEE TIP 2008).
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...compiled import njit
+from ...random.rng import fill_bits
+from ..kernels.alias import alias_table, counts_from_cdf, height_bits, poisson_cdf
+from ..kernels.normal_field import UNIT, quantiles
+
+Light = npt.NDArray[np.float32]
+Raw = npt.NDArray[np.uint16]
+
+BLACK, WHITE = 2048, (1 << 14) - 1
+"""Levels of no light and of a full pixel, of a 14-bit converter."""
+_LARGEST_ISO, _LARGEST_SHOT = 12800, 0.012
+_SLOPE, _OFFSET = Decimal("2.18"), Decimal("1.20")
+_WHOLE_BITS, _REST_BITS, _PARTS = 7, 3, 256
+_BLOCK = 256
+EXACT = 64
+"""Mean numbers of electrons below this are Poisson distributed exactly."""
+
+
+class Sensor(NamedTuple):
+    """How much noise there is.
+
+    Attributes:
+        shot: the light that one electron is, as a share of a full pixel.
+        read: standard deviation of the read noise, as a share of a full pixel.
+    """
+
+    shot: float
+    read: float
+
+
+@cache
+def sensor_at(iso: int) -> Sensor:
+    """The noise of an ISO, as Brooks et al. fitted it to the cameras of the Darmstadt Noise Dataset.
+
+    Their largest shot noise, 0.012, is ISO 12800 here, so a full pixel holds 10667 electrons at ISO 100; read noise
+    follows from it: log(read^2) = 2.18 log(shot) + 1.20, the middle of their fit.
+
+    >>> sensor = sensor_at(12800)
+    >>> sensor.shot, round(sensor.read, 4), round(sensor.read / sensor.shot, 2)
+    (0.012, 0.0147, 1.22)
+    """
+    shot = Decimal(repr(_LARGEST_SHOT)) * iso / _LARGEST_ISO
+    return Sensor(float(shot), round(float(((_SLOPE * shot.ln() + _OFFSET) / 2).exp()), 12))
+
+
+def digitised(light: Light) -> Raw:
+    """The RAW image of light without noise.
+
+    Args:
+        light: float32 (H, W), as a share of a full pixel.
+
+    Returns:
+        uint16 (H, W), from 0 to `WHITE`.
+    """
+    return np.clip(np.rint(np.float32(BLACK) + light * np.float32(WHITE - BLACK)), 0, WHITE).astype(np.uint16)
+
+
+def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
+    """The RAW image of light with the noise of a sensor.
+
+    Args:
+        light: float32 (H, W), as a share of a full pixel, 0 to 1.
+        sensor: how much noise.
+        key: of the frame's stream: pixel i (row-major) is decided by its word i.
+
+    Returns:
+        uint16 (H, W), from 0 to `WHITE`.
+    """
+    out = np.empty(light.shape, np.uint16)
+    scale = WHITE - BLACK
+    _expose(
+        np.ascontiguousarray(light).reshape(-1),
+        np.float32(1.0 / sensor.shot),
+        np.float32(scale * sensor.shot),
+        np.float32(scale * sensor.read * UNIT),
+        *_poisson_tables(),
+        quantiles(),
+        key,
+        out.reshape(-1),
+    )
+    return out
+
+
+@cache
+def _poisson_tables() -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
+    """Alias tables, one after the other: of the Poisson distributions of mean 0 .. 63, 128 columns each, and of those
+    of the rest of a mean, in parts of 1/256, 8 columns each."""
+    whole = [_poisson_table(Decimal(mean), _WHOLE_BITS) for mean in range(EXACT)]
+    rest = [_poisson_table((part + Decimal("0.5")) / _PARTS, _REST_BITS) for part in range(_PARTS)]
+    return np.concatenate(whole), np.concatenate(rest)
+
+
+def _poisson_table(mean: Decimal, bits: int) -> npt.NDArray[np.uint32]:
+    return alias_table(counts_from_cdf(poisson_cdf(mean, 1 << bits), 1 << (bits + height_bits(bits))), bits, bits)
+
+
+@njit(cache=True, nogil=True)
+def _expose(
+    light: Any, electrons: Any, level: Any, read: Any, whole: Any, rest: Any, normal: Any, key: Any, out: Any
+) -> None:
+    """From `EXACT` electrons on, a Poisson number is the rounded quantile of a normal one, corrected for skewness.
+
+    Below, it is the sum of one for the mean's whole part, by the low 32 bits of the pixel's word, and one for the rest,
+    by the next 16. The high 16 bits are for the read noise.
+    """
+    words = np.empty(_BLOCK, np.uint64)
+    counts = np.empty(_BLOCK, np.float32)
+    for start in range(0, light.size, _BLOCK):
+        fill_bits(key, np.uint64(start), words)
+        means, o = light[start : start + _BLOCK], out[start : start + _BLOCK]
+        for i in range(means.size):
+            mean = means[i] * electrons
+            z = np.float32(normal[words[i] & np.uint64(0xFFFF)]) * np.float32(UNIT)
+            skewness = (z * z - np.float32(1.0)) * np.float32(1.0 / 6.0)
+            counts[i] = np.rint(mean + np.sqrt(mean) * z + skewness)
+        for i in range(means.size):
+            mean = means[i] * electrons
+            if mean < np.float32(EXACT):
+                floor = np.uint32(mean)
+                part = np.uint32((mean - np.float32(floor)) * np.float32(_PARTS))
+                low, high = np.uint32(words[i]), np.uint32(words[i] >> np.uint64(32))
+                e = whole[(floor << np.uint32(7)) | (low >> np.uint32(25))]
+                below = (e >> np.uint32(14)) > ((low >> np.uint32(7)) & np.uint32(0x3FFFF))
+                n = (e if below else e >> np.uint32(7)) & np.uint32(127)
+                e = rest[(part << np.uint32(3)) | ((high >> np.uint32(13)) & np.uint32(7))]
+                below = (e >> np.uint32(19)) > (high & np.uint32(0x1FFF))
+                counts[i] = np.float32(n + ((e if below else e >> np.uint32(3)) & np.uint32(7)))
+        for i in range(means.size):
+            noise = read * np.float32(normal[words[i] >> np.uint64(48)])
+            value = np.rint(np.float32(BLACK) + level * counts[i] + noise)
+            o[i] = np.uint16(min(max(value, np.float32(0.0)), np.float32(WHITE)))

@@ -1,0 +1,171 @@
+"""RAW noise: the sensor's statistics, the way there and back, and each step against an independent reference."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.ndimage import convolve
+
+from robustflow.corruptions import load_corruption
+from robustflow.corruptions.sensor.camera import Camera, bytes_of_linear, draw_camera, linear_of_bytes
+from robustflow.corruptions.sensor.exposure import BLACK, WHITE, Sensor, digitised, exposed, sensor_at
+from robustflow.corruptions.sensor.mosaic import KNEE, developed, light_on_sensor
+from robustflow.random.rng import Rng
+
+from .pictures import picture
+
+SPAN = WHITE - BLACK
+ISO = load_corruption("raw_noise").severities
+
+
+def flat(light, sensor, key, shape=(500, 800)):
+    return exposed(np.full(shape, light, np.float32), sensor, np.uint64(key)).astype(np.float64)
+
+
+@pytest.mark.parametrize("iso", ISO)
+def test_the_photon_transfer_curve_has_the_sensors_gain_and_read_noise(iso):
+    """Variance over mean of flat RAW patches is a line: its slope is the gain, its value at no light the read noise."""
+    sensor = sensor_at(iso)
+    levels = np.array([0.0, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.4, 0.5])
+    patches = [flat(level, sensor, key) for key, level in enumerate(levels)]
+    means, variances = np.array([[patch.mean() - BLACK, patch.var()] for patch in patches]).T
+    slope, at_black = np.polyfit(means, variances, 1, w=1 / variances)
+    assert slope == pytest.approx(SPAN * sensor.shot, rel=0.01)
+    assert np.sqrt(at_black - 1 / 12) == pytest.approx(SPAN * sensor.read, rel=0.02)
+    np.testing.assert_allclose(means, SPAN * levels, atol=5 * np.sqrt(variances.max() / patches[0].size))
+
+
+@pytest.mark.parametrize("mean", [0.4, 3.7, 20.3, 63.9])
+def test_few_electrons_are_poisson_distributed_exactly(mean):
+    sensor = Sensor(shot=1 / 100, read=0.0)
+    counts = np.rint((flat(mean / 100, sensor, 1) - BLACK) * 100 / SPAN).astype(int).ravel()
+    expected = stats.poisson.pmf(np.arange(101), mean) * counts.size
+    found = np.bincount(counts, minlength=101)
+    kept = expected > 10
+    assert stats.chisquare(found[kept], expected[kept] * found[kept].sum() / expected[kept].sum()).pvalue > 1e-3
+    assert counts.mean() == pytest.approx(mean, abs=4 * np.sqrt(mean / counts.size))
+
+
+@pytest.mark.parametrize("mean", [64.1, 200.0])
+def test_many_electrons_are_close_to_poisson_distributed(mean):
+    sensor = Sensor(shot=1 / 400, read=0.0)
+    counts = np.rint((flat(mean / 400, sensor, 2) - BLACK) * 400 / SPAN).astype(int).ravel()
+    cdf = np.cumsum(np.bincount(counts, minlength=500)) / counts.size
+    assert np.abs(cdf - stats.poisson.cdf(np.arange(len(cdf)), mean)).max() < 2 / np.sqrt(counts.size)
+    assert stats.skew(counts) == pytest.approx(mean**-0.5, abs=0.02)
+
+
+def test_full_and_empty_pixels_stay_within_the_converter():
+    raw = exposed(np.array([[0.0, 1.0]] * 2000, np.float32), Sensor(0.012, 0.3), np.uint64(0))
+    assert raw[:, 0].min() == 0
+    assert raw[:, 1].max() == WHITE
+
+
+def test_the_tone_curve_is_that_of_the_paper():
+    shown = np.arange(256) / 255
+    expected = (0.5 - np.sin(np.arcsin(1 - 2 * shown) / 3)) ** 2.2
+    np.testing.assert_allclose(linear_of_bytes(), expected, rtol=1e-6, atol=1e-12)
+    light = (np.arange(len(bytes_of_linear())) + 0.5) / len(bytes_of_linear())
+    v = light ** (1 / 2.2)
+    np.testing.assert_array_equal(bytes_of_linear(), np.rint(255 * (3 * v**2 - 2 * v**3)))
+
+
+@given(st.integers(0, 10**6))
+def test_a_drawn_camera_can_be_inverted_and_holds_every_colour(seed):
+    camera = draw_camera(Rng.of("camera", seed))
+    np.testing.assert_allclose(camera.to_srgb, np.linalg.inv(camera.from_srgb), atol=1e-12)
+    np.testing.assert_allclose(camera.from_srgb.sum(axis=1), 1)
+    assert (camera.from_srgb >= 0).all()
+    red, green, blue = camera.gains
+    assert 0.6 <= green <= 1
+    assert 1.9 <= green / red <= 2.4
+    assert 1.5 <= green / blue <= 1.9
+
+
+def test_light_on_the_sensor_is_that_of_the_paper_below_the_knee():
+    frame = picture(31, 46)
+    frame = np.minimum(frame, 240)
+    camera = draw_camera(Rng.of("light"))
+    colours = linear_of_bytes()[frame].astype(np.float64) @ camera.from_srgb.T
+    assert colours.max() < KNEE
+    expected = np.empty(frame.shape[:2])
+    for dy, dx, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):  # RGGB
+        expected[dy::2, dx::2] = (colours * camera.gains)[dy::2, dx::2, channel]
+    np.testing.assert_allclose(light_on_sensor(frame, camera), expected, rtol=1e-5, atol=1e-7)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), height=st.integers(24, 70), width=st.integers(24, 70))
+@pytest.mark.parametrize(("saturation", "most", "share"), [(30, 1, 0.0), (100, 2, 0.005)])
+def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, most, share, seed, height, width):
+    """Waves of 100 pixels and more, away from the image's border and from white, where a byte is a wide range of light.
+
+    The image's own rounding is not smooth: in strong colours it makes a second level of difference here and there.
+    """
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:height, :width]
+    (a, b), phase = rng.uniform(-1, 1, (2, 4)) * 2 * np.pi / 100 / np.sqrt(2), rng.uniform(0, 7, 4)
+    waves = np.cos(a * y[..., None] + b * x[..., None] + phase)
+    heights = np.concatenate([rng.uniform(0, saturation, 3), rng.uniform(0, 90, 1)])
+    smooth = rng.uniform(16, 230) - 123 + (waves * heights)[..., :3] + (waves * heights)[..., 3:]
+    frame = np.rint(123 + 107 * np.tanh(smooth / 100)).astype(np.uint8)
+    camera = draw_camera(Rng.of("smooth", seed))
+    back = developed(digitised(light_on_sensor(frame, camera)), camera, denoise=None)
+    difference = np.abs(back.astype(int) - frame)[2:-2, 2:-2]
+    assert difference.max() <= most
+    assert (difference > 1).mean() <= share
+
+
+def test_demosaicing_is_that_of_malvar_he_and_cutler():
+    """Against their 5x5 kernels by SciPy, on a mosaic of a camera that leaves colours as they are."""
+    camera = Camera(np.eye(3), np.eye(3), np.ones(3))
+    raw = np.random.default_rng(0).integers(BLACK, BLACK + SPAN // 2, (26, 33)).astype(np.uint16)
+    light = (raw.astype(np.float64) - BLACK) / SPAN
+    green = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
+    row = np.array([[0, 0, 1, 0, 0], [0, -2, 0, -2, 0], [-2, 8, 10, 8, -2], [0, -2, 0, -2, 0], [0, 0, 1, 0, 0]]) / 16
+    far = np.array([[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]])
+    by_green, by_row, by_column, by_far = (convolve(light, k, mode="mirror") for k in (green, row, row.T, far / 8))
+    y, x = np.mgrid[:26, :33] % 2
+    even, odd, at_green = (y == 0) & (x == 0), (y == 1) & (x == 1), y != x
+    expected = np.stack(
+        [
+            np.select([even, odd, y == 0], [light, by_far, by_row], by_column),
+            np.where(at_green, light, by_green),
+            np.select([odd, even, y == 1], [light, by_far, by_row], by_column),
+        ],
+        axis=-1,
+    )
+    levels = len(bytes_of_linear())
+    shown = bytes_of_linear()[np.clip(np.floor(expected * levels), 0, levels - 1).astype(int)]
+    difference = np.abs(developed(raw, camera, denoise=None).astype(int) - shown)
+    assert difference.max() <= 1
+    assert (difference > 0).mean() < 0.001  # at an edge between two parts of the table
+
+
+def test_denoising_averages_alike_pixels_and_keeps_edges():
+    sensor = sensor_at(12800)
+    camera = draw_camera(Rng.of("denoise"))
+    frame = np.full((200, 300, 3), 70, np.uint8)
+    frame[:, 150:] = 200
+    raw = exposed(light_on_sensor(frame, camera), sensor, np.uint64(5))
+    noisy, clean = (developed(raw, camera, which).astype(float) for which in (None, sensor))
+    for half in (np.s_[:, 10:140], np.s_[:, 160:290]):
+        assert clean[half].std() < 0.6 * noisy[half].std()
+    np.testing.assert_allclose(clean[:, 146:154].mean((0, 2)), noisy[:, 146:154].mean((0, 2)), atol=6)
+
+
+def test_frames_share_the_camera_but_not_the_noise():
+    corruption, frame = load_corruption("raw_noise"), np.full((300, 400, 3), 128, np.uint8)
+    state = corruption.draw(Rng.of("pair"), 3, frame.shape[:2])
+    one, two = (corruption.apply(frame, state, index).astype(float) for index in (0, 1))
+    for channel in range(3):
+        assert abs(np.corrcoef(one[..., channel].ravel(), two[..., channel].ravel())[0, 1]) < 0.05
+        assert one[..., channel].mean() == pytest.approx(two[..., channel].mean(), abs=0.6)
+
+
+@pytest.mark.parametrize("grey", [40, 128, 220])
+def test_grey_keeps_its_colour_on_average(grey):
+    corruption, frame = load_corruption("raw_noise"), np.full((200, 300, 3), grey, np.uint8)
+    state = corruption.draw(Rng.of("cast", grey), 1, frame.shape[:2])
+    np.testing.assert_allclose(corruption.apply(frame, state, 0).mean((0, 1)), grey, atol=1)
