@@ -14,7 +14,7 @@ from .pictures import picture, scene
 
 FLAT = [name for name in CORRUPTIONS.names() if name not in (*CLIP, *FURTHER["depth"])]
 NAMES = [*FLAT, "fog:2+gaussian_noise", "snow+over_exposure:3"]
-NEW_IN_EVERY_FRAME = {"snow", "gaussian_noise", "shot_noise", "impulse_noise"}
+NEW_IN_EVERY_FRAME = {"snow", "gaussian_noise", "shot_noise", "impulse_noise", "raw_noise"}
 EVERY_SECOND_FRAME = {"over_exposure", "under_exposure"}
 
 
