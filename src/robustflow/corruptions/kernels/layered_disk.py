@@ -1,0 +1,253 @@
+"""Blur with flat disks whose radius goes with depth: layer by layer, from the nearest to the farthest.
+
+Every layer is blurred alone, its pixels and a mask of them alike, with the running sums of disk.py. What a layer covers
+of a pixel hides that share of the layers behind it, and the colours that are left are divided by the shares they have:
+a sharp foreground puts none of its colour into a blurred background, and a blurred foreground spreads over a sharp
+background. Background that the frame does not show, but a blurred foreground lets through, is the mirror image of what
+is beside the foreground (without the pixel at its edge, where the colours mix), as far inside it as its blur reaches.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...compiled import njit
+from ...images.contiguous import contiguous
+from ...sample import Frame
+from .borders import mirrored
+from .disk_kernel import disk_parts
+
+_ROWS, _COLUMNS = 32, 128
+"""Pixels worked on at a time: their running sums stay in the second-level cache."""
+_BLOCK = 16
+"""Which layers there are is known for squares of this size."""
+_U = np.uint64  # an index that is never negative needs no test for it
+
+Layers = npt.NDArray[np.uint8]
+"""uint8 (H, W): the number of each pixel's layer, 0 is nearest; at most 32 layers."""
+
+
+def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
+    """Each layer blurred with a flat disk, seen from in front: uint8 (H, W, 3) in and out, borders mirrored.
+
+    Args:
+        frame: the image.
+        layers: each pixel's layer.
+        radii: of the layers' disks, pixels.
+
+    >>> frame = np.zeros((9, 9, 3), np.uint8)
+    >>> frame[4, 4] = 250
+    >>> blur_layers(frame, np.zeros((9, 9), np.uint8), [1.0])[4, :, 0].tolist()
+    [0, 0, 0, 50, 50, 50, 0, 0, 0]
+    """
+    frame = contiguous(frame)
+    widths = np.zeros((len(radii), int(max(radii)) + 1), np.int64)
+    areas = np.empty(len(radii), np.float32)
+    for k, radius in enumerate(radii):
+        half = disk_parts(radius, 0.0).widths
+        widths[k, : len(half)] = half
+        areas[k] = 2 * (2 * half + 1).sum() - (2 * half[0] + 1)
+    reach = np.array([int(radius) for radius in radii], np.int64)
+    source = np.full(layers.shape, -1, np.int32)
+    if reach.any():
+        distance = np.full(layers.shape, 255, np.uint8)
+        _extend(layers, reach, distance.reshape(-1), source.reshape(-1))
+    out = np.empty_like(frame)
+    _blur(frame, layers, source, _present(layers, source, len(radii)), reach, widths, areas, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
+    """Continue the background under nearer pixels, in the four directions, up to the reach of their blur.
+
+    `source` becomes the place in the frame whose colour and layer a pixel has behind it, from the direction that comes
+    from nearest by (`distance`).
+    """
+    height, width = layers.shape
+    pixels = layers.reshape(-1)
+    for y in range(height):
+        for x in range(1, width):
+            at = y * width + x
+            if pixels[at] + 2 <= pixels[at - 1]:
+                _walk(pixels, reach, at - 1, 1, x - 1, width - x, distance, source)
+            elif pixels[at - 1] + 2 <= pixels[at]:
+                _walk(pixels, reach, at, -1, width - 1 - x, x, distance, source)
+    for at in range(width, height * width):
+        y = at // width
+        if pixels[at] + 2 <= pixels[at - width]:
+            _walk(pixels, reach, at - width, width, y - 1, height - y, distance, source)
+        elif pixels[at - width] + 2 <= pixels[at]:
+            _walk(pixels, reach, at, -width, height - 1 - y, y, distance, source)
+
+
+@njit(cache=True, nogil=True)
+def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
+    """From the last pixel of the background on, which has `behind` more before it and `ahead` after it."""
+    depth = pixels[edge]
+    for far in range(1, ahead + 1):
+        at = edge + far * step
+        if far > reach[pixels[at]] or pixels[at] + 2 > depth:
+            return
+        if far < distance[at]:
+            distance[at] = far
+            mirror = edge - min(far, behind) * step
+            source[at] = mirror if abs(np.int64(pixels[mirror]) - np.int64(depth)) <= 1 else edge
+
+
+@njit(cache=True, nogil=True)
+def _collect(layers: Any, source: Any, present: Any) -> None:
+    pixels, width = layers.reshape(-1), layers.shape[1]
+    for y in range(layers.shape[0]):
+        row = present[y // _BLOCK]
+        for x in range(width):
+            bits = np.uint32(1) << np.uint32(layers[y, x])
+            if source[y, x] >= 0:
+                bits |= np.uint32(1) << np.uint32(pixels[source[y, x]])
+            row[x // _BLOCK] |= bits
+
+
+def _present(layers: Layers, source: npt.NDArray[np.int32], count: int) -> npt.NDArray[np.uint32]:
+    """A bit for each layer that is in a block of pixels, or behind it."""
+    height, width = layers.shape
+    present = np.zeros((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint32)
+    _collect(layers, source, present)
+    return present
+
+
+@njit(cache=True, nogil=True)
+def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, height: int, width: int) -> Any:
+    """Whether a layer may be in rows y0 ... y1 - 1, columns x0 ... x1 - 1."""
+    bit = np.uint32(1) << np.uint32(layer)
+    for v in range(max(y0, 0) // _BLOCK, (min(y1, height) - 1) // _BLOCK + 1):
+        for u in range(max(x0, 0) // _BLOCK, (min(x1, width) - 1) // _BLOCK + 1):
+            if present[v, u] & bit:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _layer_sums(frame: Any, layers: Any, source: Any, layer: int, y: int, x0: int, sums: Any) -> None:
+    """Running sums of a layer's colours and of its mask, from column `x0` of row `y` on; (4, n + 1), first is zero."""
+    height, width = layers.shape
+    pixels, numbers = frame.reshape(-1), layers.reshape(-1)
+    row = mirrored(y, height) * width
+    places = source.reshape(-1)
+    r = g = b = m = np.int32(0)
+    sums[0, 0] = sums[1, 0] = sums[2, 0] = sums[3, 0] = 0
+    for j in range(sums.shape[1] - 1):
+        x = x0 + j
+        at = row + (x if 0 <= x < width else mirrored(x, width))
+        if numbers[at] == layer:
+            r = np.int32(r + pixels[3 * at])
+            g = np.int32(g + pixels[3 * at + 1])
+            b = np.int32(b + pixels[3 * at + 2])
+            m = np.int32(m + 1)
+        elif places[at] >= 0:
+            at = np.int64(places[at])
+            if numbers[at] == layer:
+                r = np.int32(r + pixels[3 * at])
+                g = np.int32(g + pixels[3 * at + 1])
+                b = np.int32(b + pixels[3 * at + 2])
+                m = np.int32(m + 1)
+        sums[0, j + 1], sums[1, j + 1], sums[2, j + 1], sums[3, j + 1] = r, g, b, m
+
+
+@njit(cache=True, nogil=True)
+def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
+    for i in range(_U(total.size)):
+        total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
+
+
+@njit(cache=True, nogil=True)
+def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
+    """The disk about row `y` of the running sums, which begin `reach` columns before the first of `total`."""
+    for channel in range(4):
+        line = total[channel]
+        for i in range(line.size):
+            line[i] = 0
+        for dy in range(-reach, reach + 1):
+            half = widths[abs(dy)]
+            _add_segment(line, sums[y + dy, channel], _U(reach - half), _U(reach + half + 1))
+
+
+@njit(cache=True, nogil=True)
+def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
+    """Add a layer where those before it leave room; return whether they and it leave any."""
+    covers, open_ = total[3], np.float32(0)
+    for channel in range(3):
+        line, colour = total[channel], colours[channel]
+        for i in range(free.size):
+            colour[i] += free[i] * (np.float32(line[i]) / area)
+    for i in range(free.size):
+        free[i] = free[i] * (np.float32(1) - np.float32(covers[i]) / area)
+        open_ = max(open_, free[i])
+    return open_ > 0
+
+
+@njit(cache=True, nogil=True)
+def _put_sharp_behind(
+    frame: Any, layers: Any, source: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
+) -> Any:
+    """As `_put_behind`, for a layer without blur."""
+    width = layers.shape[1]
+    pixels, numbers, places = frame.reshape(-1), layers.reshape(-1), source.reshape(-1)
+    left = False
+    for j in range(free.shape[0]):
+        for i in range(free.shape[1]):
+            share = free[j, i]
+            if share == 0:
+                continue
+            at = (y0 + j) * width + x0 + i
+            if numbers[at] != layer and places[at] >= 0:
+                at = np.int64(places[at])
+            if numbers[at] != layer:
+                left = True
+                continue
+            for channel in range(3):
+                colours[j, channel, i] += share * np.float32(pixels[3 * at + channel])
+            free[j, i] = 0
+    return left
+
+
+@njit(cache=True, nogil=True)
+def _blur(frame: Any, layers: Any, source: Any, present: Any, reach: Any, widths: Any, areas: Any, out: Any) -> None:
+    height, width = layers.shape
+    most = 0
+    for k in range(reach.size):
+        most = max(most, reach[k])
+    room = np.empty((_ROWS + 2 * most) * 4 * (_COLUMNS + 2 * most + 1), np.int32)
+    for y0 in range(0, height, _ROWS):
+        rows = min(_ROWS, height - y0)
+        for x0 in range(0, width, _COLUMNS):
+            columns = min(_COLUMNS, width - x0)
+            free = np.ones((rows, columns), np.float32)
+            colours = np.zeros((rows, 3, columns), np.float32)
+            total = np.empty((4, columns), np.int32)
+            for k in range(reach.size):
+                r = reach[k]
+                if not _is_near(present, k, y0 - r, y0 + rows + r, x0 - r, x0 + columns + r, height, width):
+                    continue
+                if r == 0:
+                    if not _put_sharp_behind(frame, layers, source, k, y0, x0, free, colours):
+                        break
+                    continue
+                n = columns + 2 * r + 1
+                sums = room[: (rows + 2 * r) * 4 * n].reshape(rows + 2 * r, 4, n)
+                for j in range(rows + 2 * r):
+                    _layer_sums(frame, layers, source, k, y0 - r + j, x0 - r, sums[j])
+                left = False
+                for j in range(rows):
+                    _sum_row(sums, j + r, r, widths[k], total)
+                    left = _put_behind(total, areas[k], free[j], colours[j]) or left
+                if not left:
+                    break
+            for j in range(rows):
+                for i in range(columns):
+                    share = np.float32(1) - free[j, i]
+                    for channel in range(3):
+                        level = colours[j, channel, i] / share
+                        out[y0 + j, x0 + i, channel] = np.uint8(np.rint(min(level, np.float32(255))))
