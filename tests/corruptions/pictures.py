@@ -18,6 +18,18 @@ def scene(height, width, seed=0, moves=(0.1, 0.0, -0.4)):
     rng = np.random.default_rng([seed, height, width, 1])
     blocks = rng.uniform(3, 60, (height // 12 + 1, width // 12 + 1)).astype(np.float32)
     depth = np.ascontiguousarray(blocks.repeat(12, axis=0).repeat(12, axis=1)[:height, :width])
+    return seen(depth, rotation=np.eye(3), translation=np.array(moves), focal=float(width))
+
+
+def seen(first, second=None, rotation=None, translation=None, focal=100.0):
+    """Depth of both frames (the same by default), before a camera whose axis is in the middle."""
+    second = first if second is None else second
+    height, width = first.shape
     known = np.ones((height, width), bool)
-    camera = Camera((float(width),) * 2, ((width - 1) / 2, (height - 1) / 2), np.eye(3), np.array(moves))
-    return SceneDepth((depth, depth), (known, known), camera)
+    camera = Camera((focal, focal), ((width - 1) / 2, (height - 1) / 2), rotation, translation)
+    return SceneDepth((first, second), (known, known), camera)
+
+
+def plane(depth, shape, **camera):
+    """A fronto-parallel plane in both frames."""
+    return seen(np.full(shape, depth, np.float32), **camera)

@@ -9,8 +9,7 @@ from robustflow.corruptions.depth.defocus_3d import FarFocus, Lens, NearFocus
 from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.random.rng import Rng
 
-from .pictures import picture
-from .scenes import scene
+from .pictures import picture, seen
 
 both = pytest.mark.parametrize("kind", [NearFocus, FarFocus])
 NEAR, FAR = 2.0, 12.0
@@ -24,7 +23,7 @@ def halves(shape):
 
 
 def drawn(kind, severity, first, second=None):
-    return kind().draw_scene(Rng.of("nothing"), severity, scene(first, second))
+    return kind().draw_scene(Rng.of("nothing"), severity, seen(first, second))
 
 
 def differs_by_rounding(out, expected):

@@ -14,8 +14,7 @@ from robustflow.corruptions.depth.snow_3d import Snow3d
 from robustflow.errors import UsageError
 from robustflow.random.rng import Rng
 
-from .pictures import picture
-from .scenes import plane, scene
+from .pictures import picture, plane, seen
 
 both = pytest.mark.parametrize("kind", [Rain3d, Snow3d])
 
@@ -63,7 +62,7 @@ def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed):
 @both
 @pytest.mark.parametrize("ahead", [0.0, -1.5])
 def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kind, ahead):
-    depth = plane(30.0, (375, 1242), translation=np.array([0.1, 0.0, ahead]), focal=721.0)
+    depth, smallest = plane(30.0, (375, 1242), translation=np.array([0.1, 0.0, ahead]), focal=721.0), 6e-4 * 1242
     sizes = kind().sizes(kind.paper_severities[4])
     particles = kind().draw_scene(Rng.of("count"), 5, depth).particles
     for index in (0, 1):
@@ -73,12 +72,12 @@ def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kin
         diameters = np.linspace(0, sizes.largest, 20001)
         for low, high in ((0.0, 0.5), (0.5, 1.0)):  # as shares of the largest diameter
             chosen = (diameters > low * sizes.largest) & (diameters <= high * sizes.largest)
-            reach = np.maximum(721.0 * diameters[chosen] * 1e-3 / 0.75, NEAREST)
+            reach = np.maximum(721.0 * diameters[chosen] * 1e-3 / smallest, NEAREST)
             volume = (reach**3 - NEAREST**3) / 3 * 1242 * 375 / 721.0**2
             number = sizes.density * np.exp(-sizes.slope * diameters[chosen])
             expected = (number * volume).sum() * diameters[1]
             size = particles.diameters * 1e3
-            visible = inside & (at[:, 2] < 721.0 * particles.diameters / 0.75)
+            visible = inside & (at[:, 2] < 721.0 * particles.diameters / smallest)
             count = (visible & (size > low * sizes.largest) & (size <= high * sizes.largest)).sum()
             assert abs(count - expected) < 4 * math.sqrt(expected)
 
@@ -109,7 +108,7 @@ def test_particles_are_hidden_pixel_by_pixel(kind):
     frame, maps = np.zeros((120, 160, 3), np.uint8), np.full((2, 120, 160), 50.0, np.float32)
     maps[:, :, :80] = NEAREST - 0.01
     open_sky = kind().draw_scene(Rng.of("half"), 5, plane(50.0, (120, 160)))
-    out = kind().apply(frame, kind().draw_scene(Rng.of("half"), 5, scene(*maps)), 0)
+    out = kind().apply(frame, kind().draw_scene(Rng.of("half"), 5, seen(*maps)), 0)
     assert (out[:, :80] == 0).all()
     assert np.array_equal(out[:, 80:], kind().apply(frame, open_sky, 0)[:, 80:])
     assert out[:, 80:].max() > 40
@@ -184,11 +183,11 @@ def test_a_camera_of_unknown_motion_stands_still(kind):
 def test_layout_of_depth_and_order_of_frames_do_not_matter(kind):
     frame = picture(60, 90)
     first, second = np.random.default_rng(2).uniform(1, 40, (2, 60, 90)).astype(np.float32)
-    state = kind().draw_scene(Rng.of("o"), 5, scene(first, second))
+    state = kind().draw_scene(Rng.of("o"), 5, seen(first, second))
     expected = [kind().apply(frame, state, index) for index in (0, 1)]
     wide = np.zeros((60, 180), np.float32)
     wide[:, ::2] = second
-    again = kind().draw_scene(Rng.of("o"), 5, scene(np.asfortranarray(first), wide[:, ::2]))
+    again = kind().draw_scene(Rng.of("o"), 5, seen(np.asfortranarray(first), wide[:, ::2]))
     assert np.array_equal(kind().apply(np.asfortranarray(frame), again, 1), expected[1])
     assert np.array_equal(kind().apply(frame[::-1][::-1], again, 0), expected[0])
 

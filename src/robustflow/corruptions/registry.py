@@ -34,7 +34,7 @@ IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in 
 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),
-    "depth": ("fog_3d",),
+    "depth": ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus"),
     "sensor": ("raw_noise",),
 }
 """Corruptions that are in none of the paper's means, nor in those of its families; "depth" needs the scene's."""
@@ -68,6 +68,10 @@ _CLASSES = {
     "bit_error": "clip.bit_error:BitError",
     "elastic_transform": "digital.elastic_transform:ElasticTransform",
     "fog_3d": "depth.fog_3d:Fog3d",
+    "rain_3d": "depth.rain_3d:Rain3d",
+    "snow_3d": "depth.snow_3d:Snow3d",
+    "near_focus": "depth.defocus_3d:NearFocus",
+    "far_focus": "depth.defocus_3d:FarFocus",
     "raw_noise": "sensor.raw_noise:RawNoise",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)

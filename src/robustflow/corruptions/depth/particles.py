@@ -32,8 +32,8 @@ _LENS_DIAMETER, _FOCUS = 0.002, 10.0
 them."""
 _PIXEL = 1.0
 """Radius in pixels to which lens and pixel spread a point in focus."""
-_SMALLEST, _SMALLEST_SHARE = 0.75, 6e-4
-"""Diameter in pixels, and in widths of the image, below which a particle is part of the veil: the larger counts."""
+_SMALLEST = 6e-4
+"""Diameter in widths of the image below which a particle is part of the veil; 0.75 px of 1242."""
 _MARGIN = 0.05
 """How far beyond the border particles are drawn, as a share of the image's longer side: their streaks may reach in."""
 _MOST = 1_000_000
@@ -85,14 +85,14 @@ class Particles(NamedTuple):
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
     """The particles of a pair; particle i reads a key that is a hash of i.
 
-    Only those are drawn whose image is large enough to be seen by itself: `smallest_diameter`.
+    Only those are drawn whose diameter in the image is at least 0.06 % of its width.
 
     Raises:
         UsageError: there are too many, as the focal length is too long for the size of the frames.
     """
     height, width = shape
     margin = _MARGIN * max(shape)
-    reach = camera.focal[0] * 1e-3 / smallest_diameter(width)
+    reach = camera.focal[0] * 1e-3 / (_SMALLEST * width)
     spread = (width + 2 * margin) * (height + 2 * margin) / (camera.focal[0] * camera.focal[1])
     # a particle is drawn up to the distance reach * D, so the integral over space and sizes is one of D^3 exp(-slope D)
     squared = sizes.slope * sizes.slope
@@ -116,15 +116,6 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     )
 
 
-def smallest_diameter(width: int) -> float:
-    """Pixels: smaller particles are not drawn one by one, in an image of this width.
-
-    >>> smallest_diameter(1242), smallest_diameter(4000)
-    (0.75, 2.4)
-    """
-    return max(_SMALLEST, _SMALLEST_SHARE * width)
-
-
 def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
     """(extinction coefficient in 1/m, distance in metres it begins at) of the particles too small to be drawn.
 
@@ -133,10 +124,10 @@ def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
 
     >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
     >>> [round(value, 4) for value in veil_of(rain, 1242, Camera((721.0, 721.0), (609.0, 172.0)))]
-    [0.0066, 1.8501]
+    [0.0066, 1.862]
     """
     cubed = sizes.slope * sizes.slope * sizes.slope
-    start = camera.focal[0] * 1e-3 / smallest_diameter(width) * 3 / sizes.slope
+    start = camera.focal[0] * 1e-3 / (_SMALLEST * width) * 3 / sizes.slope
     return 1e-6 * 3.141592653589793 * sizes.density / cubed, max(start, NEAREST)
 
 

@@ -8,12 +8,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ...compiled import njit
-from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import DepthMap, Frame, SceneDepth
 from ..base import DepthCorruption
 from .particles import Fall, Particles, Sizes, draw_particles, streaks_of, veil_of
-from .transmission import transmission
+from .transmission import transmission, veiled
 
 
 class PrecipitationState(NamedTuple):
@@ -50,14 +49,11 @@ class Precipitation(DepthCorruption):
 
     def apply(self, frame: Frame, state: PrecipitationState, index: int) -> Frame:
         """Let it fall on frame `index`, 0 or 1."""
-        frame = contiguous(frame)
         depth = np.ascontiguousarray(state.depth[index])
         density, start = state.veil
         passed = transmission(depth, density, start)
         _cover(streaks_of(state.particles, index), depth, passed)
-        out = np.empty_like(frame)
-        _blend(frame, passed, np.array(self.colour, np.float32), out)
-        return out
+        return veiled(frame, passed, np.array(self.colour, np.float32))
 
 
 @njit(cache=True, nogil=True)
@@ -109,17 +105,3 @@ def _passing(square: Any, along: Any, length: Any) -> Any:
     if b <= a:
         return 0.0
     return square * (b - a) - (b * b * b - a * a * a) / 3.0
-
-
-@njit(cache=True, nogil=True)
-def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
-    """passed * frame + (1 - passed) * colour."""
-    red, green, blue = colour[0], colour[1], colour[2]
-    for y in range(frame.shape[0]):
-        source, target, row = frame[y], out[y], passed[y]
-        for x in range(row.size):
-            share = row[x]
-            rest = np.float32(1) - share
-            target[x, 0] = np.uint8(np.rint(share * np.float32(source[x, 0]) + rest * red))
-            target[x, 1] = np.uint8(np.rint(share * np.float32(source[x, 1]) + rest * green))
-            target[x, 2] = np.uint8(np.rint(share * np.float32(source[x, 2]) + rest * blue))

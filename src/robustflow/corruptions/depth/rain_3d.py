@@ -16,7 +16,7 @@ class Rain3d(Precipitation):
 
     A drop refracts light from most of the hemisphere before it, so that it is about as bright as the sky whatever is
     behind it (Garg and Nayar); here it has one colour, a light grey. It brightens a pixel by the share of the exposure
-    it covers it. Drops of less than 0.75 px (0.06 % of the width, if that is more) are a veil of the same colour over
+    it covers it. Drops smaller than 0.06 % of the image's width (0.75 px of 1242) are a veil of the same colour over
     what is far, as they are in Halder et al., Physics-Based Rendering for Improving Robustness to Rain, 2019.
     """
 

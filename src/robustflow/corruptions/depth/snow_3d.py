@@ -18,8 +18,8 @@ class Snow3d(Precipitation):
     whatever their size (Locatelli and Hobbs, 1974, measured 0.8 to 2) and flutter by up to 0.5 m/s along each axis. The
     wind is drawn for the pair, at most 3 m/s. The shutter is open for 2 ms, the frames are 0.1 s apart.
 
-    Flakes are white and opaque; near ones are out of focus (an aperture of 2 mm, focused at 10 m). Flakes of less than
-    0.75 px (0.06 % of the width, if that is more) are a veil of the same colour over what is far.
+    Flakes are white and opaque; near ones are out of focus (an aperture of 2 mm, focused at 10 m). Flakes smaller than
+    0.06 % of the image's width (0.75 px of 1242) are a veil of the same colour over what is far.
     """
 
     name = "snow_3d"

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...compiled import njit
-from ...sample import DepthMap
+from ...images.contiguous import contiguous
+from ...sample import DepthMap, Frame
 
 Transmission = npt.NDArray[np.float32]
 """float32 (H, W) in (0, 1]: the share of an object's light that arrives."""
@@ -31,6 +32,19 @@ def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmi
     """
     out = np.empty(depth.shape, np.float32)
     _look_up(np.ascontiguousarray(depth), np.float32(density * _STEPS), np.float32(start), _decay(), out)
+    return out
+
+
+def veiled(frame: Frame, passed: Transmission, colour: npt.NDArray[np.float32]) -> Frame:
+    """`passed` of the frame and the rest of `colour`, rounded once.
+
+    >>> frame, passed = np.full((1, 1, 3), 100, np.uint8), np.full((1, 1), 0.75, np.float32)
+    >>> veiled(frame, passed, np.float32([200, 180, 100])).tolist()
+    [[[125, 120, 100]]]
+    """
+    frame = contiguous(frame)
+    out = np.empty_like(frame)
+    _blend(frame, passed, colour, out)
     return out
 
 
@@ -58,3 +72,17 @@ def _look_up(depth: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
             below = np.int32(place)
             part = place - np.float32(below)
             target[x] = table[below] + part * (table[below + 1] - table[below])
+
+
+@njit(cache=True, nogil=True)
+def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
+    """passed * frame + (1 - passed) * colour."""
+    red, green, blue = colour[0], colour[1], colour[2]
+    for y in range(frame.shape[0]):
+        source, target, row = frame[y], out[y], passed[y]
+        for x in range(row.size):
+            share = row[x]
+            rest = np.float32(1) - share
+            target[x, 0] = np.uint8(np.rint(share * np.float32(source[x, 0]) + rest * red))
+            target[x, 1] = np.uint8(np.rint(share * np.float32(source[x, 1]) + rest * green))
+            target[x, 2] = np.uint8(np.rint(share * np.float32(source[x, 2]) + rest * blue))
