@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import pickle
 import zipfile
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robustflow as rf
-from robustflow.attacks import load_attack
+from robustflow.attacks import load_attack, patch
 from robustflow.attacks.images import images_of
 from robustflow.attacks.problem import Pair
 from robustflow.benchmarks import Benchmark
@@ -36,11 +37,11 @@ def still(frame1, frame2):
     return (frame1.astype(np.float32) - frame2)[..., :2] / 20
 
 
-def _learned(name, model, severity=4, pairs=None, **options):
+def _learned(name, model, severity=4, pairs=None, truth=TRUTH, **options):
     attack = load_attack(name, train="2", **options)
     pairs = pairs or [random_pair(seed=seed) for seed in (1, 2)]
     given = [
-        (Pair(tuple(frames), attack.budget(severity), TRUTH, None, str(number), 0, severity), model.predict(*frames))
+        (Pair(tuple(frames), attack.budget(severity), truth, None, str(number), 0, severity), model.predict(*frames))
         for number, frames in enumerate(pairs)
     ]
     return attack, attack.learn(model, given, Rng.of(0)), given
@@ -71,7 +72,7 @@ def test_training_raises_the_score_on_samples_that_it_did_not_see():
         pair = Pair(frames, 8, TRUTH, None, str(seed), 0, 4)
         problem = trained.problem(model, pair, model.predict(*frames))
         noise = rf.attack(*frames, model, "random_sign", 4, flow=TRUTH).loss
-        scores.append(problem.score(trained.placed(problem, pattern)) - noise)
+        scores.append(problem.score(trained.placed(problem, pattern, Rng.of(0))) - noise)
 
     assert np.mean(scores) > 0
 
@@ -189,19 +190,50 @@ def test_a_patch_is_one_disc_of_the_area_at_one_place(name, moved, severity, hei
     assert np.array_equal(kept[0], kept[-1])
 
 
-def test_a_trained_patch_beats_the_stripes_that_need_no_training():
-    model = smooth_model()
-    pairs = [random_pair(40, 48, seed) for seed in (1, 2)]
-    truth = np.zeros((40, 48, 2), np.float32)
-    attack = load_attack("patch", train="2", steps=12)
-    given = [(Pair(p, 5, truth, None, str(i), 0, 5), model.predict(*p)) for i, p in enumerate(pairs)]
-    pattern = attack.learn(model, given, Rng.of(0))
-    problems = [attack.problem(model, *each) for each in given]
+def test_a_trained_patch_beats_stripes_and_random_colours_on_pairs_and_places_it_did_not_see():
+    model, truth = smooth_model(), np.zeros((40, 48, 2), np.float32)
+    options = {"steps": 30, "pairs": [random_pair(40, 48, seed) for seed in range(4)], "truth": truth}
+    attack, pattern, _ = _learned("patch", model, 5, **options)
+    trained = replace(attack, learned={5: pattern})
+    patches = {"random": "random_patch", "stripes": "patch", "trained": trained}
 
-    trained = [problem.score(attack.placed(problem, pattern)) for problem in problems]
-    striped = [problem.score(load_attack("patch").run(problem, Rng.of(0))) for problem in problems]
+    errors = {name: [] for name in patches}
+    for seed in range(10, 16):
+        for name, kind in patches.items():
+            one = rf.attack(*random_pair(40, 48, seed), model, kind, 5, flow=truth, key=str(seed), seed=seed)
+            errors[name].append(one.loss)
 
-    assert np.mean(trained) > np.mean(striped)
+    gain = np.array(errors["trained"]) - np.maximum(errors["random"], errors["stripes"])
+    assert gain.mean() > 3 * gain.std() / np.sqrt(len(gain))
+
+
+def test_a_patch_is_put_elsewhere_and_turned_in_every_step_of_its_training(monkeypatch):
+    places, given = [], smooth_model()
+    paste = patch.paste
+    monkeypatch.setattr(
+        patch, "paste", lambda problem, pattern, place: places.append(place) or paste(problem, pattern, place)
+    )
+
+    options = {"steps": 8, "pairs": [random_pair(40, 48)], "truth": np.zeros((40, 48, 2), np.float32)}
+    _learned("patch", given, 5, **options)
+
+    assert len({(place.where[0].start, place.where[1].start) for place in places}) > 4
+    assert len({place.angle for place in places}) == len(places) == 8
+    assert all(abs(place.angle) <= 10 and 0.95 <= place.scale <= 1.05 for place in places)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(3, 25), st.integers(3, 25), st.floats(-180, 180), st.floats(0.5, 2))
+def test_a_turned_pattern_is_read_where_the_rotation_says(size, side, angle, scale):
+    place = patch.Disc(slice(0, 2), (slice(0, size),) * 2, np.ones((size, size), bool), Rng.of(0), angle, scale)
+    ramp = np.arange(side, dtype=np.float32) - (side - 1) / 2
+    rows, columns = place.taken_from(np.zeros((3, side, side), np.float32))
+
+    shown = ramp[columns] + 1j * ramp[rows]
+    there = np.arange(size) - (size - 1) / 2
+    exact = (there[None] + 1j * there[:, None]) * np.exp(-1j * np.deg2rad(angle)) * side / size / scale
+    inside = np.maximum(np.abs(exact.real), np.abs(exact.imag)) <= (side - 1) / 2
+    assert np.abs(shown - exact)[inside].max(initial=0) <= np.sqrt(0.5) + 1e-6
 
 
 @pytest.mark.parametrize(("shape", "budget"), [((10, 400), 30), ((8, 8), 0.1)])

@@ -46,11 +46,14 @@ def _folder(tmp_path_factory, monkeypatch):
 def test_equal_to_serial_and_nothing_stays(tmp_path):
     """Nor is it forgotten who computed what, when the run goes on with another engine."""
     before = signal.getsignal(signal.SIGTERM)
-    whole = rf.evaluate(DIS, output=tmp_path / "serial", **SETTING)
-    result = rf.evaluate(DIS, output=tmp_path / "ray", engine="ray", workers=2, **SETTING)
+    attacked = SETTING | {"attacks": ["square:queries=3"]}
+    whole = rf.evaluate(DIS, output=tmp_path / "serial", **attacked)
+    result = rf.evaluate(DIS, output=tmp_path / "ray", engine="ray", workers=2, **attacked)
     assert result.rows.equals(whole.rows)
+    assert result.attack_rows.equals(whole.attack_rows)
+    assert result.attack_rows.filter(corruption="square:queries=3").height == len(SETTING["severities"])
     assert (result.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
-    assert result.manifest.places == {f"{socket.gethostname()}, CPU": 1 + len(FAST)}
+    assert result.manifest.places == {f"{socket.gethostname()}, CPU": 1 + len(FAST) + len(result.attacks)}
     assert signal.getsignal(signal.SIGTERM) is before
     assert "ray" in sys.modules
     assert not sys.modules["ray"].is_initialized()

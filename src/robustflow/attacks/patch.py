@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -17,18 +17,30 @@ from .trained import Pattern, Trained
 
 _STRIPE = 4
 """Width of a stripe, pixels."""
+_ANGLE, _SCALE = 10.0, 0.05
+"""Largest rotation of a trained pattern, degrees, and change of its scale, as Ranjan et al. have them."""
+_REACH = 5.0
+"""Sum of the steps of the training, of values in 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Patch(Trained):
     """Paste a disc at a random place, the same in both frames: vertical stripes in black and white, which need no
-    training, or a pattern that was trained, in the size that the budget gives it in each frame."""
+    training, or a pattern that was trained, in the size that the budget gives it in each frame, turned by up to 10
+    degrees and its content scaled by up to 5 % at random. Training does so in every step.
+
+    Args:
+        steps: of the training, each with a gradient for every sample.
+    """
 
     name: ClassVar[str] = "patch"
     needs_gradients: ClassVar[bool] = False
     norms: ClassVar[tuple[str, ...]] = ("area",)
 
+    moves: ClassVar[bool] = True
+
     norm: str = "area"
+    steps: int = 100
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -38,29 +50,30 @@ class Patch(Trained):
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`; it asks the model nothing."""
         pattern = self.pattern(problem)
-        return paste(problem, stripes(problem) if pattern is None else pattern)
+        disc = Disc.of(problem, problem.pair.stream("patch"))
+        return paste(problem, stripes(problem), disc) if pattern is None else paste(problem, pattern, disc.turned())
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
         """See `Trained.first`: at random, in the size of the largest frame's disc."""
         size = max(diameter(problem) for problem in problems)
         return rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
 
-    def placed(self, problem: Problem, pattern: Pattern) -> Images:
+    def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
         """See `Trained.placed`."""
-        return paste(problem, pattern)
+        return paste(problem, pattern, Disc.of(problem, rng).turned())
 
-    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern) -> Pattern:
+    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
         """See `Trained.pulled`."""
-        place = Disc.of(problem)
+        place = Disc.of(problem, rng).turned()
         there = (gradient[place.frames][(..., *place.where)] * place.mask).sum(axis=0)
         pull, (rows, columns) = np.zeros_like(pattern), place.taken_from(pattern)
         for channel, values in zip(pull, there, strict=True):
             np.add.at(channel, (rows, columns), values)
         return pull
 
-    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern) -> Pattern:
+    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
         """See `Trained.stepped`."""
-        return np.clip(pattern + np.float32(2.5 / self.steps) * np.sign(pull), 0, 1).astype(np.float32)
+        return np.clip(pattern + np.float32(_REACH * share) * np.sign(pull), 0, 1).astype(np.float32)
 
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
         """See `Trained.checked_pattern`."""
@@ -71,37 +84,49 @@ class Patch(Trained):
 
 @dataclass(frozen=True)
 class Disc:
-    """Where a disc is in a pair.
+    """Where a disc is in a pair, and how a pattern lies in it.
 
     Attributes:
         frames: those that have it.
         where: its square, rows and columns.
         mask: bool, of the disc in the square.
+        rng: of the rotation and the scale.
+        angle: by which a pattern is turned, degrees.
+        scale: of its content.
     """
 
     frames: slice
     where: tuple[slice, slice]
     mask: npt.NDArray[np.bool_]
+    rng: Rng
+    angle: float = 0.0
+    scale: float = 1.0
 
     @classmethod
-    def of(cls, problem: Problem) -> Disc:
-        """The disc of a pair: as large as the budget has pixels, at a place that the pair's stream draws.
+    def of(cls, problem: Problem, rng: Rng) -> Disc:
+        """The disc of a pair: as large as the budget has pixels, at a random place.
 
         Raises:
             DataError: it is larger than the frames, or smaller than a pixel.
         """
         size = diameter(problem)
         height, width = problem.ball.clean.shape[2:]
-        rng = problem.pair.stream("patch")
         top, left = rng.integer(0, height - size + 1), rng.integer(0, width - size + 1)
         frames = {"first": slice(0, 1), "second": slice(1, 2)}.get(problem.ball.moved, slice(0, 2))
-        return cls(frames, (slice(top, top + size), slice(left, left + size)), _disc(size))
+        return cls(frames, (slice(top, top + size), slice(left, left + size)), _disc(size), rng)
+
+    def turned(self) -> Disc:
+        """The disc with a random rotation and scale."""
+        angle, scale = self.rng.uniform(-_ANGLE, _ANGLE), self.rng.uniform(1 - _SCALE, 1 + _SCALE)
+        return replace(self, angle=angle, scale=scale)
 
     def taken_from(self, pattern: Pattern) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         """For each pixel of the square the nearest one of a pattern of any size, rows and columns."""
-        size = len(self.mask)
-        places = np.arange(size) * pattern.shape[1] // size
-        rows, columns = np.meshgrid(places, places, indexing="ij")
+        size, side = len(self.mask), pattern.shape[1]
+        down, right = np.indices(self.mask.shape) - (size - 1) / 2
+        along, across = (turn(np.deg2rad(self.angle)) * side / (size * self.scale) for turn in (np.cos, np.sin))
+        both = np.stack([along * down - across * right, across * down + along * right]) + (side - 1) / 2
+        rows, columns = np.clip(np.rint(both), 0, side - 1).astype(np.intp)
         return rows, columns
 
 
@@ -131,9 +156,8 @@ def stripes(problem: Problem) -> Pattern:
     return np.broadcast_to(white, (3, size, size)).copy()
 
 
-def paste(problem: Problem, pattern: Pattern) -> Images:
+def paste(problem: Problem, pattern: Pattern, place: Disc) -> Images:
     """The clean pair with a pattern in a disc."""
-    place = Disc.of(problem)
     images = problem.ball.clean.copy()
     rows, columns = place.taken_from(pattern)
     square = images[place.frames][(..., *place.where)]

@@ -10,7 +10,7 @@ import numpy as np
 from ..random.rng import Rng
 from .base import Control
 from .images import Images
-from .patch import diameter, paste
+from .patch import Disc, diameter, paste
 from .problem import Problem
 
 
@@ -26,4 +26,5 @@ class RandomPatch(Control):
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
         size = diameter(problem)
-        return paste(problem, rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size))
+        colours = rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
+        return paste(problem, colours, Disc.of(problem, problem.pair.stream("patch")))

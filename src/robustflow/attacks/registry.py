@@ -8,7 +8,7 @@ from ..registry import Registry
 
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
-ATTACK_VERSION = 3
+ATTACK_VERSION = 4
 """Part of every run's identity: raised when any attack's frames change, so that results never mix."""
 
 CONTROLS = ("random_sign", "random_gauss")

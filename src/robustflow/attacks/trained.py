@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from .problem import Pair, Problem, refuse_without_gradient
 Pattern = npt.NDArray[np.float32]
 """What is trained: the change of all pairs, or the patch."""
 
+_MOMENTUM = 0.75
+"""Weight of the gradients before this step's."""
+_SMALLEST = 1e-30
 _LARGEST = 2**28
 """Bytes of a perturbation file."""
 
@@ -38,6 +41,9 @@ class Trained(Attack):
         steps: of the training, each with a gradient for every sample.
         learned: pattern of each severity that was trained; a run fills it in.
     """
+
+    moves: ClassVar[bool] = False
+    """Whether it is put at a different place in every step of the training."""
 
     train: str = ""
     file: str = ""
@@ -85,26 +91,31 @@ class Trained(Attack):
             refuse_without_gradient(model, self.name)
 
     def learn(self, model: AnyModel, pairs: Sequence[tuple[Pair, Flow]], rng: Rng) -> Pattern:
-        """Train the pattern: ascent on the mean score of all samples, of which the best pattern is kept.
+        """Train the pattern: ascent on the mean score of all samples along a running mean of the gradients, in steps
+        that become shorter.
+
+        The best pattern is kept; the last one, where a pattern is put at a different place in every step (`moves`), so
+        that the scores of two steps cannot be compared.
 
         Args:
             model: with gradients.
             pairs: each with the model's flow of its clean frames, all of one budget.
-            rng: of the first pattern.
+            rng: of the first pattern and of the places.
         """
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
         pattern = self.first(problems, rng)
-        best, highest = pattern, -np.inf
-        for _ in range(self.steps + 1):
+        best, highest, mean = pattern, -np.inf, np.zeros_like(pattern)
+        for step in range(self.steps + (not self.moves)):
             score, pull = 0.0, np.zeros_like(pattern)
-            for problem in problems:
-                here, gradient = problem.slope(self.placed(problem, pattern))
+            for number, problem in enumerate(problems):
+                here, gradient = problem.slope(self.placed(problem, pattern, rng.spawn(step, number)))
                 score += here
-                pull += self.pulled(problem, gradient, pattern)
+                pull += self.pulled(problem, gradient, pattern, rng.spawn(step, number))
             if score > highest:
                 best, highest = pattern, score
-            pattern = self.stepped(problems[0], pattern, pull)
-        return best
+            mean = _MOMENTUM * mean + pull / max(float(np.abs(pull).mean()), _SMALLEST)
+            pattern = self.stepped(problems[0], pattern, mean, 2 * (1 - step / self.steps) / self.steps)
+        return pattern if self.moves else best
 
     def pattern(self, problem: Problem) -> Pattern | None:
         """The pattern for a pair: from the file or from training; None without either.
@@ -127,16 +138,16 @@ class Trained(Attack):
         """The pattern that training begins with."""
 
     @abstractmethod
-    def placed(self, problem: Problem, pattern: Pattern) -> Images:
-        """The pair with the pattern, inside the ball."""
+    def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
+        """The pair with the pattern, inside the ball; the stream says where it is."""
 
     @abstractmethod
-    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern) -> Pattern:
-        """The gradient of a pair's score with respect to the pattern."""
+    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
+        """The gradient of a pair's score with respect to the pattern, which is where the stream says."""
 
     @abstractmethod
-    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern) -> Pattern:
-        """The pattern one step uphill."""
+    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
+        """The pattern one step uphill; the shares of all steps have the sum 1."""
 
     @abstractmethod
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:

@@ -17,6 +17,9 @@ from .images import Images
 from .problem import Problem
 from .trained import Pattern, Trained, read_array, read_file
 
+_REACH = 2.5
+"""Sum of the steps of the training, in budgets."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Universal(Trained):
@@ -57,7 +60,7 @@ class Universal(Trained):
         """See `Attack.run`; it asks the model nothing."""
         pattern = self.pattern(problem)
         assert pattern is not None
-        return self.placed(problem, pattern)
+        return self.placed(problem, pattern, rng)
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
         """See `Trained.first`: at random, of the largest frame's size."""
@@ -66,25 +69,25 @@ class Universal(Trained):
         ball = self._around_grey(problems[0], (height, width))
         return ball.random(rng) - ball.clean
 
-    def placed(self, problem: Problem, pattern: Pattern) -> Images:
-        """See `Trained.placed`."""
+    def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
+        """See `Trained.placed`; it is everywhere."""
         ball = problem.ball
         height, width = ball.clean.shape[2:]
         missing = [(0, 0), (0, 0), (0, max(height - pattern.shape[2], 0)), (0, max(width - pattern.shape[3], 0))]
         change = np.pad(pattern, missing, mode="wrap")[..., :height, :width]
         return ball.project(ball.clean + change)
 
-    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern) -> Pattern:
+    def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
         """See `Trained.pulled`."""
         pull = np.zeros_like(pattern)
         height, width = gradient.shape[2:]
         pull[..., :height, :width] = gradient
         return pull
 
-    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern) -> Pattern:
+    def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
         """See `Trained.stepped`."""
         ball = self._around_grey(problem, pattern.shape[2:])
-        return ball.step(ball.clean + pattern, pull, 2.5 * ball.budget / self.steps) - ball.clean
+        return ball.step(ball.clean + pattern, pull, _REACH * ball.budget * share) - ball.clean
 
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
         """See `Trained.checked_pattern`."""
