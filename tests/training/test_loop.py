@@ -198,7 +198,7 @@ def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for)
             os.kill(child.pid, signal.SIGKILL)
         return False
 
-    with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"):
+    with pytest.raises(RunError, match="a process that reads training pairs was killed"):
         run_training(request_for(steps=200, checkpoints=Checkpoints(1), loaders=1), kill)
 
 
@@ -211,7 +211,7 @@ def test_a_killed_reader_is_recognised_behind_a_later_error(later):
             if later is not None:
                 raise later
 
-    with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"), workers_watched():
+    with pytest.raises(RunError, match="a process that reads training pairs was killed"), workers_watched():
         write_a_checkpoint()
 
 

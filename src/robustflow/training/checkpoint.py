@@ -85,7 +85,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         about = json.loads(content[_ABOUT])
         best = None if about["best"] is None else float(about["best"])
         if any(not isinstance(content[name], dict) for name in _STATE):
-            raise ValueError("its parts are of other types")
+            raise ValueError("its parts have the wrong types")
         return content, TrainingProgress(int(about["updates"]), dict(about["identity"]), best)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
@@ -108,7 +108,7 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _spelled(value: Any) -> Iterator[bytes | memoryview]:
-    """A value as bytes that no other value has.
+    """Encode a value as bytes that no other value has.
 
     Raises:
         TypeError: a part is of a type that a training does not store.
@@ -133,8 +133,8 @@ def _spelled(value: Any) -> Iterator[bytes | memoryview]:
 
 
 def _refuse_views(content: Any, size: int) -> None:
-    """Raise if the tensors of a file of `size` bytes have more values than the file: a view of few values can have any
-    shape, and would take its whole size in memory once it is copied."""
+    """Raise if the tensors have more bytes than their file: a view of few values can have any shape, and would take its
+    whole size in memory once it is copied."""
     if sum(tensor.numel() * tensor.element_size() for tensor in _tensors(content)) > size:
         raise ValueError("its tensors are larger than the file")
 

@@ -12,7 +12,7 @@ _FEATURES = 128
 
 
 class Corrector(ResidualEncoder):
-    """From an image, the other image warped to it by the flow, and its visibility, to offsets of its colours.
+    """Predicts offsets of an image's colours from it, the other image warped to it by the flow, and its visibility.
 
     The encoder of the flow network on seven channels, a head of three channels at 1/8, and convex upsampling. Keys are
     those of the authors' files after `corrector.`: the encoder's, `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.

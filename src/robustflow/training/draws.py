@@ -1,4 +1,4 @@
-"""The random numbers of a step besides its pairs: like all others, functions of the seed, the step and the position."""
+"""The random numbers of a step besides its pairs, as functions of the seed, the step and the position."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DENOISING_STEPS = 1000
 
 
 def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """The batch with what its recipe draws for it.
+    """Add what the recipe draws for a batch.
 
     Args:
         batch: pairs of one step, or a process's share of them.

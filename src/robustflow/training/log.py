@@ -50,7 +50,7 @@ class MetricsLog:
             self._board.close()
 
     def write(self, update: int, values: dict[str, float]) -> None:
-        """One line for an update, or for a validation after it.
+        """Write one line for an update, or for a validation after it.
 
         Raises:
             DataError: the disk is full.
@@ -66,7 +66,7 @@ class MetricsLog:
 
 
 def _update(line: str) -> float:
-    """The update of a line; one that was cut while it was written counts as the last."""
+    """The update of a line; a line that was cut while it was written counts as the last."""
     try:
         return int(json.loads(line)["update"])
     except (ValueError, KeyError, TypeError):

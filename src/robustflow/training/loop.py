@@ -1,7 +1,7 @@
 """The loop: from the next update to the last, with checkpoints from which it can continue exactly.
 
-Plain PyTorch: what a library would take over (launching, precision, clipping) is a few lines here, while the data's
-order, the random numbers and the checkpoint, on which exact resuming rests, would have to be taken from it.
+Plain PyTorch: what a library would do (launching, precision, clipping) is a few lines here, while the order of the
+data, the random numbers and the checkpoint, on which exact resuming rests, would have to be taken away from it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
 
     Raises:
         ModelError: loss or gradients are not finite; the last checkpoint is kept.
-        RunError: a process that reads pairs was ended from outside.
+        RunError: a process that reads pairs was killed.
         DataError: a pair cannot be read, or a file cannot be written.
     """
     request, network = training.request, state.network

@@ -19,7 +19,7 @@ def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tupl
     """The loss to be minimised, and numbers for the log (EPE in pixels of the last prediction).
 
     Args:
-        network: the one being trained; if it has a `loss` of its own, that is used.
+        network: the one being trained; if it defines a method `loss`, that is used.
         batch: on the network's device.
         recipe: defines precision and loss.
 

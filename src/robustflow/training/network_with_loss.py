@@ -19,8 +19,8 @@ class NetworkWithLoss(nn.Module):
     """The loss as a function of the weights; `DistributedDataParallel` wraps this module, and so supports any loss.
 
     Args:
-        network: that learns.
-        recipe: says precision and loss.
+        network: to be trained.
+        recipe: gives precision and loss.
 
     Raises:
         UsageError: a crop that a method without labels cannot take.
@@ -33,8 +33,8 @@ class NetworkWithLoss(nn.Module):
         self._objective = None if recipe.objective is None else build_objective(network, recipe)
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, float]]:
-        """See `loss_of_batch`, and for a recipe without labels `LabelFree`. Without labels there is an EPE in the log
-        where the data have ground truth all the same."""
+        """See `loss_of_batch`, and for a recipe without labels `LabelFree`, which logs EPE where the data have ground
+        truth."""
         if self._objective is None:
             return loss_of_batch(self.network, batch, self._recipe)
         loss, terms = self._objective(batch, step)

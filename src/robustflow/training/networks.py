@@ -76,9 +76,9 @@ class TrainedNetwork(nn.Module):
             self.corrector = _seeded_corrector(seed).to(model.device)
 
     def train(self, mode: bool = True) -> TrainedNetwork:
-        """Training or evaluation mode; norms that the recipe freezes stay in the latter."""
+        """Choose training or evaluation mode; norms that the recipe freezes stay in evaluation mode."""
         super().train(mode)
-        self._inner.train(mode)  # of the user's own, which its wrapper leaves alone
+        self._inner.train(mode)  # a user's module, whose mode its wrapper does not set
         if self._norms == "batchnorm":
             freeze_batchnorm(self.net)
         elif self._norms == "all":
@@ -93,14 +93,14 @@ class TrainedNetwork(nn.Module):
         return [unfitted_flow(flow, self.convention, height, width) for flow in flows]
 
     def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Flows likewise, and how sure the network is of the matches that the first flow came from: (N, P, P) for P
-        pixels of 1/8."""
+        """Flows as in `forward`, and how sure the network is of the matches from which the first flow came: (N, P, P)
+        for the P pixels at 1/8."""
         first, second = self._exact(image1, image2)
         flows, confidence = self.net.matched_predictions(first, second)
         return flows, confidence
 
     def denoised(self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor) -> list[Tensor]:
-        """Flows from the truth with noise of a time; see `FlowDiffuser.denoised_predictions`."""
+        """Flows denoised from the truth with the noise of a given time; see `FlowDiffuser.denoised_predictions`."""
         first, second = self._exact(image1, image2)
         flows: list[Tensor] = self.net.denoised_predictions(first, second, truth, time, noise)
         return flows
@@ -125,7 +125,7 @@ class TrainedNetwork(nn.Module):
         return checked_loss(module.loss({"image1": first, "image2": second, "flow": batch.flow, "valid": batch.valid}))
 
     def _exact(self, image1: Tensor, image2: Tensor) -> tuple[Tensor, Tensor]:
-        """The images as the network takes them, where no padding comes between it and the ground truth."""
+        """The images as the network takes them; refused if they would be padded, because the ground truth is not."""
         first, second = (fitted_values(image, self.convention) for image in (image1, image2))
         if first.shape != image1.shape:
             height, width = first.shape[2:]
@@ -188,10 +188,10 @@ def load_network(
     own = ":" in recipe.method and not recipe.method.startswith(PTLFLOW)
     if recipe.iterations is not None and not own and _takes_iterations(recipe.method):
         given["iterations"] = recipe.iterations
-    if not (own and str(start) == RANDOM):  # a module of the user's own has the weights that it was made with
+    if not (own and str(start) == RANDOM):  # a user's module keeps the weights that it was made with
         given["checkpoint"] = str(start)
     with torch.random.fork_rng(devices=[]), weights_seeded(seed), warnings.catch_warnings():
-        torch.default_generator.manual_seed(seed)  # of a module of the user's own
+        torch.default_generator.manual_seed(seed)  # of a user's module
         if str(start) == RANDOM:  # which measures nothing yet
             warnings.simplefilter("ignore", ConventionWarning)
         model = load_model(recipe.method, **given)

@@ -35,11 +35,11 @@ def group_batchnorm(network: nn.Module, groups: int) -> None:
 
 
 class GroupedBatchNorm2d(nn.BatchNorm2d):
-    """Normalises each of `groups` parts of a batch by itself; the first part alone moves the running statistics.
+    """Normalises each of `groups` parts of a batch separately; only the first part updates the running statistics.
 
     Args:
         norm: whose weights, statistics and settings it takes over.
-        groups: parts of a batch; a batch that cannot be split so is split into fewer.
+        groups: parts of a batch; fewer if it cannot be split into as many.
     """
 
     def __init__(self, norm: nn.BatchNorm2d, groups: int) -> None:

@@ -16,7 +16,7 @@ Range = tuple[float, float]
 
 
 class Appearance(Frozen):
-    """How ARFlow changes the colours of the second pass: in this order, both frames alike.
+    """How ARFlow changes the colours of both frames for the second pass, in this order.
 
     Attributes:
         brightness, contrast, saturation: factors from 1 - x to 1 + x, in random order.
@@ -32,12 +32,11 @@ class Appearance(Frozen):
 
 
 class Spatial(Frozen):
-    """How ARFlow moves the frames of the second pass. The first numbers are for both frames, `relative_*` are for the
-    second one besides.
+    """How ARFlow moves the frames for the second pass. `relative_*` moves the second frame in addition.
 
     Attributes:
         translation: share of the frame's side.
-        zoom, squeeze: factors; a squeeze stretches x by what it shrinks y.
+        zoom, squeeze: factors; a squeeze stretches x by the factor by which it shrinks y.
         rotation: radians.
         constant_rotation: the relative rotation is always the lower bound, as in the original (a slip).
         horizontal, vertical: flips, with probability 1/2 each.

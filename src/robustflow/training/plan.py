@@ -1,4 +1,4 @@
-"""What a training would do, in words, before anything runs."""
+"""Describe what a training would do, before anything runs."""
 
 from __future__ import annotations
 

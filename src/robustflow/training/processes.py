@@ -29,7 +29,7 @@ class Process:
     device: torch.device
 
     def any(self, mine: bool) -> bool:
-        """Whether it is so in any process; all of them have to ask."""
+        """Whether it is true in any process; all of them have to ask."""
         if self.world == 1:
             return mine
         answer = torch.tensor(int(mine), device=self.device)

@@ -39,7 +39,7 @@ class Optimizer(Frozen):
     betas: tuple[float, float] = (0.9, 0.999)
     amsgrad: bool = False
     clip: Annotated[float | None, _NONE] = Field(1.0, gt=0)
-    """Norm of all gradients that is not exceeded; None, in a file "none", for no clipping."""
+    """Largest norm of all gradients together; None, in a file "none", for no clipping."""
 
 
 class Part(Frozen):
@@ -49,10 +49,10 @@ class Part(Frozen):
         data: the data set, by its registered name.
         options: of the data set.
         keys: "all", or "training" for those that the project's split leaves for training.
-        times: how often each pair comes in an epoch.
+        times: how often each pair occurs in an epoch.
         augmentation: "dense" or "sparse" (see `augmentation/`); for training without labels also "stretched" to the
             crop's size, or "cropped", in both with half of the pairs exchanged.
-        log2_scale: from and to which power of two frames are scaled; not for the last two.
+        log2_scale: range of the power of two by which frames are scaled; not for the last two.
         flip: whether frames are flipped.
         eraser: whether rectangles of the second frame are erased; for "dense" and "sparse".
         margin: pixels of a "cropped" frame's border that no crop reaches.
@@ -146,7 +146,7 @@ class Recipe(Frozen):
         return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
 
     def changed(self, **changes: Any) -> Recipe:
-        """This recipe with other values, checked again; those that are None are left as they are.
+        """Replace values of this recipe and check it again; those that are None stay.
 
         Different `steps` drop the original's extra update.
 
@@ -177,8 +177,8 @@ def load_recipe(method: str, stage: str) -> Recipe:
 
 @cache
 def recipes_of(method: str) -> dict[str, Recipe]:
-    """Every stage of a method, in the order of its file, which may name the model differently (`method`), or a method
-    whose stages are its own too (`same_as`).
+    """Every stage of a method, in the order of its file. The file may name the model (`method`), or another method that
+    has the same stages (`same_as`).
 
     Raises:
         UsageError: no recipe for the method.
@@ -203,10 +203,10 @@ def trained_methods() -> list[str]:
 
 
 def mix_parts(name: str) -> tuple[Part, ...]:
-    """The parts of a mix: by name, or of a TOML file of the user's own that holds `parts` as `recipes/mixes.toml` does.
+    """The parts of a mix: by its name, or from a user's TOML file that holds `parts` as `recipes/mixes.toml` does.
 
     Raises:
-        UsageError: no such mix, or a file that is none.
+        UsageError: no such mix, or a file that cannot be read as one.
 
     >>> [(part.data, part.times) for part in mix_parts("ood")]
     [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
@@ -239,7 +239,7 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """`own` over `common`, tables within them likewise, and all remarks of both."""
+    """Merge `own` over `common`, tables within them too, and keep all remarks of both."""
     tables = {key: {**common[key], **own[key]} for key in common if isinstance(common[key], dict) and key in own}
     remarks = {key: _remarks(common.get(key, ())) + _remarks(own.get(key, ())) for key in ("unverified", "differs")}
     return {**common, **own, **tables, **remarks}

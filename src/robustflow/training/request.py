@@ -1,4 +1,4 @@
-"""A user's request for a training: what is trained how, on which data, and what is kept and measured on the way."""
+"""A user's request for a training: recipe, data, checkpoints and validation."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class Checkpoints:
     """When the weights are saved.
 
     Attributes:
-        every: updates between checkpoints, each of which replaces the one before.
-        keep_every: updates between files of weights that are kept; None for none.
+        every: updates between checkpoints, each of which replaces the last.
+        keep_every: updates between files of weights that are kept; None to keep none.
     """
 
     every: int = 1000
@@ -76,7 +76,7 @@ class Validation:
 
 @dataclass(frozen=True)
 class Request:
-    """A training that a user asks for.
+    """A training as the user requests it.
 
     Attributes:
         recipe: with the user's changes.

@@ -6,14 +6,14 @@ from ..errors import UsageError
 from .recipe import Recipe
 
 _EXTRA_UPDATES = 100
-"""RAFT makes its schedule this many updates longer than the training, and so never comes to its end."""
+"""RAFT makes its schedule this many updates longer than the training, and so never reaches its end."""
 _RISING_SHARE = 0.05
 _FIRST_DIVISOR, _LAST_DIVISOR = 25.0, 1e4
 
 
 def one_cycle(update: int, steps: int, highest: float) -> float:
     """The learning rate of an update: `torch.optim.lr_scheduler.OneCycleLR` with `steps` + 100 updates, linear, 5 %
-    of them rising, as RAFT and those after it set it.
+    of them rising, as in RAFT and its successors.
 
     Args:
         update: 0 for the first one.

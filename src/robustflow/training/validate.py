@@ -23,7 +23,7 @@ from .request import Validation
 
 @dataclass(frozen=True)
 class _AtUpdate:
-    """The model as it is after some updates; satisfies `FlowModel`."""
+    """The model in its current state; satisfies `FlowModel`."""
 
     model: NetworkModel
     updates: int

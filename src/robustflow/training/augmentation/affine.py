@@ -1,5 +1,5 @@
-"""ARFlow's geometric transforms of a pair whose flow it has predicted already: both frames, and the second one a little
-more (Liu et al., CVPR 2020, Sec. 3.3; the transform is that of Hur and Roth, IRR, CVPR 2019).
+"""ARFlow's geometric transforms of a pair whose flow it has already predicted: both frames are moved, the second one a
+little further (Liu et al., CVPR 2020, Sec. 3.3; the transform is that of Hur and Roth, IRR, CVPR 2019).
 
 A move is a 3x3 matrix over coordinates -1..1, from a frame's place to its place in the moved frame.
 """
@@ -34,7 +34,7 @@ class Moves(NamedTuple):
 
 
 def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
-    """Both moves, such that the moved frames of `shape` (H, W) have no pixel from outside.
+    """Draw both moves so that the moved frames of `shape` (H, W) have no pixel from outside.
 
     Raises:
         UsageError: settings that almost never allow that.
@@ -55,7 +55,7 @@ def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
 
 
 def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
-    """Each map of (N, C, H, W) moved, sampled bilinearly, 0 where it comes from outside."""
+    """Move each map of (N, C, H, W), sampled bilinearly, 0 where it comes from outside."""
     height, width = maps.shape[2:]
     back = _tensor([np.linalg.inv(move) for move in moves], maps)
     grid = F.affine_grid(back, [len(moves), 1, height, width], align_corners=True)
@@ -101,9 +101,7 @@ def _inside(
         places = 0.5 * (side - 1) * (corners[:2] + 1)
         if (places >= 0).all() and (places < side).all():
             return tried
-    raise UsageError(
-        f"the moves of the second pass put the frame outside itself in {_ATTEMPTS} draws; zoom more or move less"
-    )
+    raise UsageError(f"the moves of the second pass left the frame in {_ATTEMPTS} draws; zoom more or move less")
 
 
 def _applied(moves: Tensor, points: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Other colours and blur for ARFlow's second pass: what is drawn, and how it is applied (Liu et al., CVPR 2020)."""
+"""Changed colours and blur for ARFlow's second pass, drawn and applied (Liu et al., CVPR 2020)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Look(NamedTuple):
     """One draw, for both frames.
 
     Attributes:
-        jitter: of the colours; operations of no strength are not in its order.
+        jitter: of the colours; operations without strength are left out of its order.
         blur: radius in pixels, 0 for none.
         gamma: exponent of values 0..1.
     """

@@ -15,7 +15,7 @@ from .geometry import Geometry, draw_geometry, scaled_size, warp_dense, warp_fra
 from .jitter import DENSE, SPARSE, Jitter, apply_jitter, draw_jitter
 
 _ASYMMETRIC = 0.2
-"""Probability of another jitter for each frame of a dense pair."""
+"""Probability of a separate jitter for each frame of a dense pair."""
 _EVEN = 0.5
 """Probability of a flip, and of an exchange of the frames, where there are no labels."""
 
@@ -42,7 +42,7 @@ class Augmentation:
 
 
 def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """What happens to a pair of this part of a mix; `shape` and `crop` are (H, W).
+    """Draw the augmentation of a pair in this part of a mix; `shape` and `crop` are (H, W).
 
     Raises:
         DataError: frames smaller than a crop that is cut out of them.
@@ -82,7 +82,7 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
 def apply_augmentation(
     frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
 ) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """A pair with labels as it is given to the network.
+    """Augment a pair with labels for the network.
 
     Args:
         frames: RGB uint8 (H, W, 3).
@@ -105,7 +105,7 @@ def apply_augmentation(
 
 
 def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[Frame, Frame]:
-    """The frames of a pair likewise, but not yet cropped: the crop starts at the geometry's top and left in them."""
+    """Augment the frames of a pair without cropping them: the crop starts at the geometry's top and left."""
     first, second = _jittered(frames, drawn.jitters)
     second = erase(second, drawn.rectangles)
     shape = first.shape[:2]

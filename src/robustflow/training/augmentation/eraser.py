@@ -11,7 +11,7 @@ from ...sample import Frame
 
 _PROBABILITY = 0.5
 _SIDES = (50, 100)
-"""Range of a side in pixels; the second is exclusive."""
+"""Range of a side in pixels, without the upper end."""
 
 
 class Rectangle(NamedTuple):
@@ -24,7 +24,7 @@ class Rectangle(NamedTuple):
 
 
 def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
-    """No rectangle, or with probability 1/2 one or two, anywhere in a frame of `shape` (H, W)."""
+    """Draw no rectangle, or with probability 1/2 one or two, anywhere in a frame of `shape` (H, W)."""
     if rng.uniform() >= _PROBABILITY:
         return ()
     height, width = shape

@@ -21,8 +21,8 @@ _FLIPPED = (0.5, 0.1)
 _MARGIN = {"dense": 8, "sparse": 1}
 """Pixels by which a scaled frame is at least larger than the crop."""
 _OVERHANG = (20, 50)
-"""Rows and columns by which the crop of a sparse pair may be drawn past the frame, before it is moved back inside: the
-borders are seen more often."""
+"""Rows and columns by which the crop of a sparse pair may be drawn beyond the frame before it is moved back inside, so
+that the borders are seen more often."""
 
 
 class Geometry(NamedTuple):
@@ -57,9 +57,9 @@ def draw_geometry(
         rng: the stream.
         shape: (H, W) of the frames.
         crop: (H, W) of what the network sees.
-        log2_scale: from and to which power of two frames are scaled.
+        log2_scale: range of the power of two by which frames are scaled.
         flip: whether frames are flipped; sparse ones only left-right.
-        sparse: whose truth is sparse: no stretch, and crops that reach the borders more often.
+        sparse: whether the truth is sparse: then no stretch, and crops that reach the borders more often.
     """
     height, width = shape
     margin = _MARGIN["sparse" if sparse else "dense"]
@@ -109,7 +109,7 @@ def without_border(frame: Frame, border: int) -> Frame:
 
 
 def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int]) -> tuple[Flow, Mask]:
-    """Dense flow likewise, its vectors scaled and turned with the frames. A pixel is valid where all four that it is
+    """Warp dense flow, its vectors scaled and flipped with the frames. A pixel is valid if all four that it is
     interpolated from are."""
     if geometry.scale is not None:
         x, y = geometry.scale
@@ -124,7 +124,7 @@ def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int
 
 
 def warp_sparse(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int]) -> tuple[Flow, Mask]:
-    """Sparse flow likewise: each valid point moves to the nearest pixel of its new place; those that land in the first
+    """Warp sparse flow: each valid point moves to the pixel nearest to its new position; those that land in the first
     row or column, or outside, are lost, as in the original."""
     if geometry.scale is not None:
         width, height = scaled_size(flow.shape[:2], geometry.scale)

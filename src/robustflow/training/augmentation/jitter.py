@@ -56,7 +56,7 @@ def draw_jitter(rng: Rng, strength: Strength) -> Jitter:
 
 
 def apply_jitter(image: Frame, jitter: Jitter) -> Frame:
-    """The image in other colours; RGB uint8 (H, W, 3), a new array."""
+    """Change the colours of an image; RGB uint8 (H, W, 3), a new array."""
     image = np.ascontiguousarray(image)
     for operation in jitter.order:
         if operation == "brightness":
@@ -107,7 +107,7 @@ def _saturated(image: Any, factor: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _turned(image: Any, turn: Any, hues: Any, saturations: Any) -> Any:
-    """To HSV in 8 bits as Pillow does, the hue moved on by `turn` of 256 steps, and back."""
+    """Convert to HSV in 8 bits as Pillow does, shift the hue by `turn` of 256 steps, and convert back."""
     out = np.empty_like(image)
     pixels, result = image.reshape(-1, 3), out.reshape(-1, 3)
     for i in range(pixels.shape[0]):
@@ -151,10 +151,10 @@ def _turned(image: Any, turn: Any, hues: Any, saturations: Any) -> Any:
 
 @cache
 def _hues() -> npt.NDArray[np.uint8]:
-    """Pillow's 8-bit hue of a colour, uint8 (6, 256, 256): which channel is largest and which smallest, how far the
-    third is below the largest, and the smallest likewise."""
+    """Pillow's 8-bit hue of a colour, uint8 (6, 256, 256): by the order of the channels, and how far the middle and the
+    smallest are below the largest."""
     below, spread = np.meshgrid(np.arange(256, dtype=np.float32), np.arange(256, dtype=np.float32), indexing="ij")
-    spread[:, 0] = 1  # grey has no hue, and is never looked up
+    spread[:, 0] = 1  # grey has no hue and is never looked up
     third, one = np.float64(below / spread), 1.0
     tables = [
         *(one - third, third - one),  # red is largest: blue's distance less green's

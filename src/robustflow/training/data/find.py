@@ -26,8 +26,7 @@ _FOLDERS = {
     "kitti_raw": ("kittiraw", "rawdata"),
     "folder": ("frames", "sintelraw"),
 }
-"""Names of the folders of data sets, in lower-case letters and digits; other data sets are looked for under their
-name."""
+"""Folder names of data sets, in lower-case letters and digits; others are looked for under the data set's name."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class OpenPart:
     Attributes:
         part: what the mix says.
         dataset: opened.
-        keys: of the pairs that are trained on.
+        keys: of the pairs to train on.
     """
 
     part: Part
@@ -115,7 +114,7 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
             reasons.append(f"{root}: no such folder")
             continue
         candidates = [child for child in sorted(root.iterdir()) if child.is_dir() and _plain(child.name) in names]
-        anything = part.data == "folder"  # a folder of any pictures: not the first one that comes
+        anything = part.data == "folder"  # any folder of pictures would fit: do not take the first one
         for folder in candidates if anything else [*candidates, root]:
             try:
                 return load_dataset(part.data, folder, **part.options)

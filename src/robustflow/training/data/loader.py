@@ -139,11 +139,11 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Around everything that happens while workers live: PyTorch notices that one is gone at any moment, not only when
-    a batch is requested, but also while a log is closed for that very reason.
+    """Wraps everything that happens while workers live: PyTorch may notice at any moment that one is gone, even while a
+    log is closed because of that.
 
     Raises:
-        RunError: a worker was ended from outside.
+        RunError: a worker was killed.
     """
     try:
         yield
@@ -151,14 +151,14 @@ def workers_watched() -> Iterator[None]:
         if not (_tells_of_a_worker(error) or isinstance(error, ConnectionError | EOFError)):  # a batch it was sending
             raise
         raise RunError(
-            "a process that reads training pairs was ended from outside, as happens when memory or /dev/shm is full; "
+            "a process that reads training pairs was killed, as happens when memory or /dev/shm is full; "
             "the last checkpoint is kept: give fewer --loaders, and continue with --resume"
         ) from error
 
 
 def _tells_of_a_worker(error: BaseException | None) -> bool:
-    """Whether this error, or one that it came of, is PyTorch's about a worker: raised while a checkpoint is written, it
-    is followed by one about the unfinished file."""
+    """Whether this error or its cause is PyTorch's about a worker: if it is raised while a checkpoint is written, an
+    error about the unfinished file follows."""
     while error is not None:
         if isinstance(error, RuntimeError) and "DataLoader worker" in str(error):
             return True

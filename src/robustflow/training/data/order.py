@@ -1,4 +1,4 @@
-"""The order of the pairs: a function of the seed and the position alone.
+"""The order of the pairs, which depends only on the seed and the position.
 
 A position counts the pairs of a training from 0: step t, place i of a batch of n is position t * n + i. Neither the
 number of loader workers or processes nor the point at which a training was resumed can change which pair is at a

@@ -30,7 +30,7 @@ from .find import OpenPart
 from .order import Order
 
 _LONGEST = 1000.0
-"""Pixels of one component, from which the truth of a dense pair is not valid (RAFT)."""
+"""Pixels: where a component of a dense pair's truth is this large, it is not valid (RAFT)."""
 _ATTEMPTS = 20
 """Unreadable pairs in a row after which training stops."""
 
@@ -57,8 +57,8 @@ class TrainingPair(NamedTuple):
         valid: float32 (H, W), 1 where the truth is known.
         name: data set and key.
         whole: what the crop was cut from, for UPFlow and BrightFlow; else None.
-        plain: the same frames in their own colours, uncorrupted and with nothing erased, for BrightFlow; else None.
-        changed: the frames of a second pass: in other colours (ARFlow), or without their border and enlarged to the
+        plain: the same frames before any change of colour, corruption or erasing, for BrightFlow; else None.
+        changed: the frames of a second pass: in changed colours (ARFlow), or without their border and enlarged to the
             crop's size again (BrightFlow); else None.
     """
 
@@ -81,9 +81,9 @@ class TrainingPairs:
         crop: (H, W) of what the network sees.
         seed: of the augmentation.
         corruption: applied to the augmented frames, or None.
-        skip_bad: replace a pair that cannot be read by another one, with a warning.
-        objective: of a training without labels, which decides what it is given besides the frames; None for one with
-            labels, which every pair must have then.
+        skip_bad: replace a pair that cannot be read, with a warning.
+        objective: of a training without labels; it decides what is given besides the frames. None for a training with
+            labels, which every pair must then have.
     """
 
     def __init__(
@@ -122,13 +122,13 @@ class TrainingPairs:
                 if not self._skip_bad:
                     raise DataError(
                         f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or give --skip-bad to "
-                        "replace pairs that cannot be read by others"
+                        "replace unreadable pairs"
                     ) from error
                 warnings.warn(f"training pair '{key}' of {part.dataset.name} is skipped: {error}", stacklevel=2)
         raise DataError(f"{_ATTEMPTS} pairs in a row cannot be read; check the data, the last one was '{key}'")
 
     def name(self, position: int) -> str:
-        """Data set and key of the pair of a position."""
+        """Data set and key of the pair at a position."""
         part, key = self._at(self._order.place(position))
         return f"{part.dataset.name} {key}"
 

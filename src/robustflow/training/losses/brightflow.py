@@ -20,7 +20,7 @@ GAMMA = 0.8
 """Weight of an iteration against the next one."""
 RADIUS = 3
 ALPHA = 150.0
-"""How much an edge of the image, of values 0..255, lets the flow change: nearly any edge lets it jump."""
+"""How much an edge of the image (0..255) lets the flow change: nearly any edge lets it jump."""
 LUMA: Luma = (0.2989, 0.1140, 0.5870)
 """Of red, green and blue: green and blue are exchanged in the official code."""
 _EPS = 1e-5
@@ -49,7 +49,7 @@ def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
 
 
 def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor, occlusion: str) -> Tensor:
-    """How much of each pixel of a crop of frame 1 is seen in the whole frame 2, 0..1 float (N, 1, H, W).
+    """How much of each pixel of a crop of frame 1 is visible in the whole frame 2, float (N, 1, H, W) in 0..1.
 
     What leaves the crop counts as seen, because it is fetched from the whole frame; what leaves the frame does not. No
     gradient goes through it.
@@ -65,8 +65,8 @@ def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor
 
 
 def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) -> Tensor:
-    """How far the student's flows of each iteration, from images without their border, are from the teacher's final
-    one, cut and enlarged alike; a scalar. No gradient goes into the teacher (N, 2, H, W)."""
+    """How far the student's flows of all iterations, from images without their border, are from the teacher's final
+    flow, cut and enlarged in the same way; a scalar. No gradient goes into the teacher (N, 2, H, W)."""
     height, width = teacher.shape[2:]
     cut = teacher.detach()[:, :, border : height - border, border : width - border]
     wanted = resize_flow(cut, (height, width))
@@ -91,7 +91,7 @@ def correction_loss(target: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
 
 
 def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor) -> Tensor:
-    """1 where a source frame keeps its offsets, float (N, 1, H, W): wherever a target pixel lands that they help.
+    """1 where a source frame keeps its offsets, float (N, 1, H, W): wherever a target pixel lands for which they help.
 
     Args:
         target: frames (N, 3, H, W).

@@ -1,4 +1,4 @@
-"""Boundary-dilated warping: what a crop's flow points at is fetched from the whole frame, so that a pixel that leaves
+"""Boundary-dilated warping: what a crop's flow points at is sampled from the whole frame, so that a pixel that leaves
 the crop is not lost (Luo et al., "OccInpFlow", 2020, taken up by UPFlow, CVPR 2021)."""
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def inside_frame(flow: Tensor, corners: Tensor, sizes: Tensor) -> Tensor:
 def _targets(flow: Tensor, corners: Tensor) -> Tensor:
     """The pixel of the whole frame that the flow of each pixel of a crop points at, (N, 2, H, W).
 
-    Rounded once, since a pixel and its corner are whole numbers: at the pixels of the frame the gradient jumps.
+    Rounded only once, because pixel and corner are whole numbers: the gradient jumps at the pixels of the frame.
     """
     return (pixel_grid(flow) + corners[:, :, None, None]) + flow.float()
 

@@ -1,4 +1,4 @@
-"""GMFlowNet's loss on the matching that its flow starts from (Zhao et al., CVPR 2022, Sec. 3.4).
+"""GMFlowNet's loss on the matching from which its flow starts (Zhao et al., CVPR 2022, Sec. 3.4).
 
 As the authors' code has it: the truth's vectors at every eighth pixel say which coarse pixel matches which; where
 frame 1 and frame 2 fetched along the truth differ too much, and where the vector leaves the frame, nothing matches.
@@ -14,13 +14,13 @@ from torch.nn import functional as F
 from ...errors import UsageError
 
 MATCHING_WEIGHT = 0.01
-"""Of this loss beside the sequence loss."""
+"""Weight of this loss against the sequence loss."""
 STRIDE = 8
-"""Pixels between those that are matched."""
+"""Pixels between matched ones."""
 OCCLUDED = 20.0
 """Grey levels by which the mean colours of a pixel and of its match differ at most."""
 _LEAST = 1e-6
-"""Of a confidence, so that its logarithm is finite; likewise below 1."""
+"""Smallest confidence, and smallest distance from 1, so that logarithms are finite."""
 
 
 def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Tensor) -> Tensor:
@@ -32,7 +32,7 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
         truth: flow (B, 2, H, W), pixels.
 
     Returns:
-        A scalar. A batch without a single match has the second mean alone.
+        A scalar. A batch without a match has only the second mean.
 
     Raises:
         UsageError: a confidence of another size.

@@ -10,7 +10,7 @@ from ...models.networks.blocks.warp import warp
 
 
 def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: float = 0.5) -> Tensor:
-    """1 where following the flow forth and back ends near its start: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
+    """1 where following the flow forward and back ends near its start: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
 
     Args:
         forward, backward: (N, 2, H, W), pixels.

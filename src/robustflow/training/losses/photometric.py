@@ -1,4 +1,4 @@
-"""How unlike two images are, pixel by pixel: structural similarity and the soft census (ternary) distance."""
+"""How much two images differ at each pixel: structural similarity and the soft census (ternary) distance."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA
         first, second: RGB (N, 3, H, W).
         radius: of the window, pixels.
         luma: weights of red, green and blue.
-        levels: what a value of 1 is multiplied by; the census knows changes of about 1 from none.
+        levels: factor on the values; the census tells changes of about 1 from none.
 
     >>> image = torch.rand(1, 3, 9, 9)
     >>> census_sum(image, image).max().item()
@@ -66,7 +66,7 @@ def inner(maps: Tensor, border: int) -> Tensor:
 
 
 def robust(differences: Tensor, exponent: float = 0.4) -> Tensor:
-    """(|x| + 0.01)^q, which large differences raise little (Liu et al., DDFlow, AAAI 2019)."""
+    """(|x| + 0.01)^q, in which large differences count little (Liu et al., DDFlow, AAAI 2019)."""
     return (differences.abs() + 0.01) ** exponent
 
 
@@ -81,7 +81,7 @@ def _differing(first: Tensor, second: Tensor, radius: int, luma: Luma, levels: f
 
 
 def _census(image: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
-    """Each pixel's window less the pixel, softly cut to -1..1: (N, (2 radius + 1)^2, H, W)."""
+    """Each pixel's window minus the pixel, softly limited to -1..1: (N, (2 radius + 1)^2, H, W)."""
     grey = levels * (image * image.new_tensor(luma).view(1, 3, 1, 1)).sum(dim=1, keepdim=True)
     side = 2 * radius + 1
     windows = F.unfold(grey, side, padding=radius).unflatten(2, grey.shape[2:])

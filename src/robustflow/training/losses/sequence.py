@@ -18,13 +18,13 @@ def sequence_loss(
     """sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) over the n predictions.
 
     The mean is over ALL pixels and both components; a pixel that is not valid counts as 0, so a sample with sparse
-    ground truth weighs less. So do the originals of the RAFT family.
+    ground truth weighs less. The originals of the RAFT family do the same.
 
     Args:
         flows: n predictions of float (B, 2, H, W) in pixels, the last one final.
         truth: (B, 2, H, W) in pixels.
         valid: (B, H, W); a pixel counts where this is at least 0.5 and the truth is shorter than `max_flow`.
-        gamma: weight of a prediction against the next one, in (0, 1].
+        gamma: weight of a prediction relative to the next one, in (0, 1].
         max_flow: pixels.
 
     Returns:

@@ -25,10 +25,9 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
 
 
 def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """Likewise with sqrt(d^2 + 0.001^2) of each difference d, summed over both components, as BrightFlow has it; a
-    scalar.
+    """BrightFlow's smoothness: sqrt(d^2 + 0.001^2) of each difference d, summed over both components; a scalar.
 
-    The edges that weigh second differences are those between the outer two of their three pixels. Arguments as for
+    Second differences are weighted by the edge between the outer two of their three pixels. Arguments as for
     `smoothness`; the flow is in pixels, the image in the range that alpha is for.
     """
     x, y = _steps(flow)

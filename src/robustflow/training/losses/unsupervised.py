@@ -27,7 +27,7 @@ class UnsupervisedLoss:
         second_order: smoothness of the flow's second differences.
         alpha: how much an edge of the image lets the flow change.
         splat: occlusion by backward splatting; else by the forward-backward check.
-        both: the mean over both directions; else forward alone.
+        both: the mean over both directions; else only forward.
     """
 
     l1: float = 0.15
@@ -103,7 +103,7 @@ def _seen(there: Tensor, back: Tensor, weights: UnsupervisedLoss) -> tuple[Tenso
 
 
 def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: UnsupervisedLoss) -> Tensor:
-    """The terms' means over the whole frame, over the share of it that is seen."""
+    """The terms' means over the whole frame, divided by the share of it that is visible."""
     total = image.new_zeros(())
     if weights.l1:
         total = total + weights.l1 * ((image - reconstructed).abs() * seen).mean()

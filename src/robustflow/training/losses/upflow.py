@@ -35,7 +35,7 @@ def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str,
     """The loss' terms with their weights, each a scalar, sums over both directions.
 
     The photometric terms have no mask. The census compares grey values of about -0.5..0.6, and not of 0..255 as
-    elsewhere: so does the original.
+    elsewhere, like the original.
     """
     q = settings.exponent
     return {
@@ -50,7 +50,7 @@ def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str,
 
 
 def distillation(way: OneWay, exponent: float = 0.4) -> Tensor:
-    """How far the enlarged flow of each level is from the final one, where it is seen; a scalar.
+    """How far the enlarged flow of each level is from the final one, where it is visible; a scalar.
 
     No gradient goes into the final flow, which is the teacher ("upup" of the original).
     """

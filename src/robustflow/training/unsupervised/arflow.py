@@ -1,4 +1,4 @@
-"""ARFlow: a first pass under the photometric loss, and from its flow labels for a second, transformed one."""
+"""ARFlow: a first pass under the photometric loss, whose flow gives the labels for a second, transformed pass."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ class Arflow(LabelFree):
         return replace(raw, l1=0.0, ssim=0.0, census=1.0, splat=False)
 
     def _second_pass(self, images: tuple[Tensor, Tensor], flow: Tensor, seen: Tensor, step: TrainingStep) -> Tensor:
-        """How far the flow of the transformed frames is from the transformed flow, where the first frame is seen."""
+        """How far the flow of the transformed frames is from the transformed flow, where the first frame is not
+        occluded."""
         settings, (height, width) = self._settings.spatial, flow.shape[2:]
         moves = [
             draw_moves(Rng.of(step.seed, "moves", position), settings, (height, width)) for position in step.positions

@@ -27,7 +27,7 @@ from ..recipe import Recipe
 from .objective import LabelFree, TrainingStep
 
 FARTHEST = 100.0
-"""Pixels: the self-supervision's loss counts no more."""
+"""Pixels: the self-supervision's loss of a vector is limited to this."""
 
 
 class _Frames(NamedTuple):
@@ -132,7 +132,7 @@ class Brightflow(LabelFree):
         return over_iterations([robust_smoothness(flow, image, ALPHA, second_order) for flow in way.flows])
 
     def _self_supervision(self, step: TrainingStep) -> float:
-        """Its weight: 0, then rising."""
+        """The weight of the self-supervision: 0, then rising."""
         begins, ends = self._settings.self_supervision_from, self._settings.self_supervision_to
         risen = (step.progress - begins) / max(ends - begins, 1e-9)
         return self._settings.self_supervision * min(max(risen, 0.0), 1.0)
@@ -150,7 +150,7 @@ class Brightflow(LabelFree):
 
 
 def _census(image: Tensor, source: Tensor, way: _Way, place: WholeFrames) -> Tensor:
-    """The census of crops (N, 3, H, W) against the other whole frames, fetched by the flow of each iteration."""
+    """The census of crops (N, 3, H, W) against the other whole frames, sampled along the flow of each iteration."""
     return over_iterations(
         [
             masked_census(image, _warped(source, flow, place), visible)

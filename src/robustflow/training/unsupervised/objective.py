@@ -24,7 +24,7 @@ class TrainingStep:
         seed: of every draw.
         number: of the step, from 0.
         positions: of the batch's pairs, see `Share`.
-        progress: fraction of the training's updates that are made, 0 to 1.
+        progress: fraction of the training's updates made so far, 0 to 1.
     """
 
     seed: int
@@ -37,7 +37,7 @@ class LabelFree(nn.Module):
     """Base: a network's images and its flows. `forward` gives the loss and numbers for the log.
 
     Args:
-        network: that learns; its net has a method `both(image1, image2)` that gives flows of both directions.
+        network: to be trained; its net has a method `both(image1, image2)` that returns the flows of both directions.
         recipe: with an objective.
 
     Raises:
