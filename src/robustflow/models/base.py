@@ -179,7 +179,7 @@ def predict_batch_checked(
 
 
 def describe_cell(key: str, corruption: str, *severities: int) -> str:
-    """Where something happened, in words.
+    """Describe the cell in which something happened.
 
     >>> describe_cell("a", "fog", 1, 2), describe_cell("a", "clean", 0)
     ("sample 'a', fog severity 1, 2", "sample 'a', clean")
@@ -189,7 +189,7 @@ def describe_cell(key: str, corruption: str, *severities: int) -> str:
 
 
 def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
-    """Like `place`, for several cells (key, corruption, severity).
+    """Describe several cells (key, corruption, severity).
 
     >>> describe_cells([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
     "sample 'a', fog severity 1, 2; sample 'a', snow severity 1"
@@ -218,17 +218,16 @@ def naming_errors(where: str) -> Iterator[None]:
         ) from error
     finally:
         if os.getpid() != process:
-            os._exit(1)  # the copy that a model forked would go on with the run, beside the run
+            os._exit(1)  # a process that the model forked would otherwise continue the run itself
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-    """Copies for the model, which may write into its input; the frames are still needed to corrupt, measure and
-    draw."""
+    """Copy frames for the model, which may write into its input: they are still needed to corrupt, measure and draw."""
     return tuple(frame.copy() for frame in frames)
 
 
 def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
-    """What a model returned as a flow: float32 (H, W, 2) of the frames' size.
+    """Check what a model returned, and convert it to a flow: float32 (H, W, 2) of the frames' size.
 
     Raises:
         ModelError: it is not float, or of another shape.

@@ -1,7 +1,7 @@
-"""Predictions that say how sure they are: of any model by the flow back, or of a model that gives its own confidence.
+"""Predictions with a confidence: for any model the flow back, or the confidence that the model itself returns.
 
-An answer is a flow with further channels: (H, W, 4) with the flow back, (H, W, 3) with the model's confidence. Answers
-travel where flows do, through every engine, and are taken apart where they are measured.
+An answer is a flow with further channels: (H, W, 4) with the flow back, (H, W, 3) with the model's confidence. Engines
+pass answers on as they pass flows; they are split where they are measured.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ CONFIDENCES = (FORWARD_BACKWARD, OF_MODEL)
 """Where a confidence can come from."""
 
 Answer = npt.NDArray[np.float32]
-"""A flow, alone or with channels that say how sure it is: float32, shape (H, W, 2), (H, W, 3) or (H, W, 4)."""
+"""A flow, with or without channels for its confidence: float32, shape (H, W, 2), (H, W, 3) or (H, W, 4)."""
 
 
 CHANNELS = {None: 2, OF_MODEL: 3, FORWARD_BACKWARD: 4}
-"""How many channels the answers have, by confidence; None for only a flow."""
+"""Number of channels of an answer for each confidence; None means a flow without one."""
 
 
 @runtime_checkable
 class ConfidentModel(FlowModel, Protocol):
-    """A model that says how sure it is of every pixel."""
+    """A model that returns a confidence for every pixel."""
 
     def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.floating[Any]]]:
         """The flow as from `predict`, and its confidence: float (H, W), larger where the flow is surer, any scale."""

@@ -28,7 +28,7 @@ class FunctionModel:
         self._identity = identity or model_identity(function)
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: where the function is defined, unless stated otherwise."""
+        """See `FlowModel`: by default where the function is defined."""
         return self._identity
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -37,11 +37,11 @@ class FunctionModel:
 
 
 def as_model(candidate: Any, what: str) -> AnyModel:
-    """Anything with `predict`, `predict_clip` or `lookup` unchanged; an instance of a class; a module or function
-    wrapped.
+    """Return anything with `predict`, `predict_clip` or `lookup` unchanged, an instance of a class, or the wrapper of a
+    module or function.
 
     Args:
-        candidate: what should be a model.
+        candidate: the object to turn into a model.
         what: its name in messages.
 
     Raises:

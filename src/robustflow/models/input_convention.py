@@ -1,4 +1,4 @@
-"""The input that a network expects: colour order, range, and how sizes that it cannot take are handled."""
+"""The input that a network expects: colour order, range, and how frames of other sizes are fitted."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
 }
 """By name: what is subtracted from RGB values 0..255, and the factor for the difference."""
 _SMALLEST, _LARGEST = 4, 2**15
-"""Range of the sides of a fixed input, in pixels. Less would be a number of channels, more needs more memory than
-exists."""
+"""Range of the sides of a fixed input, in pixels. A smaller number would be one of channels; a larger one needs more
+memory than there is."""
 
 
 @dataclass(frozen=True)
 class InputConvention:
-    """From uint8 RGB frames to what a network was trained on.
+    """Converts uint8 RGB frames to what a network was trained on.
 
     Attributes:
         mean: subtracted from values 0..255, per channel in `order`.
@@ -60,7 +60,7 @@ class InputConvention:
     smallest: int = 1
 
     def fitted_size(self, height: int, width: int) -> tuple[int, int]:
-        """The size (height, width) a frame of this size has when it enters the network.
+        """The size (height, width) at which a frame of this size enters the network.
 
         >>> InputConvention(fit="pad", multiple=8).fitted_size(375, 1242)
         (376, 1248)
@@ -99,7 +99,7 @@ class InputConvention:
         return columns // 2, columns - columns // 2, above, rows - above
 
     def describe(self) -> dict[str, Any]:
-        """Its entry in a run's manifest, without fields that have no effect."""
+        """The entry in a run's manifest, without fields that have no effect."""
         about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "fit": self.fit}
         about["scale"] = list(self.scale) if isinstance(self.scale, tuple) else self.scale
         if self.fit != "none":
@@ -114,7 +114,7 @@ class InputConvention:
 def named_convention(
     *, order: str, scaling: str, multiple: int, size: tuple[int | None, int | None] = (None, None)
 ) -> InputConvention:
-    """The convention that options describe, for what the file of an exported network, or a user's module, leaves open.
+    """The convention given by options, where the file of an exported network or a user's module does not define it.
 
     Args:
         order: of the colours, "rgb" or "bgr".

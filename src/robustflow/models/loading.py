@@ -92,7 +92,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model by name and options: what a worker process is given so that it can load its own copy.
+    """A model by name and options, from which a worker process loads its own copy.
 
     The option `trained_on` declares the training sets of any model (see `provenance`); it is not given to the model.
     """
@@ -131,7 +131,7 @@ class ModelSpec:
 
     @property
     def is_own(self) -> bool:
-        """Whether it names the user's own code, `module.path:Attribute`."""
+        """Whether the name is that of the user's own code, `module.path:Attribute`."""
         return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
 
     def identity(self, model: AnyModel) -> dict[str, Any]:

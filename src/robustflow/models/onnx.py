@@ -234,7 +234,7 @@ def _parse(path: Path, content: bytes) -> Any:
 
 
 def _read_names(model: Any) -> set[str]:
-    """What the operators of a network read, those of branches included, and outputs."""
+    """The names that the operators of a network read, including those in branches, and the outputs."""
     import onnx
 
     return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {

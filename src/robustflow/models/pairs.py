@@ -17,10 +17,11 @@ class PairNetwork(ABC):
     @property
     @abstractmethod
     def _together(self) -> bool:
-        """Whether pairs of one size go through the network together: on a GPU, where the network's batch is dynamic.
+        """Whether pairs of one size go through the network together: on a GPU, if the network's batch is dynamic.
 
-        On the CPU each pair runs alone: together they are no faster, and change the last bits of each other's flow
-        (up to 1e-4 px), because convolutions of another batch add up in another order.
+            On the CPU each pair runs separately: a batch is no faster, and changes the last bits of each flow (up to 1e-4
+                px),
+        because the order of the sums in a convolution depends on the size of the batch.
         """
 
     @abstractmethod
@@ -40,7 +41,7 @@ class PairNetwork(ABC):
 
         Args:
             frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
-            frames2: as many, each of its first frame's size.
+            frames2: as many, each of the same size as its first frame.
 
         Returns:
             float32 (H, W, 2) each, (u right, v down) in pixels.
@@ -65,7 +66,7 @@ def predict_by_size(
     Args:
         predict: the flows of pairs of one size.
         frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
-        frames2: as many, each of its first frame's size.
+        frames2: as many, each of the same size as its first frame.
 
     Raises:
         UsageError: frames that are not pairs of RGB uint8 images.

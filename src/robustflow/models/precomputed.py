@@ -33,8 +33,8 @@ class Precomputed:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Names and contents of all files: another set of flows is another model, wherever it is stored. File sizes
-        would not suffice, because they follow from the frames."""
+        """Names and contents of all files: a different set of flows is a different model, wherever it is stored. File
+        sizes would not suffice, because they follow from the frames."""
         listing = hashlib.sha256()
         settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]
         for path in (path for folder in settings for path in sorted(folder.rglob("*"))):

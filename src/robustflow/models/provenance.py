@@ -37,14 +37,14 @@ TRAINING_SETS = {
 benchmark."""
 
 DECLARED = "trained_on"
-"""The option of every model, and the attribute of a user's own, that declares its training sets."""
+"""The option of every model, and the attribute of a user's model, that declares its training sets."""
 
 PARTS = {"kitti2015": ("train", "drive-disjoint", "released")}
-"""Which parts of a training set a declaration may name, `SET:PART`, if not only "train": the training part of the
-project's split, of its drive-disjoint one, or of the released KITTI-FC."""
+"""The parts of a training set that a declaration may name, `SET:PART`, where there are more than "train": the training
+part of the project's split, of its drive-disjoint split, or of the released KITTI-FC."""
 
 KNOWLEDGE = "method"
-"""The basis for a method that learns nothing."""
+"""The basis of a method that learns nothing."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Training:
 
 
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
-    """What the model with an identity was trained on.
+    """What a model was trained on, by its identity.
 
     A checkpoint of the catalogue is recognised by the hash of its file, wherever it is and whatever is declared.
 

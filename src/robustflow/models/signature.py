@@ -23,11 +23,11 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
 
     Args:
         inputs: names and shapes of what the network takes; the shape is None if the file does not say.
-        layout: one of `LAYOUTS`, or None to tell it from the inputs.
+        layout: one of `LAYOUTS`, or None to infer it from the inputs.
 
     Raises:
         UsageError: an unknown layout.
-        ModelError: inputs that no layout fits, or that several fit.
+        ModelError: no layout fits the inputs, or several do.
 
     >>> infer_layout([("images", (None, 6, None, None))], None)
     'concatenated'
@@ -79,7 +79,7 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
 
     Raises:
         UsageError: the network has no input of this name.
-        ModelError: some inputs would be given nothing.
+        ModelError: some inputs would not be given.
 
     >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
     [1, 0]
@@ -100,7 +100,7 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
 def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
     """Raise if a network reads only one of its two frames.
 
-    That is what `torch.export`, and `torch.onnx.export` with dynamo, make of a single example tensor given twice.
+    `torch.export`, and `torch.onnx.export` with dynamo, write such a network if one example tensor is given twice.
 
     Args:
         inputs: names of what the network takes.

@@ -48,10 +48,10 @@ def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
 
 
 def tiled(model: AnyModel, tile: str | None) -> AnyModel:
-    """`model` run in tiles of `tile`, HEIGHTxWIDTH; the model itself if `tile` is None or "none".
+    """Wrap `model` so that it predicts in tiles of HEIGHTxWIDTH; return it unchanged if `tile` is None or "none".
 
     Raises:
-        UsageError: a model whose flows were computed elsewhere, or a multi-frame model; not a size.
+        UsageError: a model whose flows were computed elsewhere, a multi-frame model, or `tile` is not a size.
     """
     if tile in (None, "none"):
         return model

@@ -31,14 +31,14 @@ class MethodEntry(Frozen):
     """A method that can be loaded by name.
 
     Attributes:
-        model: the name it is loaded by.
+        model: the name by which it is loaded.
         method: its label in tables, figures and pages: that of its paper, and unique. `dis` is the DIS that most people
             know, OpenCV's on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
         year: of its publication.
         type: what it was made from: prior knowledge, or training with or without labels.
         source: whose implementation runs: a library's, or the project's own.
         extra: the extra of the installation that it needs, "" for none.
-        frames: the most that it is given: 2, or more for a multi-frame method.
+        frames: the largest number that it is given: 2, or more for a multi-frame method.
         code_licence: of that implementation; hardly any weights state one.
     """
 
@@ -88,7 +88,7 @@ class CheckpointEntry(Frozen):
 
 @cache
 def methods() -> dict[str, MethodEntry]:
-    """Methods by the name they are loaded by.
+    """Methods by the name used to load them.
 
     >>> methods()["flowformer_pp"].method
     'FlowFormer++'
@@ -126,7 +126,7 @@ def is_in_ptlflow(model: str) -> bool:
 
 
 def published_names(model: str) -> list[str]:
-    """Names of the public checkpoints of a model, as far as the catalogue knows them.
+    """Names of the public checkpoints of a model in the catalogue.
 
     >>> published_names("raft_small")
     ['C_T_V1', 'C_T_V2']

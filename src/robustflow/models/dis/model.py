@@ -22,7 +22,7 @@ _REACHED_BY_THE_PAPER = 5
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """How much work the method does; Kroeger et al. 2016, section 3.
+    """The parameters of an operating point; Kroeger et al. 2016, section 3.
 
     Attributes:
         finest_scale: the flow of frames 1024 px wide is searched down to frames shrunk by 2**finest_scale, and enlarged
@@ -78,7 +78,7 @@ class DisRgb:
 
     Args:
         operating_point: 1 (fastest) to 4 (most accurate), the paper's. 2, the default, is that of the authors'
-            program, which the benchmark's paper ran as it comes; its flow is found at an eighth of the size of
+            program, which the benchmark's paper ran with its defaults; its flow is found at an eighth of the size of
             frames 640 px wide or wider, and nearer to full size in smaller ones.
 
     >>> frame = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
@@ -95,7 +95,7 @@ class DisRgb:
         self._number = int(operating_point)
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: the operating point with all that it stands for."""
+        """See `FlowModel`: the operating point with its parameters."""
         point = asdict(OPERATING_POINTS[self._number])
         return {"name": "dis_rgb", "operating_point": self._number, **point, "interpolation": "cubic spline"}
 

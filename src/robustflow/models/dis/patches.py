@@ -32,7 +32,7 @@ def search_area(image: Image, patch: int) -> Image:
 def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
     """Whole and fractional part of a coordinate in `search_area`, for a patch that begins at `place` in frame 2.
 
-    A patch goes no further than just out of the frame, where everything repeats the edge.
+    A patch goes no further than just outside the frame, where everything repeats the edge.
     """
     inside = min(max(place, float(-patch)), float(size)) + (patch + _TAPS)
     whole = int(inside)
@@ -41,7 +41,7 @@ def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def from_coarser(coarse: Any, y: float, x: float) -> tuple[float, float]:
-    """Twice the flow at half the size, bilinear, at a place given in pixels of the finer scale: (u, v)."""
+    """(u, v) at a position in pixels of the finer scale: twice the flow at half the size, bilinear."""
     height, width, _ = coarse.shape
     at_y = min(max((y + 0.5) / 2 - 0.5, 0.0), height - 1.0)
     at_x = min(max((x + 0.5) / 2 - 0.5, 0.0), width - 1.0)

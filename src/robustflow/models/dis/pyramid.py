@@ -15,17 +15,18 @@ Image = npt.NDArray[np.float32]
 """float32, shape (H, 3 W): rows of interleaved RGB, 0 to 255."""
 
 _HALF = tuple(np.float32(weight / 320) for weight in (1, 13, 51, 95))
-"""Weights of four pixels up to a new one, outermost first: 1 5 10 10 5 1, spread a little so that less folds over."""
+"""Weights of the four pixels on one side, outermost first: a little wider than 1 5 10 10 5 1, against aliasing."""
 
 
 def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:
     """The frame at scales 0 to `coarsest`, each half the size of the one before.
 
-    Means of 2x2 pixels, the simplest way, alias: the texture of a frame shrunk so changes as it moves.
+    Means of 2x2 pixels would alias: the texture of the shrunk frame would change as it moves.
 
     Args:
         frame: uint8 (H, W, 3).
-        height, width: what it is extended to first, by repeating its last row and column; multiples of 2**coarsest.
+        height, width: size to which it is first extended by repeating its last row and column; multiples of
+            2**coarsest.
 
     >>> [level.shape for level in pyramid(np.zeros((30, 61, 3), np.uint8), 32, 64, 2)]
     [(32, 192), (16, 96), (8, 48)]
@@ -79,8 +80,7 @@ def _extend(frame: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _halve(image: Any, out: Any) -> None:
-    """Every second place between pixels of `image`, weighed by `_HALF` on either side of it along both axes, edges
-    repeated."""
+    """Halve `image` along both axes by the weights `_HALF` on either side, edges repeated."""
     height, columns = image.shape
     a, b, c, d = _HALF
     row = np.empty(columns + 18, np.float32)

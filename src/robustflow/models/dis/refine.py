@@ -75,7 +75,7 @@ def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: A
 
 @njit(cache=True, nogil=True)
 def _link(smooth: Any, links: Any) -> None:
-    """How strongly neighbours pull: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at edges."""
+    """Weights between neighbours: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at edges."""
     height, width = smooth.shape
     half = np.float32(0.5)
     for y in range(height):

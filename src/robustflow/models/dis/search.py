@@ -5,9 +5,9 @@ both less their means per channel. A step is u -= H^-1 sum S (I(x + u) - T(x)), 
 slopes stay at T, so H is computed once.
 
 Two identities make a step cheap and change nothing but rounding. With the mean of S taken off it, sum S (I - T) does
-not feel the means of I and T. And I between pixels is a fixed mix of 4x4 spline coefficients, so sum S I(x + u) is the
-same mix of its values at 4x4 whole displacements of the coefficients; each of those is computed once per patch, however
-many steps come back to it.
+not depend on the means of I and T. And I between pixels is a fixed mix of 4x4 spline coefficients, so sum S I(x + u) is
+the same mix of its values at 4x4 whole displacements of the coefficients; each of those is computed once per patch,
+however many steps come back to it.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def inverse_search(
 ) -> Displacements:
     """Displacements of the patches of a grid.
 
-    A patch stays where its search begins if it has no texture, if it would move by more than its own size (the
-    paper's outliers), or if it matches no better in the end. The last is not in the paper: a descent without a line
+    A patch stays where its search begins if it has no texture, if it would move by more than its own size (the paper's
+    outliers), or if it does not match better in the end. The last is not in the paper: a descent without a line
     search may climb, and OpenCV's stops then.
 
     Args:
@@ -102,7 +102,7 @@ def _descend(
     memory: Any,
     lanes: Any,
 ) -> tuple[float, float]:
-    """Where a patch's descent ends. `memory` keeps sums at whole displacements; those that the patch owns count."""
+    """Where a patch's descent ends. `memory` keeps sums at whole displacements; only this patch's are valid."""
     (y, x), (u0, v0), (sx, sy), (hxx, hxy, hyy), (patch_id, owner, sums) = corner, begin, slope, hessian, memory
     height, width, patch = image1.shape[0], image1.shape[1] // 3, sx.shape[0]
     top = in_search_area(y + v0, height, patch)[0] - patch - 2
@@ -159,7 +159,7 @@ def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
 
 @njit(cache=True, nogil=True)
 def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
-    """Sums of a patch of `image` times `sx` and `sy`: each column by itself, a loop that vectorises, then all."""
+    """Sums of a patch of `image` times `sx` and `sy`: first each column, in a loop that vectorises, then all."""
     a, b = lanes[0], lanes[1]
     for k in range(a.size):
         a[k] = b[k] = 0

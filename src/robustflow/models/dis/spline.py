@@ -1,4 +1,4 @@
-"""Frames between their pixels, by cubic splines: smooth, and through every pixel.
+"""Interpolate frames by cubic splines, which are smooth and pass through every pixel.
 
 Other interpolations blur by an amount that depends on the fraction of a pixel, which pulls matches towards whole
 pixels. At an eighth of the size that pull is up to 0.4 px of the full frame with Catmull-Rom weights, 0.1 with splines.
@@ -14,7 +14,7 @@ from .pyramid import Image
 
 
 def coefficients(image: Image) -> Image:
-    """What `spline_weights` weigh, of the frame's own shape; the frame is mirrored at its edge pixels.
+    """The coefficients for `spline_weights`, in the frame's shape; the frame is mirrored at its edge pixels.
 
     Args:
         image: float32 (H, 3 W), H and W at least 2.
@@ -31,7 +31,7 @@ def coefficients(image: Image) -> Image:
 
 @njit(cache=True, nogil=True)
 def spline_weights(t: float) -> tuple[float, float, float, float]:
-    """Weights of the coefficients at -1, 0, 1 and 2 for a place `t` in [0, 1].
+    """Weights of the coefficients at -1, 0, 1 and 2 for a position `t` in [0, 1].
 
     >>> [round(6 * weight, 6) for weight in spline_weights(0.0)]
     [1.0, 4.0, 1.0, 0.0]
@@ -47,7 +47,7 @@ def spline_weights(t: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True, nogil=True)
 def mirrored_once(index: int, size: int) -> int:
-    """The index of a pixel that mirroring at the edge pixels puts at `index`, at most one outside.
+    """The pixel that `index`, at most one outside, is mirrored to at the edge pixels.
 
     >>> mirrored_once(-1, 8), mirrored_once(3, 8), mirrored_once(8, 8)
     (1, 3, 6)

@@ -8,21 +8,21 @@ import torch
 from torch import Tensor, nn
 
 Reading = Literal["middle", "each", "memory"]
-"""How a network is asked. "middle": for the pair whose first frame is the middle one. "each": for every pair at once.
-"memory": for one pair after the other, from the first on."""
+"""Which pairs a network predicts. "middle": the one whose first frame is in the middle. "each": all at once. "memory":
+one after the other, from the first on."""
 
 _Named = tuple[str, Tensor]
 """An image and its name; a frame that is repeated keeps its name."""
 
 
 class PtlflowClipNet(nn.Module):
-    """Gives a multi-frame model of ptlflow its clip, and takes the flow of the asked pair from what it returns.
+    """Gives a multi-frame model of ptlflow its clip, and takes the flow of the requested pair from what it returns.
 
     Nothing is kept from one call to the next.
 
     Args:
         model: of ptlflow.
-        reading: how it is asked.
+        reading: which pairs it predicts, see `Reading`.
         least: frames that it needs; the first is repeated before a clip that has fewer.
         twice: frames of a whole clip, where its authors put the first frame of every sequence twice; else 0. A pair
             that is not in the middle of its clip, but before it, is then taken to be at the beginning of a sequence.
@@ -65,7 +65,7 @@ class PtlflowClipNet(nn.Module):
 
 
 def padding_to_middle(frames: int, wanted: int) -> tuple[int, int]:
-    """How often the first and the last frame are repeated so that VideoFlow's answer is the one that is wanted.
+    """How often the first and the last frame must be repeated for VideoFlow to return the requested flow.
 
     It predicts a flow for every frame but the first and the last, and returns number (n - 2) // 2 of them, where n
     counts repeated frames, less the repetitions on the left; then it drops the repeated frames before it predicts.

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _ClipConvention:
-    """How a network gets its clip; see `PtlflowClipNet`."""
+    """How a network is given its clip; see `PtlflowClipNet`."""
 
     window: Window
     reading: Reading
@@ -110,7 +110,7 @@ def ptlflow_clip_model(
 
 
 def ptlflow_factory(name: str, architecture: str) -> Callable[..., Any]:
-    """What makes any model of ptlflow, of two frames or more."""
+    """Builds any model of ptlflow, of two frames or more."""
     return partial(ptlflow_clip_model if architecture in CLIPS else ptlflow_model, name, architecture)
 
 

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from .net import PtlflowNet
 
 _STRIDE = 8
-"""Pixels of a crop for one of the cost volume, all that its sides must be a multiple of."""
+"""Pixels of a crop for one of the cost volume; the sides of a crop are multiples of it."""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):

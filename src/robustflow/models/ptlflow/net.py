@@ -1,4 +1,4 @@
-"""A network of ptlflow behind the call of the project's own: two images in, one flow out."""
+"""Wrap a network of ptlflow so that it is called like the project's own: two images in, one flow out."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...errors import ModelError
 class PtlflowNet(nn.Module):
     """Gives a ptlflow model its dictionary of images and takes the flow out of the one it returns.
 
-    The model scales, pads and flips to RGB by itself.
+    The model itself scales, pads and converts to RGB.
 
     Args:
         model: of ptlflow.
-        batched: the pairs of a batch are known not to see each other; else each is predicted by itself.
+        batched: whether the pairs of a batch are known not to see each other; else each is predicted separately.
     """
 
     def __init__(self, model: Any, batched: bool) -> None:
@@ -26,8 +26,8 @@ class PtlflowNet(nn.Module):
         self.batched = batched
 
     def forward(self, image1: Tensor, image2: Tensor, confidence: bool = False) -> Tensor:
-        """Images (N, 3, H, W), BGR, 0..255, to flow (N, 2, H, W) in pixels; with the network's confidence (N, 3, H, W),
-        for those that have one."""
+        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W), BGR, 0..255; (N, 3, H, W) with the confidence
+        of networks that return one."""
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         if self.batched:
             return self._flow(images, confidence)

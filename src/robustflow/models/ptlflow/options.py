@@ -1,4 +1,4 @@
-"""What a model of ptlflow is built with, read off its constructor. Importable without ptlflow."""
+"""The arguments that a model of ptlflow is built with, from its constructor. Importable without ptlflow."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
         The constructor's arguments, and the number of iterations; None where the model has no single one.
 
     Raises:
-        UsageError: a number of iterations for a model that has no single one, or that is none.
+        UsageError: a number of iterations for a model that has no single one, or one below 1.
 
     >>> class Net:
     ...     def __init__(self, use_tile_input=True, iters=32): ...
@@ -56,7 +56,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
 
 
 def constructor_parameters(reference: type) -> dict[str, inspect.Parameter]:
-    """What a class takes, with what its bases take through `**kwargs`.
+    """The arguments of a class, including those of its bases through `**kwargs`.
 
     >>> class Base:
     ...     def __init__(self, depth=3, width=64): ...

@@ -32,7 +32,8 @@ _SMALLEST = {
     **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), RAFT_SMALLEST),
     "flowformer": 25,
 }
-"""Pixels a side below which a network gives no numbers: those that have RAFT's correlation, and FlowFormer."""
+"""Smallest side in pixels for networks that otherwise give no numbers: those with RAFT's correlation, and
+FlowFormer."""
 
 BESIDES = {
     "splatflow": "cupy, for CUDA",
@@ -46,8 +47,8 @@ BESIDES = {
 """What some of ptlflow's models need besides ptlflow, which does not install it."""
 
 CONFIDENT = ("liteflownet3", "liteflownet3_pseudoreg", "liteflownet3s", "liteflownet3s_pseudoreg")
-"""Networks that return a confidence, 0 to 1, with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow) is
-none, and what SEA-RAFT and its relatives know of their error, they return in training alone."""
+"""Networks that return a confidence, 0 to 1, with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow) is not
+one, and SEA-RAFT and its relatives return their estimate of the error only in training."""
 
 _SOURCE = SOURCES["ptlflow"]
 BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
@@ -110,7 +111,7 @@ def ptlflow_network(
     sha256: str | None,
     execution: Execution,
 ) -> NetworkModel:
-    """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
+    """A network of ptlflow, made callable by `wrap`; arguments and errors as for `ptlflow_model`."""
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("ptlflow", f"model '{name}'")
@@ -155,7 +156,7 @@ def ptlflow_network(
 
 
 def is_of_ptlflow(name: str) -> bool:
-    """Whether ptlflow is here and has a model of this name."""
+    """Whether ptlflow is installed and has a model of this name."""
     if find_spec("ptlflow") is None:
         return False
     with _silence():
@@ -173,7 +174,7 @@ def _not_built(name: str, architecture: str, reference: Any, error: Exception) -
 
 
 def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
-    """What ptlflow keeps beside the weights of some checkpoints and sets again when it loads them.
+    """Settings that ptlflow stores with the weights of some checkpoints and restores when it loads them.
 
     `train_size` only turns on the tiling of the others, but it is part of MatchFlow's network.
     """

@@ -13,7 +13,7 @@ Maps = npt.NDArray[np.float32]
 Weights = npt.NDArray[np.float32]
 
 _COLUMNS = 250_000
-"""Numbers of the unfolded input at a time: what stays in the cache of a core, whatever the size of the frames."""
+"""Values of the unfolded input processed at a time: they fit into a core's cache, whatever the size of the frames."""
 _SLOPE = np.float32(0.1)
 
 
@@ -66,13 +66,13 @@ def convolve(
 
 
 def normalised(maps: Maps, epsilon: float) -> Maps:
-    """Features of mean square 1 over the channels."""
+    """Normalise features to a mean square of 1 over the channels."""
     mean = np.einsum("chw,chw->hw", maps, maps) / np.float32(len(maps))
     return maps * (np.float32(1.0) / np.sqrt(mean + np.float32(epsilon)))
 
 
 def resized(flow: Maps, height: int, width: int) -> Maps:
-    """A flow (2, h, w) at another size, bilinear with corner pixels kept at the corners, its values scaled alike."""
+    """Resize a flow (2, h, w), bilinear with corner pixels kept at the corners, and scale its values."""
     _, high, wide = flow.shape
     y = np.linspace(0, high - 1, height, dtype=np.float64)
     x = np.linspace(0, wide - 1, width, dtype=np.float64)
@@ -87,9 +87,9 @@ def resized(flow: Maps, height: int, width: int) -> Maps:
 
 @njit(cache=True, nogil=True)
 def warp(maps: Any, flow: Any, out: Any) -> None:
-    """Fetch `maps` (C, H, W) at pixel + `flow` (2, H, W), bilinear, the border repeated, into `out` (C, H, W).
+    """Sample `maps` (C, H, W) at pixel + `flow` (2, H, W), bilinear, the border repeated, into `out` (C, H, W).
 
-    Coordinates go through -1..1 in single precision, as PyTorch's sampler takes them, so that both round alike.
+    Coordinates are converted to -1..1 in single precision, as in PyTorch's sampler, so that both round in the same way.
     """
     channels, height, width = maps.shape
     one, two = np.float32(1), np.float32(2)

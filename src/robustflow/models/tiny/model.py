@@ -42,7 +42,7 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
 
 
 def _entering(frame: Frame) -> Maps:
-    """A frame as the network wants it: -1 to 1, its border repeated up to multiples of 32, (3, H, W)."""
+    """Convert a frame to the network's input: (3, H, W) in -1..1, its border repeated up to multiples of 32."""
     height, width = frame.shape[:2]
     rows, columns = -height % MULTIPLE, -width % MULTIPLE
     sides = ((rows // 2, rows - rows // 2), (columns // 2, columns - columns // 2), (0, 0))
@@ -62,7 +62,7 @@ def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
 
 
 def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
-    """What the decoder makes of a level, (32, H, W)."""
+    """The features of a level for the decoder, (32, H, W)."""
     warped = np.empty_like(other)
     warp(other, flow, warped)
     correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 CHANNELS = (3, 16, 32, 48, 64, 80)
-"""Of the image, then of the levels 1/2 to 1/32."""
+"""Channels of the image, then of the levels 1/2 to 1/32."""
 LEVELS = len(CHANNELS) - 1
 MULTIPLE = 2**LEVELS
-"""Height and width of what enters are multiples of it."""
+"""Height and width of the input are multiples of it."""
 RADIUS = 3
-"""Of the correlation, in pixels of a level."""
+"""Radius of the correlation, in pixels of a level."""
 REDUCED = 32
 """Channels of a level's features in the decoder."""
 DECODER = ((80, 1), (64, 2), (48, 4), (32, 1))

@@ -18,7 +18,8 @@ from ..model_file import damaged, opened
 
 
 class _Unread:
-    """Stands for what training scripts keep beside the weights: built from anything, holds nothing."""
+    """Takes the place of objects that training scripts store beside the weights: accepts any arguments, holds
+    nothing."""
 
     def __new__(cls, *args: Any) -> _Unread:
         return super().__new__(cls)
@@ -27,7 +28,7 @@ class _Unread:
         pass
 
 
-# A best error, a learning rate, the command line. Whatever their pickles say, none of them is built.
+# A best error, a learning rate, the command line: none of them is unpickled.
 _BESIDE_WEIGHTS = [
     (_Unread, name)
     for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
@@ -35,10 +36,10 @@ _BESIDE_WEIGHTS = [
 
 
 HELD_AS = ("state_dict", "model_state_dict", "model")
-"""Where a file keeps its weights beside other things."""
+"""Keys under which files store their weights."""
 
 TRAINED_ON = "robustflow_trained_on"
-"""Where a file of `robustflow train` says what its weights have seen."""
+"""Key under which `robustflow train` stores what the weights were trained on."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Checkpoint:
         path: where they were read.
         sha256: of the file, 64 hexadecimal digits.
         weights: tensors on the CPU.
-        hyper_parameters: what Lightning keeps under this name beside them, as untrusted as the rest; empty without.
+        hyper_parameters: what Lightning stores under this name, as untrusted as the rest; empty if there is none.
         trained_on: training sets as the file itself declares them, which `robustflow train` writes; None without.
     """
 
@@ -63,8 +64,8 @@ class Checkpoint:
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
     """Read a file saved with `torch.save`: a state dict, or a dict that holds one under one of `HELD_AS`.
 
-    Nothing in the file is run: it is read with `weights_only=True`, after its declared sizes were compared with its
-    own.
+    Nothing in the file is run: its declared sizes are compared with the file's, then it is read with
+    `weights_only=True`.
 
     Args:
         path: the file.
@@ -122,12 +123,12 @@ def _load(path: Path, file: BinaryIO) -> Any:
     file.seek(0)
     try:
         with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
-            warnings.simplefilter("ignore")  # about the pickle protocol; what cannot be read is an error anyway
+            warnings.simplefilter("ignore")  # warns about the pickle protocol; what cannot be read is an error anyway
             return torch.load(file, weights_only=True, map_location="cpu")
     except pickle.UnpicklingError as error:
         lines = str(error).splitlines()
         reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
-        reason = reason.partition(" Please use")[0][:200]  # what torch suggests there would run the file
+        reason = reason.partition(" Please use")[0][:200]  # torch suggests an option that would run the file
         raise ModelError(
             f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
             "authors' file, or save its state_dict alone with torch.save where you trust it"

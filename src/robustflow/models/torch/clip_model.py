@@ -18,7 +18,7 @@ class TorchClipModel:
 
     Args:
         network: its net takes images (1, 3, H, W) in the order of time, and `index`.
-        window: the frames that it wants.
+        window: the frames that it needs.
     """
 
     def __init__(self, network: NetworkModel, window: Window) -> None:
@@ -56,7 +56,7 @@ class TorchClipModel:
 
 
 class TorchStreamModel(TorchClipModel):
-    """A network that begins with two frames and gets better with those before them. Satisfies `FlowModel` too."""
+    """A network that works with two frames and improves with those before them. Also satisfies `FlowModel`."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """See `FlowModel.predict`: the first pair of a sequence."""

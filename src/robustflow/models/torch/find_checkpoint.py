@@ -91,7 +91,7 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
-        except Exception as error:  # no network, no permission, another hash: each is another exception
+        except Exception as error:  # no connection, no permission, a wrong hash: each raises a different exception
             reason = getattr(error, "reason", None) or first_line(error)
             raise ModelError(
                 f"model '{model}': cannot fetch {url} ({reason}); put that file at {path}, or give the path of a copy "

@@ -30,7 +30,7 @@ _CLEAR = 0.9
 _WRONG = 0.5
 """A declared convention is wrong if another one is better on every pair and its error is below this fraction."""
 _SURE = 0.05
-"""A declared convention is right, without comparing it, if its error is below this fraction of that of zero flow."""
+"""A declared convention is accepted without a comparison if its error is below this fraction of that of zero flow."""
 _WELL = 0.1
 """A declared convention is worth a warning if its error is above this fraction of that of zero flow."""
 _SEES = 0.5
@@ -61,7 +61,7 @@ class Declared:
         return self.scaling is not None and self.order is not None
 
     def describe(self) -> str:
-        """Written as options.
+        """The convention as options.
 
         >>> Declared("0-1", "rgb", "pair", -1).describe()
         'scaling=0-1, order=rgb, layout=pair, output=-1'
@@ -69,7 +69,7 @@ class Declared:
         return ", ".join(f"{key}={value}" for key, value in self._given().items())
 
     def line(self) -> str:
-        """The line of code, and the options of the command line, that declare it.
+        """The line of code, and the command-line options, that declare it.
 
         >>> Declared("0-1", "rgb", output=-1).line()
         "robustflow.TorchModel(net, scaling='0-1', order='rgb') or -O scaling=0-1 -O order=rgb"
@@ -114,7 +114,7 @@ def infer_convention(
     device: torch.device,
     threads: int = 1,
 ) -> tuple[Declared, str]:
-    """The declared convention, checked, and completed by what works best for the network.
+    """Check the declared convention, and complete it with what works best for the network.
 
     Args:
         module: in evaluation mode, on `device`.
@@ -164,7 +164,7 @@ def infer_convention(
 
 
 def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
-    """A convention of which only the output may be open, and what speaks against it."""
+    """Check a convention of which at most the output is not declared; returns it and a warning."""
     try:
         outputs = trial.outputs(declared)
     except ModelError as error:
@@ -214,7 +214,8 @@ def _refuse_misread(one: _TriedConvention) -> None:
 
 
 def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None = None) -> str:
-    """The best conventions with their errors; layout and output only if they differ, among them or from `beside`."""
+    """Name the best conventions with their errors; layout and output only if they differ among them or from
+    `beside`."""
     fitting = [one for one in ranked if one.mean <= max(_FAR * ranked[0].mean, _SURE * _ZERO)] or ranked[:1]
     apart = [*fitting, *([beside] if beside else [])]
     same = {field: None for field in ("layout", "output") if len({getattr(one.way, field) for one in apart}) == 1}
@@ -231,7 +232,7 @@ class _Trial:
         self._pairs: list[ShiftedPair] = [shifted_pair(i) for i in range(len(SHIFTS))]
 
     def working_layouts(self, declared: Declared) -> list[str]:
-        """Those for which the network returns a flow at all; a declared one is trusted."""
+        """The conventions for which the network returns a flow at all; a declared one is trusted."""
         if declared.layout is not None:
             return [declared.layout]
         working, failures = [], []
@@ -247,7 +248,7 @@ class _Trial:
         return working
 
     def rank(self, ways: Sequence[Declared], better_than: _TriedConvention | None = None) -> list[_TriedConvention]:
-        """Those not dropped after the first pairs, with their errors on every pair, the best first.
+        """The conventions not dropped after the first pairs, with their errors on every pair, best first.
 
         Args:
             ways: conventions; those far behind the best are dropped.
@@ -294,7 +295,8 @@ class _Trial:
             one.vectors.append(pair.vector(flow))
 
     def _flows(self, way: Declared, pair: ShiftedPair, every: bool = False) -> dict[Declared, Flow]:
-        """The declared output, or (`every`, or if none is declared) each that is a flow, float32 (H, W, 2)."""
+        """The declared output, or with `every` (or if none is declared) each output that is a flow, float32 (H, W,
+        2)."""
         net = ModuleNet(self._module, self._call, way.layout or "pair", None, batched=True)
         convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self._multiple)
         images = [fitted_images([frame], convention, self._device) for frame in pair[:2]]
@@ -320,7 +322,7 @@ def _outputs(returned: Any) -> list[str | int]:
 
 
 def _as_flow(returned: Any, output: str | int, size: Sequence[int]) -> Tensor | None:
-    """(1, 2, H, W), or None for what is not a flow of this size."""
+    """The output as (1, 2, H, W), or None if it is not a flow of this size."""
     try:
         flow = chosen_output(returned, output)
         if flow.ndim == 5 and flow.shape[1] == 1:

@@ -25,9 +25,9 @@ class NetworkModel(PairNetwork):
 
     Args:
         name: of the model.
-        net: two images (N, 3, H, W) to one flow (N, 2, H, W) in pixels; put into evaluation mode here.
+        net: maps two images (N, 3, H, W) to a flow (N, 2, H, W) in pixels; it is put into evaluation mode.
         convention: the input that the network expects.
-        settings: what else changes its numbers (checkpoint hash, iterations), for `identity`.
+        settings: anything else that changes its numbers (checkpoint hash, iterations), for `identity`.
         execution: device, precision, compilation, threads.
 
     Raises:
@@ -92,7 +92,7 @@ class NetworkModel(PairNetwork):
 
         Args:
             batches: of RGB uint8 frames of one size, one batch for each image that the network takes.
-            arguments: what else it takes.
+            arguments: its other arguments.
 
         Returns:
             A flow for each frame of a batch, as `predict` returns it.
@@ -127,8 +127,8 @@ class NetworkModel(PairNetwork):
 
 
 class ConfidentNetwork(NetworkModel):
-    """A network that says how sure it is of each pixel: called with `confidence=True` it returns (N, 3, H, W), the flow
-    and the confidence. Satisfies `ConfidentModel`."""
+    """A network with a confidence for each pixel: called with `confidence=True` it returns (N, 3, H, W), the flow and
+    the confidence. Satisfies `ConfidentModel`."""
 
     def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.float32]]:
         """See `ConfidentModel.predict_with_confidence`."""

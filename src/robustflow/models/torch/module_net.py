@@ -1,4 +1,4 @@
-"""Any PyTorch module behind the call of the project's own networks."""
+"""Wrap any PyTorch module so that it is called like the project's own networks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..signature import describe_arrays, flow_layout
 from ..traceback_hint import traceback_hint
 
 MODULE_LAYOUTS = ("pair", "concatenated", "stacked", "images")
-"""How a pair goes into a module: two images (N, 3, H, W); one (N, 6, H, W); one (N, 2, 3, H, W); or that one in a
+"""How a pair is passed to a module: two images (N, 3, H, W); one (N, 6, H, W); one (N, 2, 3, H, W); or that one in a
 dictionary, `{"images": ...}`, as ptlflow's models take it."""
 
 
@@ -23,9 +23,9 @@ class ModuleNet(nn.Module):
     Args:
         module: the network; its mode is left as it is.
         call: calls it with its list of inputs.
-        layout: how the pair goes in, one of `MODULE_LAYOUTS`.
+        layout: how the pair is passed, one of `MODULE_LAYOUTS`.
         output: position or key of the flow among several outputs; None for the last.
-        batched: it takes several pairs at once; else each goes through by itself.
+        batched: whether it takes several pairs at once; else each is predicted separately.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class ModuleNet(nn.Module):
         return self
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """Images (N, 3, H, W) in the module's own colours and range, to flow (N, 2, H, W) in pixels."""
+        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W) in the module's colours and range."""
         if self.batched:
             return self._flow(image1, image2)
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """All flows that the module returns, the last one final: those of a list, or the one there is."""
+        """All flows that the module returns, the last one final: a list, or the only one."""
         returned = self.returned(image1, image2)
         chosen = returned.get(str(self.output)) if isinstance(returned, dict) else returned
         several = chosen if isinstance(chosen, list | tuple) else [chosen]
@@ -72,7 +72,7 @@ class ModuleNet(nn.Module):
             return self.call(inputs)
         except RobustFlowError:
             raise
-        except Exception as error:  # whatever its operators raise; the last line says it, those above where
+        except Exception as error:  # any exception of an operator; the last line says what, those above where
             reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
             shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
             what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def weights_seeded(seed: int) -> Iterator[None]:
-    """Within the block the checkpoint "random" stands for random weights of this seed, outside for those of seed 0."""
+    """Within the block the checkpoint "random" means random weights from this seed, outside those from seed 0."""
     token = _SEED.set(seed)
     try:
         yield

@@ -1,4 +1,4 @@
-"""torchvision's RAFT behind the call of the project's own networks."""
+"""Wrap torchvision's RAFT so that it is called like the project's own networks."""
 
 from __future__ import annotations
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import torch
 
-# PyTorch 2.9 sets precision per backend; its older functions, the only ones of earlier versions, fail to tell what
-# was set that way.
+# PyTorch 2.9 sets precision per backend; the older functions, the only ones before it, cannot report such a setting.
 _PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
 _MATMULS: tuple[Any, ...] = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul) if _PER_BACKEND else ()
 _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
@@ -17,9 +16,8 @@ _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
 
 @contextmanager
 def reproducible(threads: int = 1) -> Iterator[None]:
-    """Float32 that is float32 (no TF32), the same algorithm every time, a set number of CPU threads.
-
-    What was set before comes back afterwards.
+    """Run with true float32 (no TF32), the same algorithms every time and a fixed number of CPU threads. Earlier
+    settings are restored afterwards.
     """
     before = torch.get_num_threads(), _matmul_precision(), [backend.fp32_precision for backend in _MATMULS]
     torch.set_num_threads(threads)

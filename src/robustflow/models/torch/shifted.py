@@ -1,4 +1,4 @@
-"""Pairs of textures with a known shift: the smallest thing that a network of optical flow gets right."""
+"""Pairs of textures with a known shift: the least that a flow network gets right."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from ...sample import Flow, Frame
 
 SHIFTS = ((3, -2), (-4, 1), (2, 5), (-1, -4), (5, 3), (-5, -3), (4, -5), (-2, 4))
-"""(u, v) in pixels, one for each pair: every direction, and none twice."""
+"""(u, v) in pixels, one for each pair, each in a different direction."""
 _MARGIN = 8
 _SHRUNKEN = 3.0
 """Factor by which the flow of a weak network may be too short."""
 _EXACT = 1.25
-"""Factor up to which a flow is in pixels."""
+"""Largest factor at which a flow still counts as being in pixels."""
 _UNEXPLAINED = 0.1
-"""Share of the variance of the shifts that a network which measures them leaves at most."""
+"""Largest share of the variance of the shifts that may be unexplained if a network measures them."""
 BORDER = 16
-"""Pixels along each side that are not measured: what moves in or out there has no counterpart."""
+"""Pixels along each side that are not measured, because what moves in or out has no counterpart."""
 
 
 class ShiftedPair(NamedTuple):
@@ -44,7 +44,7 @@ class ShiftedPair(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """How the flow of a network has to be read to give the shifts.
+    """How to interpret a network's flow so that it gives the shifts.
 
     Attributes:
         swapped: whether its first component is v.
@@ -58,19 +58,19 @@ class Reading(NamedTuple):
 
     @property
     def misread(self) -> bool:
-        """Whether the network measures the motion, and its flow is clearly something else than (u, v) in pixels.
-
-        A factor of up to `_SHRUNKEN` alone is none: the flow of a weak network is shorter than the motion.
+        """Whether the network measures the motion but its flow is clearly not (u, v) in pixels. A factor of up to
+        `_SHRUNKEN`
+        is tolerated: the flow of a weak network is shorter than the motion.
         """
         return self.explains and (self.swapped or _apart(self.factors, _SHRUNKEN))
 
     @property
     def explains(self) -> bool:
-        """Whether the network measures the motion, however its flow has to be read."""
+        """Whether the network measures the motion, in whatever form."""
         return self.unexplained < _UNEXPLAINED
 
     def describe(self) -> str:
-        """What it returns instead, in words.
+        """Describe what it returns instead.
 
         >>> Reading(False, (-1.02, -0.98), 0.01).describe()
         'it points the other way, as the flow from frame 2 to frame 1 does'
@@ -94,7 +94,7 @@ def _apart(factors: tuple[float, float], limit: float) -> bool:
 
 
 def reading_of(vectors: Sequence[tuple[float, float]]) -> Reading:
-    """The reading that fits best.
+    """The interpretation that fits best.
 
     Args:
         vectors: of a network's flow on each pair (`ShiftedPair.vector`), in the order of `SHIFTS`.

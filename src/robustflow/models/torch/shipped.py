@@ -20,7 +20,7 @@ def shipped_network(
     convention: InputConvention,
     execution: Execution,
 ) -> NetworkModel:
-    """The network that `build` makes, with those weights, as a model.
+    """Build the network with the shipped weights, as a model.
 
     Raises:
         UsageError, ModelError: see `NetworkModel`.

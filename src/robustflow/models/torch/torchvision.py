@@ -29,7 +29,7 @@ def _raft(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """RAFT as torchvision has it, padded to multiples of 8 by repeating the border.
+    """torchvision's RAFT, padded to multiples of 8 by repeating the border.
 
     Args:
         name: "raft_large" or "raft_small".

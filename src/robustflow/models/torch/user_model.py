@@ -32,7 +32,8 @@ MULTIPLE = 8
 
 
 class ConventionWarning(UserWarning):
-    """What shifted textures say against the input or output that a network declares, or which one was determined."""
+    """A warning that shifted textures contradict the declared input or output, or a note of which one was
+    determined."""
 
 
 class TorchModel(NetworkModel):
@@ -116,7 +117,7 @@ class TorchModel(NetworkModel):
             return module(*inputs)
 
         multiple = known_multiple if multiple is None else multiple
-        if library is None or declared != known:  # what a library's networks expect needs no trial
+        if library is None or declared != known:  # the conventions of these libraries are known
             declared, remark = infer_convention(module, call, declared, multiple, find_device(device), threads)
             if remark:
                 warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)

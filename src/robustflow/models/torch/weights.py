@@ -33,7 +33,7 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         checkpoint: from `read_checkpoint`.
         model: the model's name, for messages.
         scope: if a checkpoint holds more than the network, the prefix of the network's own entries (after `module.`).
-            The rest is left out; without any entry of this prefix nothing is.
+            The rest is ignored; if no entry has this prefix, all are used.
 
     Returns:
         The dtype of the file's weights if it differs from the network's (they were cast), otherwise None.
