@@ -19,8 +19,8 @@ class PairNetwork(ABC):
     def _together(self) -> bool:
         """Whether pairs of one size go through the network together: on a GPU, if the network's batch is dynamic.
 
-        On the CPU each pair runs separately: a batch is no faster, and changes the last bits of each flow (up to 1e-4 px),
-        because the order of the sums in a convolution depends on the size of the batch.
+        On the CPU each pair runs separately: a batch is no faster, and changes the last bits of each flow (up to
+        1e-4 px), because the order of the sums in a convolution depends on the size of the batch.
         """
 
     @abstractmethod
