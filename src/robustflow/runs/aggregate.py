@@ -106,7 +106,7 @@ def summarize(
 
 
 def _checked(rows: pl.LazyFrame) -> RowPlaces:
-    """Where the rows of each condition are; raises a RunError if they are not the rows of one run."""
+    """Find the rows of each condition; raises a RunError if they are not the rows of one run."""
     known = rows.collect_schema().names()
     absent = [name for name in ROW_SCHEMA if name not in known]
     if absent:
@@ -200,7 +200,7 @@ def _regions(rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, averaging: Ave
 
 
 def summary_in_order(summary: Summary) -> Summary:
-    """A summary read from a file, whose keys may be in any order, in the order of a computed one."""
+    """Put a summary read from a file, whose keys may be in any order, into the order of a computed one."""
     return summary.model_copy(
         update={
             "corruptions": {name: summary.corruptions[name] for name in ordered(summary.corruptions)},

@@ -34,7 +34,7 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
     """The contents of such a file.
 
     Args:
-        kind: what it should hold.
+        kind: the class of its contents.
         data: the file.
         name: of the file, for messages.
         command: the `robustflow` command that writes it again.
@@ -60,10 +60,10 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
     """The contents of such a file of a run; None if there is none.
 
     Args:
-        kind: what it should hold.
-        run: whose folder.
+        kind: the class of its contents.
+        run: in whose folder it is.
         file: its name.
-        largest: number of bytes that are read at most.
+        largest: largest number of bytes that are read.
         command: the `robustflow` command that writes it again.
 
     Raises:

@@ -1,5 +1,5 @@
-"""What pages need to know of a run beyond its means, stored in a hidden file of its folder and valid for these rows
-only."""
+"""What pages need to know about a run beyond its means, stored in a hidden file of its folder and valid only for these
+rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may be compared: the one decision that tables, marks, boards, tests, trends, figures and exports ask for.
+"""Decide what may be compared, for all tables, marks, boards, tests, trends, figures and exports.
 
 Numbers of two runs may stand side by side where both measured the same rows: the same pairs under the same corruptions
 and severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they need
@@ -25,7 +25,7 @@ from ..text import counted, joined, plain
 from .run import Run
 
 SELECTION = ("pairs", "corruptions", "severities", "complete")
-"""The parts of `measured_in_words` that say which rows there are, and not what they are about."""
+"""The parts of `measured_in_words` that say which rows there are, not how they were made."""
 
 _DIGESTS = ("frames_digest", "truth_digest")
 _MOST_NAMED = 4
@@ -34,7 +34,7 @@ _DIGITS = 6
 
 
 def sample_set(run: Run) -> str:
-    """Names what a run measured, apart from its model: the means of runs with the same name may be compared.
+    """Identifies what a run measured, apart from its model: the means of runs with the same name may be compared.
 
     It covers all parts of the identity that decide frames, every row with a pixel to measure (pair, corruption,
     severity, digests of frames and ground truth), and what is missing.
@@ -63,8 +63,8 @@ def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
 
 
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
-    """The rows that all of several runs have on the same frames and ground truth, and a remark about what is left out,
-    "" if nothing is.
+    """The rows that several runs have in common on the same frames and ground truth, and a remark about what is left
+    out ("" if nothing is).
 
     A pair whose clean rows differ, and a corruption under which any frames differ, are left out entirely.
 
@@ -168,8 +168,8 @@ def _in_common(runs: Mapping[str, Run]) -> bool:
 
 
 def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
-    """How what several runs measured differs, in words; "" if it does not. `parts` limits it to some of the parts of
-    `measured_in_words`."""
+    """Describe how the measurements of several runs differ; "" if they do not. `parts` limits it to some of the parts
+    of `measured_in_words`."""
     every = list(runs.values())
     if len({sample_set(run) for run in every}) == 1:
         return ""
@@ -183,7 +183,7 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
 
 
 def conditions_of(runs: Sequence[Run]) -> list[str]:
-    """A name for what each run measured, made from what differs among them; "" for all if nothing does."""
+    """A short name for what each run measured, made from the differences among them; "" for all if there are none."""
     words, sets = _told_apart(measured_in_words(runs)), [sample_set(run) for run in runs]
     of_words: dict[str, set[str]] = {}
     for each, measured in zip(words, sets, strict=True):
@@ -200,7 +200,7 @@ def _told_apart(parts: Sequence[Mapping[str, str]], among: Sequence[str] = ()) -
 
 
 def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
-    """The parts of `measured_in_words` that are not the same everywhere; without the digests that another one
+    """The parts of `measured_in_words` that are not the same for all runs, without digests that another part
     explains."""
     names = dict.fromkeys(name for one in parts for name in one)
     differing = [name for name in names if len({one.get(name, "") for one in parts}) > 1]
@@ -210,7 +210,7 @@ def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
-    """What each of several runs measured, part by part, the most telling first."""
+    """What each of several runs measured, part by part, the most informative first."""
     clean = [_clean_cells(run) for run in runs]
     shared = sorted(set.intersection(*(set(one) for one in clean)))
     named = [set(run.summary.corruptions) for run in runs]
@@ -260,7 +260,7 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "streams": lambda value: f"random streams {value}",
     "attacks": lambda value: f"attacks {value}",
 }
-"""Fields of `FrameIdentity` in words, the most telling first."""
+"""Fields of `FrameIdentity` in words, the most informative first."""
 
 
 def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:

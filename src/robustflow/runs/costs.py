@@ -56,7 +56,7 @@ class RunCost(RunAttachment):
 
     @property
     def parameters_m(self) -> float:
-        """In millions, counted as in the paper."""
+        """Parameters in millions, counted as in the paper."""
         return self.thop_parameters / 1e6
 
     @property

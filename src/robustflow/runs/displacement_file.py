@@ -29,7 +29,7 @@ class DisplacementFile(RunAttachment):
 
     Attributes:
         version, run: see `RunAttachment`.
-        samples: how many were measured.
+        samples: number of measured samples.
         source: "ground truth", or the model whose flow it was.
         low: lower edges of the bins in pixels, from 0; the last bin is open.
         pixels: count of each bin.

@@ -30,7 +30,7 @@ _PACKAGES = (
 
 
 class Machine(Untrusted):
-    """The machine; in a record only its kind, without the version of the system."""
+    """The machine; a record holds only its kind, without the version of the system."""
 
     system: str
     processor: str

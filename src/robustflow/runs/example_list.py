@@ -59,7 +59,7 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
 
 
 def _plain_name(corruption: str, index: int) -> str:
-    """A file name for a corruption: its own, or a number for a stack, whose name holds "+" and ":"."""
+    """A file name for a corruption: its name, or a number for a stack, whose name contains "+" and ":"."""
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
@@ -83,6 +83,6 @@ def drop_examples(run: Path) -> None:
     """Remove a run's pictures: their numbers are out of date."""
     home = run / FOLDER
     if home.is_dir():
-        gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # so that no reader finds half of them
+        gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # so that no reader finds only some of them
         home.rename(gone)
         shutil.rmtree(gone, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Families of corruptions: what was measured for each, and its mean."""
+"""Means of what was measured over families of corruptions."""
 
 from __future__ import annotations
 

@@ -31,13 +31,13 @@ _LINE = re.compile(r"([0-9a-f]{16})  ([^\\\n]+)")
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
-    """For each sample the digests of its files, 16 hexadecimal digits each, in their order; each file is read once.
+    """For each sample, the digests of its files in order, 16 hexadecimal digits each; each file is read once.
 
     Args:
         files: the files of each sample.
 
     Raises:
-        RunError: one cannot be read, or is no file.
+        RunError: one cannot be read, or is not a file.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "a.flo"
@@ -125,7 +125,7 @@ def read_list(folder: Path) -> dict[str, str]:
     """The digests in the `DIGEST_LIST` of a folder, by the files' names.
 
     Raises:
-        DataError: it cannot be read, or is no such list.
+        DataError: it cannot be read, or is not such a list.
     """
     path = folder / DIGEST_LIST
     try:
@@ -144,7 +144,7 @@ def read_list(folder: Path) -> dict[str, str]:
 
 
 def _nearest_list(folder: Path, known: dict[Path, Path | None]) -> Path | None:
-    """The nearest folder, this one or one above it, with a `DIGEST_LIST`; `known` remembers what was looked up."""
+    """The nearest folder with a `DIGEST_LIST`, this one or one above it; `known` caches the answers."""
     if folder not in known:
         above = folder.parent
         here = (folder / DIGEST_LIST).is_file()

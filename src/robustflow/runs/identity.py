@@ -1,7 +1,7 @@
-"""What decides the numbers of a run, in three parts: the frames, the model, and the measuring.
+"""What decides the numbers of a run, in three parts: frames, model and measuring.
 
-These classes are the only definition. A plan makes an `Identity`, manifests and records hold it; resuming, comparing,
-grouping and setting up a run again ask it. A new field of `FrameIdentity` is followed by all of them.
+These classes are the only definition. A plan makes an `Identity`, manifests and records store it; resuming, comparing,
+grouping and setting up a run again use it. A new field of `FrameIdentity` takes effect in all of them.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ class _IdentityPart(Untrusted):
     """A field with its default value is not written, so that a new field leaves earlier digests as they are."""
 
     def record(self) -> dict[str, Any]:
-        """The part as a manifest has it: values that JSON holds."""
+        """The part as in a manifest: only values that JSON has."""
         return self.model_dump(mode="json", exclude_defaults=True)
 
 
 class FrameIdentity(_IdentityPart):
-    """What decides the frames that a model is given, and the ground truth, besides the choice of samples, corruptions
+    """What decides the frames that a model is given and the ground truth, apart from the choice of samples, corruptions
     and severities.
 
     Attributes:
@@ -73,7 +73,7 @@ class FrameIdentity(_IdentityPart):
 
 
 class ModelIdentity(_IdentityPart):
-    """The model, by what it says of itself (`robustflow.models.base.model_identity`), and the window of frames around a
+    """The model as it describes itself (`robustflow.models.base.model_identity`), and the window of frames around a
     pair that it is given; None for a model of two frames."""
 
     settings: dict[str, JsonValue]
@@ -99,11 +99,11 @@ class Identity(_IdentityPart):
     measuring: Measuring
 
     def digest(self) -> str:
-        """A stable hash of 16 hexadecimal digits, the same from a plan as from the manifest it was written to."""
+        """A stable hash of 16 hexadecimal digits, the same for a plan and for the manifest it was written to."""
         return digest_of_value(self.record())
 
     def difference(self, before: Identity) -> str:
-        """How this identity differs from an earlier one, in words; the user's own corruptions are named."""
+        """Describe how this identity differs from an earlier one; the user's own corruptions are named."""
         parts = differing_fields(self, before)
         kind = {"corruptions": "corruption", "attack_sources": "attack"}.get(parts)
         if kind is None:
@@ -113,7 +113,7 @@ class Identity(_IdentityPart):
             return f"{_EDITED[kind]} {', '.join(edited)} has changed since"
         if added := [name for name in mine if name not in recorded]:
             return f"it was begun without {_ADDED[kind]} {', '.join(added)}"
-        return f"it was begun with the {kind} {', '.join(recorded)} besides"
+        return f"it was begun with the {kind} {', '.join(recorded)} as well"
 
     def edited_corruptions(self, before: Identity) -> list[str]:
         """The user's corruptions whose source differs between two identities; none if anything else differs as well."""
@@ -124,8 +124,8 @@ class Identity(_IdentityPart):
 
 
 def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:
-    """The names of the fields in which two identities, or two parts of one, differ; the settings of two models count
-    as one field, "model".
+    """The names of the fields in which two identities, or two parts of them, differ; the settings of a model count as
+    one field, "model".
 
     >>> differing_fields({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
     'seed'

@@ -85,8 +85,7 @@ class Manifest(Untrusted):
 
     @classmethod
     def read(cls, content: dict[str, Any]) -> Manifest:
-        """The manifest in the content of a file: its schema, and that the digest is that of the identity, have to be
-        checked by the caller.
+        """The manifest in the content of a file. The caller has to check the schema and the digest of the identity.
 
         Raises:
             ValidationError: it has another shape.
@@ -95,14 +94,14 @@ class Manifest(Untrusted):
         return cls.model_validate_json(json.dumps(body))
 
     def record(self) -> dict[str, Any]:
-        """The content of the file, without the digest that `manifest_file` adds; fields with their default values are
-        left out."""
+        """The content of the file, without the digest that `manifest_file` adds and without fields that have their
+        default values."""
         written = self.model_dump(mode="json", exclude_defaults=True)
         return {**written, "schema": MANIFEST_SCHEMA}
 
     def shareable(self) -> Manifest:
         """The manifest for a record: without the user's own attacks, the command line, the machines of a cluster, and
-        all but the kind of machine."""
+        anything about the machine but its kind."""
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})
@@ -111,25 +110,26 @@ class Manifest(Untrusted):
         return self.model_copy(update={"environment": environment, "places": {}, "selection": selection})
 
     def without(self, keys: Collection[str]) -> Manifest:
-        """The same without some of the samples."""
+        """The manifest without some of the samples."""
         samples = {key: files for key, files in self.samples.items() if key not in keys}
         digests = {key: each for key, each in self.file_digests.items() if key not in keys}
         return self.model_copy(update={"samples": samples, "file_digests": digests})
 
     def judged(self) -> Manifest:
-        """The same with the provenance that follows from all samples of the run, including those of a later call."""
+        """The manifest with the provenance that follows from all samples of the run, including those of a later
+        call."""
         frames = self.identity.frames
         provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
         return self.model_copy(update={"provenance": provenance})
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
-    """What a data set of clips records of them (`robustflow.datasets.base.FromClips.clip_records`)."""
+    """What a data set of clips records about them (`robustflow.datasets.base.FromClips.clip_records`)."""
     return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)
 
 
 def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
-    """The file for a manifest: its content with the schema and a digest of both.
+    """The file of a manifest: its content with the schema and a digest of both.
 
     >>> manifest_file({"seed": 1}) == manifest_file(manifest_file({"seed": 1}))
     True
@@ -193,7 +193,7 @@ def _damaged(path: Path, why: str) -> RunError:
 
 
 def _too_deep(value: Any) -> bool:
-    """Whether lists and objects are nested deeper than any that a run writes."""
+    """Whether lists and objects are nested more deeply than in any manifest that a run writes."""
     level = [value]
     for _ in range(_DEEPEST):
         level = [part for each in level if isinstance(each, dict | list) for part in _parts(each)]

@@ -1,4 +1,4 @@
-"""Means over images, and means of those, computed exactly: `math.fsum(...) / count`, whatever the order."""
+"""Means over images, and means of these, computed exactly in any order: `math.fsum(...) / count`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Places = np.ndarray[Any, np.dtype[np.int32]]
 
 @dataclass(frozen=True)
 class RowPlaces:
-    """Where the rows of each sample and condition are, as row numbers.
+    """The row numbers of each sample and condition.
 
     Attributes:
         samples: the samples, sorted.
@@ -47,7 +47,7 @@ class RowPlaces:
 
     @classmethod
     def of(cls, rows: pl.LazyFrame) -> RowPlaces:
-        """Those of rows with a sample, a corruption and a severity, of which one is read at a time."""
+        """Places of rows with a sample, a corruption and a severity; one column is read at a time."""
         samples, sample_of = _numbered(rows, "sample")
         corruptions, corruption_of = _numbered(rows, "corruption")
         severities = rows.select(pl.col("severity").cast(pl.Int8)).collect().to_series().to_numpy()
@@ -62,7 +62,7 @@ class RowPlaces:
         return cls(samples, sample_of, out)
 
     def present(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
-        """Number of each sample, number of each condition, and how many rows each sample has under each condition."""
+        """The numbers of the samples and of the conditions, and how many rows each sample has under each condition."""
         count = np.zeros((len(self.samples), len(self.places)), np.int32)
         for number, mine in enumerate(self.places.values()):
             count[:, number] = np.bincount(self.sample_of[mine], minlength=len(self.samples))
@@ -71,7 +71,7 @@ class RowPlaces:
 
 
 def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
-    """The different names in a column, sorted, and the number of each row's."""
+    """The distinct names in a column, sorted, and for each row the number of its name."""
     known = rows.select(pl.col(column).unique().sort()).collect().to_series().to_list()
     numbers = rows.select(pl.col(column).cast(pl.Enum(known)).to_physical().cast(pl.Int32)).collect()
     return known, numbers.to_series().to_numpy()

@@ -1,4 +1,4 @@
-"""The manifest of a run that begins or continues: what is there, updated with what is requested now."""
+"""The manifest of a run that begins or continues: the existing one, updated with the request."""
 
 from __future__ import annotations
 
@@ -99,8 +99,8 @@ def _selection(
 
 
 def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
-    """The samples that a run already has and that are not planned now, where only their files tell the data apart: any
-    two clips have frames of the same names.
+    """The samples that a run has and that are not planned now, for data that only their files tell apart: any two clips
+    have frames of the same names.
 
     Raises:
         RunError: the data have no such sample.
@@ -117,8 +117,8 @@ def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> li
 
 
 def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[str, tuple[str, ...]]) -> None:
-    """Compare what a run reads with the list of digests beside its data, if there is one: also frames that come
-    corrupted."""
+    """Compare the files that a run reads, including corrupted frames, with the list of digests beside its data, if
+    there is one."""
     known: dict[Path, str | None] = {}
     for key, paths in files.items():
         known |= zip(paths, digests[key], strict=True)
@@ -134,7 +134,7 @@ def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[s
 
 
 def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[str, Path]:
-    """For each of these samples that now has other files than when the manifest was made, the first such file."""
+    """The first file of each sample that has changed since the manifest was made."""
     files = {key: _files(plan, key) for key in keys}
     before, now = manifest.file_digests, file_digests(files)
     each = {key: zip(files[key], before[key], now[key], strict=True) for key in files}
@@ -143,7 +143,7 @@ def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[s
 
 
 def _provenance(before: Provenance, given: Provenance) -> Provenance:
-    """What was declared before stays if nothing is declared now."""
+    """Keep what was declared before if nothing is declared now."""
     return before if given.basis == "undeclared" else given
 
 

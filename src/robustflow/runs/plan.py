@@ -1,4 +1,4 @@
-"""What has to run: which samples, corruptions and severities, and the identity of the resulting numbers."""
+"""What has to run: samples, corruptions and severities, and the identity of the resulting numbers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .manifest import Manifest
 from .provenance import UNDECLARED, Provenance
 
 Cell = tuple[str, str, int]
-"""(sample key, corruption, severity): what one row is about."""
+"""(sample key, corruption, severity) of a row."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What changes the numbers besides benchmark and model; and what to do with predictions that are NaN or
+    """What changes the numbers besides benchmark and model, and what to do with predictions that are NaN or
     infinite."""
 
     seed: int = 0
@@ -68,9 +68,9 @@ class RunOptions:
     learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
     """What trained attacks have learned, by attack and severity."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
-    """What decides attacks besides their names: name to digest."""
+    """Anything that decides attacks besides their names: name to digest."""
     confidence: str | None = None
-    """What the model is asked for beside its flow (see `models.confidence`)."""
+    """What the model predicts in addition to its flow (see `models.confidence`)."""
     depth: Depths | None = None
     """Where the depth of samples comes from, for corruptions that need it; None where nothing has it."""
     pictures: Path | None = None
@@ -90,7 +90,7 @@ class Plan:
     model_identity: dict[str, Any]
     provenance: Provenance = UNDECLARED
     name: str | None = None
-    """The model's name in tables and figures; it changes no number either."""
+    """The model's name in tables and figures; it does not change any number either."""
 
     def units(self) -> list[Unit]:
         """Everything that a complete run consists of; each sample's clean unit first."""
@@ -183,7 +183,7 @@ def planned_attacks(manifest: Manifest) -> Iterator[Cell]:
 
 
 def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
-    """Which severities a run leaves out, in words.
+    """Describe which severities a run leaves out.
 
     >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
     'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'

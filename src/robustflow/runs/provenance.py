@@ -54,4 +54,4 @@ class Provenance(Untrusted):
 
 
 UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
-"""Of a model of which nothing is known."""
+"""The provenance of a model about which nothing is known."""

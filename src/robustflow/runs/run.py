@@ -71,7 +71,7 @@ class Run:
     def _every_row(self) -> pl.DataFrame:
         _ = (
             self.rows_digest
-        )  # before the rows are read: rows that arrive in between must not pass for those of the digest
+        )  # before the rows are read: rows that arrive in between must not count as those of the digest
         return self._folder.rows()
 
     @cached_property
@@ -151,7 +151,7 @@ class Run:
 
     @cached_property
     def provenance(self) -> Provenance:
-        """What is known of the model's training, and what that means for the run."""
+        """What is known about the model's training, and what that means for the run."""
         return self.manifest.judged().provenance
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
@@ -184,8 +184,7 @@ class Run:
             note_made(self.path, SUMMARY, self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """A value that follows from the rows and is costly to compute: the one stored for exactly these rows, otherwise
-        computed now.
+        """A value that follows from the rows and is costly to compute: stored for exactly these rows, or computed now.
 
         Args:
             name: of the value.

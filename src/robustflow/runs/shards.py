@@ -34,8 +34,8 @@ _DIGEST = re.compile(r"\.([0-9a-f]{32})$")
 def list_shards(folder: Path) -> list[Path]:
     """The shards of a folder, by name.
 
-    Another process that merges shards puts the merged one in place before it removes the parts; a listing that passes
-    both places at the wrong moments sees neither. So the folder is listed until two listings agree.
+    Another process that merges shards puts the merged one in place before it removes the parts; a listing at the wrong
+    moment may see neither. So the folder is listed until two listings agree.
     """
     before: list[Path] | None = None
     for _ in range(20):
@@ -126,12 +126,12 @@ def read_shards(
 
 
 def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
-    """The rows of some shards, read when they are asked for, some columns at a time. Rows that are in two shards come
-    twice, and the order is that of the shards.
+    """The rows of some shards, read when they are asked for, some columns at a time. Rows that are in two shards occur
+    twice; the order is that of the shards.
 
     Raises:
-        RunError: a shard that cannot be read, or of another schema. One that is damaged without its digest showing it
-            raises an error of polars when its rows are read.
+        RunError: a shard that cannot be read, or of another schema. Damage that the digest does not show raises a
+            polars error when the rows are read.
         FileNotFoundError: a shard was merged meanwhile.
     """
     for path in paths:
@@ -160,8 +160,8 @@ def _bytes(path: Path) -> bytes:
 
 
 def merge_shards(paths: Sequence[Path], name: str) -> Path:
-    """Merge some shards into one. It is durable before the others are removed, so no reader and no crash loses a
-    row."""
+    """Merge shards into one, which is durable before the others are removed, so that no row is lost to a reader or in a
+    crash."""
     merged = write_shard(paths[0].parent, name, read_shards(paths))
     for path in paths:
         if path != merged:
@@ -170,8 +170,8 @@ def merge_shards(paths: Sequence[Path], name: str) -> Path:
 
 
 def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
-    """The cells of some shards, and those shards that share a cell with another: what a crash between merging and
-    removing the parts leaves behind.
+    """The cells of some shards, and the shards that share a cell with another one, left by a crash between merging and
+    removing the parts.
 
     Raises:
         RunError: a shard that cannot be read.

@@ -1,4 +1,4 @@
-"""Where a run's model and data were, which `robustflow examples` needs to compute cells of a finished run again.
+"""Where a run's model and data were: `robustflow examples` needs it to compute cells of a finished run again.
 
 Stored next to the manifest, not in it: paths on one machine are not part of a result, and are not passed on with it.
 
@@ -53,7 +53,7 @@ class RunSource:
 
     @classmethod
     def read(cls, folder: Path) -> RunSource:
-        """Read it; an empty source if there is none (a run of an older version).
+        """Read it; an empty source if there is none.
 
         Raises:
             RunError: the file is damaged.
@@ -105,7 +105,7 @@ def _option(key: str) -> str:
 
 
 def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Options as JSON knows them; a Python object, which only `evaluate` can be given, as its text.
+    """Convert options to JSON's types; a Python object, which only `evaluate` can be given, becomes its text.
 
     >>> _plain([("step", 2), ("root", Path("a")), ("limit", float("inf"))])
     {'step': 2, 'root': 'a', 'limit': 'inf'}

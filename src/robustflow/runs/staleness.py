@@ -1,10 +1,9 @@
-"""What was made from a run's rows is kept as long as it is up to date: `summary.json`, `report.html`, and the
-values that pages use.
+"""Keep what was made from a run's rows as long as it is up to date: `summary.json`, `report.html`, and the values that
+pages use.
 
-A hidden file in the folder holds, for each of them, its digest and one of everything that decides it: the bytes of the
-shards, the manifest, the other files of the folder, and the code that makes it. If any of these differs, or the hidden
-file is damaged, the file is made again; so is a file that was changed by hand. Thus an unchanged run can be shown
-without decoding a single row.
+A hidden file in the folder holds, for each of them, its digest and a digest of everything that decides it: the bytes of
+the shards, the manifest, the other files of the folder, and the code that makes it. If any of these differs, the file
+is made again; so is a file that was changed by hand. An unchanged run can be shown without decoding a row.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ _LARGEST = 2**28
 
 
 def source_digest(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> str:
-    """The hash of what a file of a run is made from.
+    """A hash of everything that a file of a run is made from.
 
     Args:
         folder: of the run.
         rows: the hash of its shards, `RunFolder.digest`.
-        manifest: of the run, as it is used.
+        manifest: of the run.
         beside: whether it also shows what is stored with the rows: pictures, costs, displacements.
     """
     files = list(_files(folder)) if beside else []
@@ -98,8 +97,7 @@ def code_digest() -> str:
 
 
 def _stat(path: Path) -> os.stat_result | None:
-    """Size and modification time of a file; None for anything else, and for a file that disappears meanwhile (an
-    upgrade, an editor)."""
+    """Size and modification time of a file; None for anything else, and for a file that disappears in the meantime."""
     try:
         stat = path.stat()
     except OSError:

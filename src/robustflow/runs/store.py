@@ -1,4 +1,4 @@
-"""A run folder: the rows on disk, who may write them, and which already exist.
+"""A run folder: its rows on disk, the lock for writing them, and which of them exist.
 
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
@@ -77,7 +77,7 @@ class RunFolder:
         refuse_links(self.path, *_INSIDE)
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
-        # The operating system releases such a lock; a lock that is a mere file would outlive a killed run.
+        # The operating system releases this lock; a mere lock file would outlive a killed run.
         lock = FileLock(self.path / ".lock", fallback_to_soft=False)
         try:
             lock.acquire(blocking=False)
@@ -107,7 +107,7 @@ class RunFolder:
         """The manifest, or None in a folder that has none yet.
 
         Raises:
-            RunError: it is not ours, damaged, or of another schema; or the folder holds a link.
+            RunError: it is not a run's, is damaged or has another schema; or the folder holds a link.
         """
         if os.path.lexists(self.manifest_path):
             refuse_links(self.path, *_INSIDE)
@@ -124,7 +124,7 @@ class RunFolder:
     def finish_sample(self, key: str) -> None:
         """Merge the shards of a finished sample into one, and delete its clean flow.
 
-        One file per unit is slow to open and takes much memory; so does one per sample, which `pack` reduces.
+        One file per unit is slow to read and takes much memory, and so is one per sample; `pack` merges those.
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)
@@ -157,8 +157,8 @@ class RunFolder:
             merge_shards(small, PACK)
 
     def tidy(self) -> set[Cell]:
-        """The cells that already exist; rows that occur twice, because a run was killed between merging shards and
-        removing the parts, are removed.
+        """The cells that already exist. Removes rows that occur twice because a run was killed between merging shards
+        and removing the parts.
 
         Raises:
             RunError: a shard that cannot be read, or two that contradict each other.
@@ -170,8 +170,8 @@ class RunFolder:
         return cells
 
     def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
-        """Finish what a killed run left undone: merge the shards of finished samples and remove clean flows that are no
-        longer needed.
+        """Finish what a killed run left: merge the shards of finished samples and remove clean flows that are no longer
+        needed.
 
         Args:
             samples: the keys of all samples of the run.
@@ -215,7 +215,7 @@ class RunFolder:
         return scan_shards(list_shards(self.rows_folder))
 
     def digest(self) -> str:
-        """A hash of the shards as they are on disk: the same digest, the same rows. No row is decoded.
+        """A hash of the shards on disk: equal digests mean equal rows. No row is decoded.
 
         Raises:
             RunError: a shard cannot be read.
@@ -228,7 +228,7 @@ class RunFolder:
         raise RunError(f"{gone} is listed but missing; run the command again when nothing else writes to its folder")
 
     def cells(self) -> set[Cell]:
-        """What is already there."""
+        """The cells whose rows exist."""
         return set(self.rows(ROW_KEY).iter_rows())
 
     def clean_path(self, key: str) -> Path:
@@ -246,5 +246,5 @@ def _unit_name(unit: Unit) -> str:
 
 
 def _slug(text: str) -> str:
-    """A file name for any text: readable, and different for different texts."""
+    """A readable file name for any text, different for different texts."""
     return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest_of_bytes(text.encode(), size=4)}"
