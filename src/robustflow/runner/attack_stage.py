@@ -76,11 +76,12 @@ class AttackStage:
         return attacked
 
     def _first_doubts(self, sample: Sample) -> frozenset[str]:
-        """What the model's answers say before the first attack."""
+        """What the model predicted before the first attack."""
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
         assert isinstance(self._model, FlowModel)
-        flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)  # the clean one may be of a batch
+        # `clean` may have been predicted in a batch
+        flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)
         doubts = first_doubts(self._model, (first, second), sample.key, flow)
         self._on_predict(None)
         return doubts
@@ -90,11 +91,11 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
     """Check that a model can be attacked in the ways of a benchmark.
 
     Returns:
-        For each attack that something else than its name decides, a digest of it (`Attack.source`), and of the samples
-        that it is trained on.
+        For each attack that more than its name decides, a digest of the rest (`Attack.source`) and of the samples that
+        it is trained on.
 
     Raises:
-        UsageError: a model of clips or of flows computed elsewhere, or a variant that no attack has.
+        UsageError: a multi-frame model, flows computed elsewhere, or a variant that no attack has.
         ModelError: an attack needs gradients and the model has none.
     """
     names = benchmark.attacks

@@ -1,4 +1,5 @@
-"""Train the attacks of a run that are trained: on samples that it does not measure, once, and kept in its folder."""
+"""Train the attacks of a run that need it: once, on samples that the run does not measure. The results are kept in its
+folder."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ Learned = dict[str, dict[int, Pattern]]
 
 
 def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
-    """The attacks of a run by name: in the run's variant, if they have it."""
+    """The attacks of a run by name, in the run's variant if they have it."""
     return {name: load_attack(name).with_variant(variant) for name in names}
 
 
@@ -62,8 +63,8 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
 
 
 def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]) -> Learned:
-    """What the trained attacks of some units learn, read from the run's folder, where a digest verifies it, or trained
-    and stored there.
+    """What the trained attacks of some units have learned: read from the run's folder, where a digest verifies it, or
+    trained now and stored there.
 
     Raises:
         DataError, ModelError: a sample cannot be read, or the model fails.
@@ -86,7 +87,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
 
 
 def learned_pattern(folder: RunFolder, plan: Plan, name: str, severity: int) -> Pattern | None:
-    """What a trained attack learned in a run; None unless its folder has it intact."""
+    """What a trained attack learned in a run; None unless the run's folder has it intact."""
     return read_clean(folder.pattern_path(name, severity), _made_of(plan, name, severity))
 
 

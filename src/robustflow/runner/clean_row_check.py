@@ -1,4 +1,4 @@
-"""Whether a clean row, measured again, equals the one that a run holds: the same frames, ground truth and model."""
+"""Check that a clean row, measured again, equals the one that a run holds: the same frames, ground truth and model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..runs.store import RunFolder
 
 _FRAMES = ("frames_digest", "height", "width")
 _PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
-"""Columns that would differ for another model's flow; the first also without ground truth."""
+"""Columns that would differ for a different model's flow; the first also without ground truth."""
 _TOLERANCE = 1e-3
 """Relative tolerance: more than a GPU's arithmetic differs from one run to the next, less than a change of a model."""
 

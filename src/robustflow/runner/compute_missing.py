@@ -35,8 +35,8 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
 
     Raises:
         RunError: the folder holds another run.
-        DataError, ModelError: see each class; finished work is kept. A DataError at the end also where a file changed
-            meanwhile; the rows of its samples are removed.
+        DataError, ModelError: see each class; finished work is kept. A DataError also follows at the end if a file
+            changed during the run; the rows of its samples are removed.
     """
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
@@ -82,7 +82,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
 
 
 def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, Path]) -> None:
-    """Remove the rows of samples whose files changed while they were read, of which nobody can say which bytes they are
+    """Remove the rows of samples whose files changed while they were read, since nobody knows which bytes they come
     from; then raise."""
     folder.drop_samples(changed)
     folder.write_manifest(manifest.without(changed))

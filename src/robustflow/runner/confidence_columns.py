@@ -18,7 +18,7 @@ def confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict
 
     Args:
         answer: with the flow back or the model's confidence; see `robustflow.models.confidence`.
-        clean_flow: float32 (H, W, 2), on the clean frames, which decides with the flow which pixels are measured.
+        clean_flow: float32 (H, W, 2), on the clean frames; only pixels that both flows predict are measured.
         sample: with its ground truth, if there is any.
     """
     if answer.shape[2] == 2:

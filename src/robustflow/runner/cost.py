@@ -12,7 +12,7 @@ from ..runs.run import Run
 
 
 def keep_cost(run: Run, model: Any) -> None:
-    """Store what one prediction of a run's model costs, unless that is there: its tables and pages show it.
+    """Store what one prediction of a run's model costs, unless it is stored already, for the run's tables and pages.
 
     Only PyTorch networks of this project can be counted; of other models nothing is stored. Nothing is predicted, so it
     takes about a second.
@@ -25,7 +25,7 @@ def keep_cost(run: Run, model: Any) -> None:
         DataError: the folder cannot be written.
     """
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
-        return  # without PyTorch there is no network of it, and importing it costs more than a small run
+        return  # without PyTorch loaded there is no network, and importing it costs more than a small run
     from ..profiling.counts import count
     from ..profiling.network_of import network_of
 

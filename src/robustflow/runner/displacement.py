@@ -37,7 +37,7 @@ def displacement_histogram(
         model: the flow to measure; None takes the ground truth.
         source: the model's name in the table; its class by default.
         edges: ascending bin edges in pixels, the first 0; a bin holds its lower edge.
-        digests: sample -> `frames_digest` of the clean row, for a histogram that is to belong to a run.
+        digests: sample -> `frames_digest` of the clean row, for a histogram that belongs to a run.
 
     Returns:
         One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`

@@ -29,7 +29,7 @@ from .slider_pictures import WIDEST, kept_picture, slider_picture
 from .worker import View, Worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
-"""A repeated prediction may differ by this much: batches and devices round differently."""
+"""How much a repeated prediction may differ: batches and devices round differently."""
 
 
 def write_examples(run: Run, setup: Setup) -> bool:
@@ -76,7 +76,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
 def draw_example(
     run: Run, setup: Setup, key: str, corruption: str, severity: int, named_attacks: Container[str] = ()
 ) -> bytes:
-    """Any cell of a run as a PNG, with the run's numbers.
+    """Draw any cell of a run as a PNG, with the run's numbers.
 
     Args:
         run: a run.

@@ -76,7 +76,7 @@ class FrameStage:
             return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
-        """The frames of a sample under a corruption, as they come in the sample."""
+        """The frames of a sample under a corruption, in the order of the sample."""
         frames = self._corrupted(sample, name, severity)
         if self._options.pictures is not None:
             keep_picture(self._options.pictures, frames, sample.frames, name, severity)

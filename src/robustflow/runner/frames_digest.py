@@ -1,4 +1,5 @@
-"""The hash of the frames that a model was given: what tells runs, records and data that are about the same bytes."""
+"""The hash of the frames that a model was given, by which runs, records and data are recognised as being about the same
+bytes."""
 
 from __future__ import annotations
 

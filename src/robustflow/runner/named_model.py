@@ -49,7 +49,7 @@ class NamedModel:
 
 
 def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
-    """Load a model by name, path or spec, or take an object as it is.
+    """Load a model by name, path or spec, or use an object as it is.
 
     Raises:
         UsageError: an unknown name or option.

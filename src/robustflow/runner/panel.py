@@ -144,7 +144,7 @@ def _error_scale(figure: Figure, axes: Axes) -> None:
 
 
 def _wheel(axes: Axes) -> None:
-    """A key to the colours of the flow."""
+    """Draw a key to the colours of the flow."""
     side = np.linspace(-1, 1, 161, dtype=np.float32)
     flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)

@@ -1,4 +1,4 @@
-"""The second stage of a cell: ask the model."""
+"""The second stage of a cell: call the model."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PredictStage:
 
     Args:
         model: loaded.
-        confidence: what else is predicted beside the flow, one of `models.confidence.CONFIDENCES`; None for nothing.
+        confidence: predicted in addition to the flow, one of `models.confidence.CONFIDENCES`; None for nothing.
         seconds: where "predict" is counted.
         on_predict: called with what is being predicted before each call of the model, and with None after it, so that
             its time can be watched.
@@ -74,7 +74,7 @@ class PredictStage:
         self._on_predict = on_predict
 
     def predict(self, requests: Sequence[PredictionRequest]) -> list[Answer]:
-        """The answers to some requests: several in one call, if the model can; a single one goes through `predict`.
+        """Answer requests: several in one call, if the model can; a single one goes through `predict`.
 
         Raises:
             ModelError: the model raised, or returned something that is not float (H, W, 2), or no confidence.
@@ -101,7 +101,7 @@ class PredictStage:
         return [self._one(request) for request in requests]
 
     def _flows_back(self, requests: Sequence[PredictionRequest], flows: Sequence[Flow]) -> list[Flow]:
-        """The flows from frame 2 to frame 1; where the two are equal, the flow is known already."""
+        """The flows from frame 2 to frame 1; if the frames are equal, the flow is known already."""
         known = [np.array_equal(request.frames[0], request.frames[1]) for request in requests]
         asked = [replace(one, frames=one.frames[1::-1]) for one, same in zip(requests, known, strict=True) if not same]
         back = iter(self._flows(asked))

@@ -16,7 +16,7 @@ from .engines.base import FinishedUnit
 
 
 class Progress(Protocol):
-    """Is notified of every finished unit."""
+    """Receives a message for every finished unit."""
 
     def start(self, folder: Path, total: int, finished: int) -> None:
         """A run of `total` units starts; `finished` of them were finished by an earlier call."""
@@ -106,7 +106,7 @@ class TerminalProgress:
         self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{asked}")
 
     def kept(self) -> str:
-        """What a stopped run has kept, as a sentence."""
+        """Describe what a stopped run has kept."""
         if self._folder is None:
             return "nothing had been computed."
         return f"{self._finished} of {counted(self._total, 'step')} are kept in {self._folder}."

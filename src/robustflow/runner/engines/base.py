@@ -1,4 +1,4 @@
-"""What an engine is given and what it returns."""
+"""What an engine receives and returns."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class Job:
     folder: Path
     batch_size: int = 1
     loaded: AnyModel | None = field(default=None, compare=False)
-    """The model, if this process has loaded it already; it is not sent to another process."""
+    """The model, if this process has loaded it already; it is never sent to another process."""
     kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """Clean rows that the run already holds, by sample: a sample that is continued has to give the same row again."""
+    """Clean rows that the run already holds, by sample: a continued sample must give the same row again."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "loaded": None}
 
     def load_model(self) -> AnyModel:
-        """The loaded model; it is loaded now if it was not."""
+        """The model; loads it if necessary."""
         if self.loaded is not None:
             return self.loaded
         return self.model.load() if isinstance(self.model, ModelSpec) else self.model

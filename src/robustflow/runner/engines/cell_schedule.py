@@ -78,12 +78,12 @@ class CellSchedule:
         return cell
 
     def learn(self, corruption: str, seconds: float) -> None:
-        """Note that a cell's frames took `seconds` to make."""
+        """Record that a cell's frames took `seconds` to make."""
         known = self._cost.get(corruption)
         self._cost[corruption] = seconds if known is None else 0.5 * (known + seconds)
 
     def finish(self, cell: Cell, row: dict[str, Any], seconds: dict[str, float]) -> FinishedUnit | None:
-        """Take the row of a cell and its cost; returns the unit if this was its last row."""
+        """Accept the row of a cell and its cost; returns the unit if this was its last row."""
         key, corruption, severity = cell
         if corruption == CLEAN:
             self._blocked.discard(key)

@@ -1,4 +1,4 @@
-"""A child process that can be watched, and that ends when this process does.
+"""A child process that can be monitored, and that ends when this process does.
 
 Each child has its own pipe for messages (kind, value). When this process dies, for whatever reason, a second pipe
 closes; a thread of the child waits for that, so even a child that hangs inside a model ends.
@@ -59,7 +59,7 @@ class Child:
         watched.close()
 
     def send(self, message: Any) -> None:
-        """Send a message; if the child has ended, `receive` says so."""
+        """Send a message; if the child has ended, `receive` reports it."""
         with suppress(BrokenPipeError, ConnectionError):
             self.pipe.send(message)
 
@@ -112,8 +112,8 @@ def refuse_unguarded_script() -> None:
 
 
 def may_have_children() -> bool:
-    """Whether children can start without running a script's own code again: it has a guard, there is no script, or it
-    is a package's `__main__`, which `multiprocessing` leaves alone."""
+    """Whether children can start without running the script's code again: it has a guard, there is no script, or it is
+    a package's `__main__`, which `multiprocessing` does not run again."""
     main = __import__("__main__")
     if getattr(getattr(main, "__spec__", None), "name", "").endswith(".__main__"):
         return True

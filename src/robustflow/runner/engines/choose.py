@@ -26,13 +26,13 @@ from .staged import staged
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
-"""Most feeders per device, unless more are requested: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
+"""Largest default number of feeders per device: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
 
 MOST_PROCESSES = 8
-"""Most processes started unasked: each takes 300 MB and more."""
+"""Largest default number of processes: each takes 300 MB or more."""
 
 _CELLS_PER_PROCESS = 25
-"""Fewest cells for which a process is started unasked: it takes about two seconds to start."""
+"""Cells per process from which several are started by default: a process takes about two seconds to start."""
 
 
 def choose_engine(
@@ -49,9 +49,9 @@ def choose_engine(
     A model on accelerators gets one process per accelerator that only predicts, and as many feeders as there are
     processors. A model on the processor stays in this process, unless workers or a timeout are given, or the model uses
     one thread alone (`FlowModel.single_threaded`): then long runs get a process per processor. `workers` is the number
-    of feeders, or of processes that do everything. `others` is what processes are sent beside the model: without being
-    asked, nothing is moved to processes that cannot be. With `attacks`, a model on an accelerator stays in this
-    process, because an attack computes where the model is.
+    of feeders, or of processes that do everything. `others` is sent to processes beside the model: if it cannot be
+    pickled, the default stays in this process. With `attacks`, a model on an accelerator stays in this process, because
+    an attack computes where the model is.
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
@@ -105,7 +105,7 @@ def _processes(workers: int, timeout: float | None) -> Engine:
 
 
 def _spread(why_not: str) -> Engine:
-    """A process per processor, if there is enough to do for each and nothing speaks against it; otherwise this one."""
+    """A process per processor, if there is enough work for each and nothing prevents it; otherwise this process."""
 
     def engine(units: Sequence[Unit]) -> Engine:
         cells = sum(len(unit.severities) for unit in units)
@@ -141,7 +141,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
     wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 
     def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
-        """At most as many of each as there are cells."""
+        """Limit feeders and devices to the number of cells."""
         cells = max(1, sum(len(unit.severities) for unit in units))
         return devices[:cells], min(wanted, cells)
 
@@ -153,9 +153,9 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
 
 
 def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
-    """Why a run is not moved to other processes by default; empty if it can be."""
+    """Why a run does not use other processes by default; empty if it can."""
     if multiprocessing.current_process().daemon:
-        return " (this process is itself a worker of another)"
+        return " (this process is itself a worker)"
     if not may_have_children():
         return ' (processes need the script\'s own code under `if __name__ == "__main__":`)'
     if model.spec is None and not _moves(model.model):
@@ -166,7 +166,7 @@ def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
 
 
 def _moves(thing: Any) -> bool:
-    """Whether another process can load a pickled object: not one of a class that a notebook or a prompt defines."""
+    """Whether another process can load a pickled object; not if a notebook or a prompt defines its class."""
     try:
         pickled = pickle.dumps(thing)
     except Exception:

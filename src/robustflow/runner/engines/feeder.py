@@ -23,7 +23,7 @@ from .predictor import SlotRequest
 from .shared_slots import SharedSlots
 
 _OPEN_SAMPLES = 4
-"""The most samples that a feeder holds in memory because it is waiting for their flows."""
+"""Largest number of samples that a feeder holds in memory while it waits for their flows."""
 
 
 def cells_ahead(batch_size: int) -> int:
@@ -50,7 +50,7 @@ class _Sent:
     request: SlotRequest
     digest: str
     wanted: bool
-    """Whether a row is needed; that of a clean flow may exist already."""
+    """Whether a row is needed; a clean flow's may exist already."""
 
 
 def feed_forever(driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
@@ -70,7 +70,7 @@ def feed_forever(driver: Connection, job: Job, device: Connection, slots: Shared
 
 
 class _Feeder:
-    """The cells that a feeder has, and the answers that it waits for."""
+    """The cells of a feeder, and the answers that it waits for."""
 
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots
@@ -144,7 +144,7 @@ class _Feeder:
             self._begun(cell, 0.0)
 
     def _begun(self, cell: Cell, cost: float) -> None:
-        """Note that a cell, whose frames took `cost` seconds, was sent; request another."""
+        """Report that a cell, whose frames took `cost` seconds, was sent, and request the next one."""
         self._queued_cells.popleft()
         self._unanswered += 1
         has_backlog = 2 * self._slots.in_use >= self._slots.count
@@ -166,7 +166,7 @@ class _Feeder:
             self._send_batch()
 
     def _send_batch_unless_it_grows(self) -> None:
-        """Nothing can be made now: send what is ready, unless the driver is about to send another cell."""
+        """Send what is ready when nothing can be made now, unless the driver is about to send another cell."""
         if self._queued_cells or not self._unanswered:
             self._send_batch()
 
@@ -207,7 +207,7 @@ class _Feeder:
             del self._samples[key]
 
     def _wait_for_the_end(self) -> None:
-        """The predicting process is gone; the driver reports why, and ends this process."""
+        """Wait after the predicting process has ended: the driver reports why, and ends this process."""
         while True:
             self._driver.recv()
 

@@ -17,9 +17,9 @@ _SETTINGS = {
 def keep_freed_memory() -> None:
     """Let glibc keep the memory that this process frees, up to half a gigabyte.
 
-    It returns every freed frame and flow to the system otherwise, and gets it back page by page: 2 ms for each
-    prediction at KITTI's size, of which a GPU may take 10. MALLOC_ variables set by the user
-    take precedence; with another C library nothing happens.
+    Otherwise it returns every freed frame and flow to the system and gets them back page by page: 2 ms for each
+    prediction at KITTI's size, for which a GPU may take 10. MALLOC_ variables set by the user take precedence; with
+    another C library nothing happens.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     for variable, (setting, value) in _SETTINGS.items():

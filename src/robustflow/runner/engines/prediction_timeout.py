@@ -1,4 +1,4 @@
-"""How long a model has been predicting."""
+"""Limit how long a model may predict."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class PredictionTimeout:
         """What is being predicted."""
 
     def note(self, what: str | None) -> None:
-        """A prediction begins, or (None) has ended."""
+        """Record that a prediction begins, or (None) has ended."""
         self.what, self._since = what, time.monotonic()
 
     def check(self) -> None:

@@ -69,14 +69,14 @@ class _WorkerHandle:
         self._last_key: str | None = None
 
     def give(self, schedule: Schedule) -> None:
-        """Hand the process its next unit, if there is one."""
+        """Give the process its next unit, if there is one."""
         self.unit = schedule.take(self._last_key)
         if self.unit is not None:
             self._last_key = self.unit.key
             self.child.send(self.unit)
 
     def receive(self) -> FinishedUnit | None:
-        """Take one message; a finished unit, or None for news about its progress."""
+        """Read one message; returns a finished unit, or None for progress."""
         doing = f"sample '{self.unit.key}', {self.unit.corruption}" if self.unit else "nothing"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "predicting":

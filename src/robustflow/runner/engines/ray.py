@@ -100,7 +100,7 @@ class _Crew:
         self._losses: dict[Unit, list[str]] = {}
         self._failed_starts = 0
         self._most = 0
-        """The most GPUs or processors that the cluster has had; those of a lost node may come back."""
+        """The largest number of GPUs or processors that the cluster has had; those of a lost node may come back."""
         self._heard = time.monotonic()
         self._looked = self._heard - _LOOK_S
         self._warned = False
@@ -130,7 +130,7 @@ class _Crew:
             member.kill()
 
     def _fill_up(self) -> None:
-        """Start as many actors as the cluster has room for; the others wait for a node to join."""
+        """Start as many actors as the cluster has room for; the rest wait for a node to join."""
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -151,7 +151,7 @@ class _Crew:
             warnings.warn(f"no {kind} of the Ray cluster is free; waiting for one", stacklevel=2)
 
     def _hear(self, member: Member) -> FinishedUnit | None:
-        """Take the answer of an actor's last call, and give it the next one."""
+        """Read the answer to an actor's last call, and make the next one."""
         exceptions = self._ray.exceptions
         try:
             answer = self._ray.get(member.take_call())

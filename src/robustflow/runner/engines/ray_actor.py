@@ -53,7 +53,7 @@ def installed() -> dict[str, str]:
 
 
 def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
-    """Raise if a node may compute other numbers.
+    """Raise if a node may compute different numbers.
 
     Args:
         host: the node's name.
@@ -176,7 +176,7 @@ def answered(compute: Callable[[], Any]) -> Answer:
     """What a call returns or raises, as an answer."""
     try:
         return "done", compute()
-    except BaseException as error:  # SystemExit as well: Ray would take it for an actor that ends on purpose
+    except BaseException as error:  # SystemExit as well: Ray would regard it as an actor that ends on purpose
         return "error", (type(error).__name__, str(error), traceback.format_exc())
 
 

@@ -124,7 +124,7 @@ def _join(ray: Any, address: str) -> None:
         raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
     except ValueError as error:
         raise UsageError(f"--address {address} is not an address: give auto, host:port or ray://host:port") from error
-    except SystemExit as error:  # what Ray raises for a server that speaks something else
+    except SystemExit as error:  # Ray's error for a server with another protocol
         raise RunError(f"{cluster} does not answer like Ray; check the address and its port") from error
     except Exception as error:
         raise RunError(f"{cluster} cannot be joined from here: {_first_sentence(error)}") from error
@@ -132,8 +132,8 @@ def _join(ray: Any, address: str) -> None:
 
 @contextmanager
 def _last_words() -> Iterator[None]:
-    """Within the block, a second process prints a line if this one ends without a word: Ray ends its driver, from code
-    that Python cannot catch, when one of its own processes on this machine is gone."""
+    """Within the block, a second process prints a line if this one ends silently: Ray ends its driver, from code that
+    Python cannot catch, when one of Ray's processes on this machine is gone."""
     arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
     # in a session of its own, where Ctrl-C does not reach it
     watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
@@ -187,7 +187,7 @@ def _new_folder() -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Ray's messages on starting and ending, and without its usage statistics."""
+    """Options that silence Ray's messages on starting and ending, and its usage statistics."""
     logger = logging.getLogger("ray")
     level, before = logger.level, os.environ.get("RAY_USAGE_STATS_ENABLED")
     logger.setLevel(logging.ERROR)

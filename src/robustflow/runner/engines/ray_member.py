@@ -1,4 +1,4 @@
-"""One actor as this process sees it: where it is, its last call, and what it computes."""
+"""What this process knows about an actor: where it is, its last call, and what it computes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Member:
     Attributes:
         host: the node's name; None until the actor has reported it.
         device: what it computes on; None until it has loaded the model.
-        unit: that it is computing.
+        unit: the one it is computing.
         last_key: the sample that it has loaded.
     """
 

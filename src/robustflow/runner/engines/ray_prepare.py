@@ -20,7 +20,7 @@ from .ray_actor import Answer, answered, check_installed, installed
 from .ray_cluster import connected
 
 ATTEMPTS = 3
-"""How many nodes may be lost while preparing the same clip."""
+"""How many nodes may be lost while they prepare the same clip."""
 _APPEARS_S = 10.0
 """Seconds within which a file written by one machine must be visible to another."""
 

@@ -1,4 +1,4 @@
-"""Everything in this process: for debugging, and for models that live only here."""
+"""Compute everything in this process: for debugging, and for models that exist only here."""
 
 from __future__ import annotations
 

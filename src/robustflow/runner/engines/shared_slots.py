@@ -24,7 +24,7 @@ _PAGE = 4096
 
 
 class SharedSlots:
-    """Slots that a feeder fills and empties, and in which a predicting process answers.
+    """Slots that a feeder fills and empties, and into which a predicting process writes its answers.
 
     Can be sent to a child process with the arguments that it starts with.
 
@@ -42,7 +42,7 @@ class SharedSlots:
         self._free: list[int] = []
         self._used: set[int] = set()
         self.count = 0
-        """Slots, free and taken."""
+        """Number of slots, free and used."""
         self.slot_bytes = 0
         """Size of a slot."""
 
@@ -58,7 +58,7 @@ class SharedSlots:
 
     @property
     def free(self) -> int:
-        """Number of slots that can be taken."""
+        """Number of free slots."""
         return len(self._free)
 
     @property
@@ -67,7 +67,7 @@ class SharedSlots:
         return self.count - len(self._free)
 
     def fit(self, size: int) -> bool:
-        """Make slots of at least `size` bytes; False if that has to wait until none is in use."""
+        """Enlarge the slots to at least `size` bytes; returns False if that has to wait until none is in use."""
         if size <= self.slot_bytes:
             return True
         if self.in_use:
@@ -81,7 +81,7 @@ class SharedSlots:
         return True
 
     def take(self) -> int:
-        """A free slot, the one used last first, so that fewer slots take memory.
+        """A free slot, most recently used first, so that fewer slots take memory.
 
         Raises:
             RunError: there is not enough memory.

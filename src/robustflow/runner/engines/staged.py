@@ -108,11 +108,10 @@ class _FeederHandle:
         self._last_key: str | None = None
         self._has_backlog = False
         self._unmade: deque[Cell] = deque()
-        """Cells that it was given and whose frames it has not made yet; it is working on the first of them, or will
-        be."""
+        """Cells that it was given and whose frames it has not made yet; it works on the first of them next."""
 
     def handle_message(self, schedule: CellSchedule) -> FinishedUnit | None:
-        """Take one message, and return the unit that it finishes, if any."""
+        """Read one message, and return the unit that it finishes, if any."""
         doing = describe_cell(*self._unmade[0]) if self._unmade else "the last rows"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "made":
@@ -124,7 +123,7 @@ class _FeederHandle:
         return schedule.finish(*value)
 
     def send_cells(self, schedule: CellSchedule) -> None:
-        """Send it the cells that it requested, as far as any are available now."""
+        """Send it the cells that it requested, as far as they are available."""
         while self._asked or self._deferred:
             cell = schedule.take(self._last_key, self._has_backlog)
             if cell is not None:
