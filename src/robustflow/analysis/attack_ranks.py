@@ -24,9 +24,9 @@ class Prediction:
 
     Attributes:
         attack: its name.
-        severities: that all of the models were attacked at.
+        severities: at which all of the models were attacked.
         metric: "cre", or "rcre" without ground truth, of both corruptions and attack.
-        models: names of those that are compared.
+        models: names of the compared models.
         left_out: model -> why it is not.
         rho: Spearman's rank correlation; None below `LEAST_MODELS`, or if one of the two does not vary.
         interval: 95 %, of `rho`.

@@ -20,8 +20,7 @@ _BEATEN = {
     "square": "square_above_white_box",
     "transfer": "transfer_above_white_box",
 }
-"""Attack, without what it is transferred from -> the warning of a white-box attack that it beats, a key of
-`BESIDE_OTHERS`."""
+"""Attack -> the warning of a white-box attack that it beats, a key of `BESIDE_OTHERS`."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +176,6 @@ def _share(rows: pl.DataFrame, total: str, factor: float = 100.0) -> float | Non
 
 
 def _mean(rows: pl.DataFrame, column: str, factor: float = 1.0) -> float | None:
-    """Mean over images of what a column has; None if it has nothing."""
+    """Mean of a column over images; None if it is empty."""
     value = rows[column].mean()
     return factor * float(value) if isinstance(value, int | float) else None

@@ -1,4 +1,4 @@
-"""Which printed numbers are the best of their column: one rule for tables and leaderboard."""
+"""Which printed numbers are the best of their column, for tables and leaderboard."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Compared(Generic[Key]):
     """A line of printed numbers, lower being better.
 
     Attributes:
-        group: lines of one group are compared.
+        group: only lines of one group are compared.
         texts: printed number by column.
         excluded: whether its model is not ranked (`robustflow.analysis.exclusion`): then it is never marked as best,
             and being better than it does not count.
@@ -27,7 +27,7 @@ class Compared(Generic[Key]):
 
 def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
     """For each line the columns of which it has the smallest printed number. As in the paper, equal printed numbers
-    share the mark; a line without any other to compare with has none.
+    share the mark; a line without others to compare with has none.
 
     >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
     >>> best_of_columns(lines)

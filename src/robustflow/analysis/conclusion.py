@@ -1,4 +1,4 @@
-"""What can be concluded from runs over a user's own frames, without ground truth: in words, with the evidence."""
+"""Sentences on what runs over a user's own frames show without ground truth, with the evidence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 CAVEAT = (
     "RCRE says how far the flow moves, not whether it is wrong: a model that hardly reacts to its frames has the "
-    "lowest, and only frames with ground truth tell it from a robust one."
+    "lowest, and only frames with ground truth distinguish it from a robust one."
 )
 _MOST_COMPARED = 8
 _MOST_NAMED = 3
@@ -73,7 +73,7 @@ def _clean_length(run: Run) -> str:
 
 
 def _surety(run: Run) -> str:
-    """How certain the mean of one run is, and what would make it more certain."""
+    """Say how certain the mean of a run is, and what would make it more certain."""
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
     if low is None:
@@ -106,8 +106,8 @@ def _of_several(runs: Mapping[str, Run]) -> str:
 
 
 def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
-    """Whether the lead of the first is significant; corrected for all pairs of the best, because the first two were
-    chosen by looking at all."""
+    """Say whether the first model's lead is significant, corrected for all pairs of the best, because the first two
+    were chosen by looking at all of them."""
     best, second = order[0], order[1]
     try:
         pairs = compare_all({name: runs[name].rows for name in order[:_MOST_COMPARED]}, "rcre")
@@ -122,7 +122,7 @@ def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
 
 
 def enough_to_compare(run: Run) -> bool:
-    """Whether a run has independent pairs enough to say whether a difference holds for other frames."""
+    """Say whether a run has enough independent pairs to tell whether a difference holds for other frames."""
     return enough_clusters(_counts(run)[1])
 
 

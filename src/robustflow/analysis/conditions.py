@@ -1,4 +1,5 @@
-"""What can be compared among runs of one model with several seeds, or of several models under several conditions."""
+"""Find what can be compared among runs of one model with several seeds, or of several models under several
+conditions."""
 
 from __future__ import annotations
 
@@ -57,7 +58,7 @@ class SeedGroup:
 
     @property
     def note(self) -> str:
-        """What its numbers are."""
+        """Describes its numbers."""
         return f"mean ± standard deviation over the seeds {joined(list(map(str, self.seeds)))}"
 
 
@@ -160,7 +161,7 @@ def _model_names(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
-    """The rows of each run about the (sample, corruption, severity) that all have, and what that leaves out."""
+    """The rows of each run on the (sample, corruption, severity) that all runs have, and a remark about the rest."""
     keys = list(ROW_KEY)
     shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
     names = run_names(runs)
@@ -172,7 +173,7 @@ def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
 
 
 def _named(parts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> dict[str, str]:
-    """A name for each condition: what its runs share and other conditions do not have."""
+    """A name for each condition, from what its runs share and those of other conditions do not."""
     shared: dict[str, dict[str, str]] = {}
     for one, key in zip(parts, keys, strict=True):
         known = shared.setdefault(key, dict(one))

@@ -1,4 +1,4 @@
-"""What a model's confidence knows of its errors: means over images, by family of corruptions and severity."""
+"""How well a model's confidence predicts its errors: means over images, by family of corruptions and severity."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class ConfidenceScore:
 
 def confidence_scores(run: Run) -> list[ConfidenceScore]:
     """The confidence of a run on its clean frames, over all corruptions, for each family, and at each of its
-    severities; empty for a run without a confidence. Corruptions without a family are in the average alone."""
+    severities; empty for a run without a confidence. Corruptions without a family are only in the average."""
     rows = run.rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
     return [_score(family, severity, part) for family, severity, part in _conditions(rows) if part.height]
 

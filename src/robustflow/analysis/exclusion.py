@@ -1,5 +1,5 @@
-"""Reasons not to call a model robust, whatever its CRE: nothing learned, hardly better than zero flow, or insensitive
-to its frames."""
+"""Reasons not to rank a model by robustness, whatever its CRE: it learned nothing, is hardly better than zero flow, or
+is insensitive to its frames."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..runs.means import clean_flow_length
 from ..runs.run import Run
 
 ACCURATE_BELOW = 0.5
-"""Fraction of zero flow's EPE that the clean EPE of a sound model is below. A flow with a larger error gains as much by
-being shorter as by being right, so that little change under corruption is no merit."""
+"""The clean EPE of a sound model is below this fraction of zero flow's. A flow with a larger error gains as much by
+being shorter as by being right, so little change under corruption means nothing."""
 SMALL_MOTION = 1.0
 """Mean length of the true flow in pixels below which sound models may miss `ACCURATE_BELOW` as well: on Middlebury's
 RubberWhale (1.26 px) the package's models are off by 0.23 to 0.40 px."""
@@ -35,7 +35,7 @@ def exclusion_reasons(run: Run) -> list[str]:
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
     if is_still(run.benchmark):
-        return reasons  # zero flow is right, and a flow that ignores the frames no worse than another
+        return reasons  # zero flow is right, and a flow that ignores the frames is as good as any
     return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 
@@ -90,8 +90,8 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
 
 
 def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
-    """Clean EPE and zero flow's, pixels, if the former is not below `ACCURATE_BELOW` of the latter; None if it is, or
-    without ground truth."""
+    """The clean EPE and that of zero flow, pixels, if the first is not below `ACCURATE_BELOW` of the second; None if it
+    is, or without ground truth."""
     epe, still = clean_epe(rows), zero_flow_epe(rows)
     if epe is None or still is None or epe < ACCURATE_BELOW * still:
         return None

@@ -78,7 +78,7 @@ def benchmark_words(benchmark: str) -> str:
 
 
 def on_benchmark(model: str, benchmark: str) -> str:
-    """A model and what it was measured on, in words; the name may contain the benchmark already.
+    """Describe a model and what it was measured on; the name may already contain the benchmark.
 
     >>> on_benchmark("DIS", "gopro-fc"), on_benchmark("DIS (GoPro-FC)", "gopro-fc")
     ('DIS on GoPro-FC', 'DIS on GoPro-FC')
@@ -97,8 +97,7 @@ def setting_words(setting: str) -> str:
 
 
 def short_label(corruption: str) -> str:
-    """Its name in the paper's tables, below the name of its family; with what it comes from, if it exists only as
-    files.
+    """Its name in the paper's tables, below the name of its family; with its source, if it exists only as files.
 
     >>> short_label("gaussian_noise"), short_label("fog"), short_label("robustspring_fog")
     ('Gaussian', 'Fog', 'RS fog')

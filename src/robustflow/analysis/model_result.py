@@ -80,7 +80,7 @@ class ModelResult:
 
     @cached_property
     def cost(self) -> RunCost | None:
-        """What was counted of the run's model."""
+        """The cost counted for the run's model."""
         return read_cost(self.run) if self.run else None
 
     @cached_property
@@ -116,8 +116,8 @@ class ModelResult:
 
 
 def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
-    """The lines of one benchmark, sample set, setting and name as one, in the order in which they begin; the first
-    one's note counts. `where` is for messages.
+    """Merge the lines of one benchmark, sample set, setting and name, in the order in which they begin; the first one's
+    note is kept. `where` is for messages.
 
     Raises:
         DataError: two of them have the same value.

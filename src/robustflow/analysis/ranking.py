@@ -92,6 +92,6 @@ def partial_spearman(first: Sequence[float], second: Sequence[float], given: Seq
     if both is None:
         return None
     if one is None or other is None:
-        return both  # What does not vary explains nothing.
+        return both  # a variable that does not vary explains nothing
     rest = (1 - one * one) * (1 - other * other)
     return (both - one * other) / math.sqrt(rest) if rest > 1e-12 else None

@@ -1,4 +1,4 @@
-"""The words of results: the metrics and conditions that a value is of."""
+"""The names of the metrics and conditions of values."""
 
 from __future__ import annotations
 

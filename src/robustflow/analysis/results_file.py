@@ -23,7 +23,7 @@ from .model_result import ModelResult, Value, merged
 from .results import AVERAGE, CLEAN, RESULT_METRICS
 
 ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
-"""Corruptions that other benchmarks have and this project has not: results may be of them."""
+"""Corruptions of other benchmarks that this project does not have; results may be of them."""
 
 _WRITTEN = (
     *("benchmark", "setting", "model", "metric", "corruption"),
@@ -70,7 +70,7 @@ def read_results(path: str | Path) -> list[ModelResult]:
 
 
 FILE = "file"
-"""The sample set of a file's lines that name none."""
+"""The sample set of lines in a file that do not name one."""
 
 
 def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:

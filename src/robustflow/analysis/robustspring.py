@@ -31,7 +31,7 @@ class MovedFlow(Protocol):
 
     @property
     def key(self) -> str:
-        """Of the pair."""
+        """The pair's key."""
 
     @property
     def frames(self) -> str:
@@ -39,7 +39,7 @@ class MovedFlow(Protocol):
 
     @property
     def moved(self) -> Sequence[float] | None:
-        """The numbers of `ROBUSTNESS`; None of the clean flow."""
+        """The numbers of `ROBUSTNESS`; None for the clean flow."""
 
 
 def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:

@@ -1,4 +1,4 @@
-"""A name for each of several runs, no two alike: the model's, with what differs between runs of one name."""
+"""Unique names for several runs: the model's, with what differs between runs of the same name."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _NOT_A_DIFFERENCE = {"name", "spec", "object", "source", "options"}
 
 
 def run_names(runs: Sequence[Run]) -> list[str]:
-    """A name for each run, no two alike: the model's, followed by what differs from the runs of the same name, such as
-    the benchmark, an option of the model or the seed; the run's digest (and a number) where nothing readable does."""
+    """A unique name for each run: the model's, followed by what differs from the runs of the same name, such as the
+    benchmark, an option of the model or the seed; the run's digest (and a number) where nothing readable differs."""
     of_name: dict[str, list[int]] = {}
     for index, run in enumerate(runs):
         of_name.setdefault(run.name, []).append(index)
@@ -42,8 +42,8 @@ def run_names(runs: Sequence[Run]) -> list[str]:
 
 
 def _differences(runs: Sequence[Run]) -> list[list[str]]:
-    """For each run of one name the fewest facts, in the order of `_facts`, that tell it from the others, and its model
-    from theirs."""
+    """For each run of one name, the fewest facts, in the order of `_facts`, that distinguish it and its model from the
+    others."""
     facts = [dict(_facts(run)) for run in runs]
     keys = list(dict.fromkeys(key for known in facts for key in known))
     telling = {*_fewest(facts, keys), *_fewest(facts, [key for key in keys if key.startswith(_MODEL)])}
@@ -68,7 +68,7 @@ def _fewest(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str
 
 
 def _facts(run: Run) -> Iterator[tuple[str, str]]:
-    """(what, words) of everything that may differ between runs of one name, the most telling first."""
+    """(what, words) of everything that may differ between runs of one name, the most informative first."""
     identity, selection = run.manifest.identity, run.manifest.selection
     yield "benchmark", benchmark_label(run.benchmark)
     yield "dataset", plain(identity.frames.dataset, _LONGEST_VALUE)
@@ -98,7 +98,7 @@ def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _named(names: Sequence[str], noun: str) -> str:
-    """Few names as they are, many by their number."""
+    """List a few names, or give the number of many."""
     if len(names) > _MOST_NAMED:
         return counted(len(names), noun)
     return "+".join(plain(str(name), _LONGEST_VALUE) for name in names) or "nothing"

@@ -62,8 +62,8 @@ def run_setting(run: Run) -> str:
 
 
 def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> list[str]:
-    """The `comparison_note` of each run; to notes that are alike, of runs that cannot be compared, what differs is
-    added: the seed, the ground truth, the pairs, ..."""
+    """The `comparison_note` of each run. If runs that cannot be compared have equal notes, the difference is added: the
+    seed, the ground truth, the pairs, ..."""
     notes = [comparison_note(run, beside_published) for run in runs]
     keys = [(run.benchmark, note) for run, note in zip(runs, notes, strict=True)]
     alike: dict[tuple[str, str], dict[str, Run]] = {}
@@ -82,8 +82,8 @@ def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> lis
 
 
 def comparison_note(run: Run, beside_published: bool = False) -> str:
-    """What was measured, as far as a reader expects something else: pairs, corruptions, severities; on a benchmark of
-    the paper the differences from the paper's measurement. `beside_published` as for `run_results`."""
+    """What was measured, where a reader would expect something else: pairs, corruptions, severities; on a benchmark of
+    the paper the differences from its measurement. `beside_published` as for `run_results`."""
     frames, averaged = run.manifest.identity.frames, run.summary.averaged_over
     facts = benchmark_facts(run.benchmark)
     remarks = [_pairs_note(run.benchmark, run.summary.samples, frames.protocol), truth_remark(frames.protocol)]

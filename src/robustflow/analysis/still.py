@@ -1,4 +1,4 @@
-"""Phantom motion: what a model sees move in frames where nothing does."""
+"""Phantom motion: the motion that a model predicts where nothing moves."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PHANTOM = (
     "Nothing moves in these frames, so EPE is phantom motion: on clean frames bias, under corruption flicker. A model "
     "that never sees motion has none; its error on moving scenes says what that costs."
 )
-"""What a reader of errors on still scenes has to know."""
+"""What a reader of errors on still scenes must know."""
 
 
 def phantom_motion(run: Run) -> str:

@@ -51,8 +51,8 @@ class Correlation:
     Attributes:
         images: how many.
         rho: the plain correlation; None if one of the two is the same for all images.
-        given_motion: the partial one, given the mean length of the true flow: large motion alone makes both errors
-            large.
+        given_motion: the partial correlation given the mean length of the true flow, because large motion makes both
+            errors large.
     """
 
     images: int
@@ -69,7 +69,7 @@ class Uncoupled:
         corruptions: mean over severities, by corruption, in the paper's order.
         by_condition: by (corruption, severity).
         correlation: by corruption, and "average" over all of them; none below `LEAST_IMAGES` images.
-        left_out: number of (image, condition) pairs in no ratio, because one of the two errors is exactly 0.
+        left_out: number of (image, condition) pairs without a ratio, because one of the two errors is exactly 0.
     """
 
     overall: UncoupledScores

@@ -1,4 +1,4 @@
-"""Are published or own results consistent? Each inconsistency is listed with both numbers."""
+"""Check whether published results, or your own, are consistent; each inconsistency is listed with both numbers."""
 
 from __future__ import annotations
 

@@ -46,8 +46,8 @@ def expected_cre(values: Values) -> dict[str, float]:
 
 
 def change_tolerance(epe: Values, corruption: str, given: Value) -> float:
-    """How much the rounding of the EPE, the clean EPE and a number compared with their difference (CRE, RCRE) can add
-    up to."""
+    """The largest rounding error of the EPE, the clean EPE and a number compared with their difference (CRE, RCRE)
+    together."""
     return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
 
 
@@ -84,7 +84,7 @@ def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
 
 
 def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """The average of each metric is the mean over those corruptions with a place in tables that are listed."""
+    """The average of each metric is the mean over the listed corruptions that tables have a place for."""
     count, findings = 0, []
     for line, metric, values in _metrics(results):
         given = values.get((metric, AVERAGE))

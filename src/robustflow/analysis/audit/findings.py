@@ -34,7 +34,7 @@ class Finding(FrozenFinite):
         given: the number as printed.
         recomputed: what follows from the other numbers.
         tolerance: how far apart rounding alone could put the two.
-        message: the finding in words.
+        message: describes the finding.
     """
 
     check: str

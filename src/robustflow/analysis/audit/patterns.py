@@ -1,4 +1,4 @@
-"""What many mismatches together suggest: the rows of two models were swapped, or values moved by one column."""
+"""Patterns among mismatches: the rows of two models were swapped, or values moved by one column."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .findings import Finding
 from .rounding import misfits
 
 _LEAST = 3
-"""With fewer numbers that happen to fit elsewhere, there is no pattern."""
+"""Fewest numbers that fit elsewhere for a pattern."""
 
 
 def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:

@@ -94,7 +94,7 @@ def _any(conditions: Iterator[_Expr] | list[_Expr]) -> _Expr:
 
 
 def _apart(first: _Expr, second: _Expr) -> _Expr:
-    """Two sums of the same pixels in another order."""
+    """Two sums of the same pixels in a different order."""
     return (first - second).abs() > _CLOSE * (1 + first.abs() + second.abs())
 
 
@@ -214,4 +214,4 @@ RULES: dict[str, _Expr] = {
         ]
     ),
 }
-"""What is wrong with a row, and the condition that detects it. `<column>_clean` is the sample's clean row."""
+"""What can be wrong with a row, and the condition that detects it. `<column>_clean` is the sample's clean row."""

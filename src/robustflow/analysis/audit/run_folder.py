@@ -85,7 +85,7 @@ _ABSENT = object()
 
 
 def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Every number, text or gap of either side, with its counterpart."""
+    """Every number, text or missing value of either side, with its counterpart."""
     if isinstance(left, dict) and isinstance(right, dict):
         for name in dict.fromkeys((*left, *right)):
             yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))

@@ -1,4 +1,4 @@
-"""Results that other benchmarks' programs wrote, as lines of tables.
+"""Results written by other benchmarks' programs, as lines of tables.
 
 They are means without the rows behind them, so nothing in them can be checked: every line says so (`NOTE`).
 """
@@ -18,7 +18,7 @@ NOTE = "imported, not verifiable: no seed, no rows"
 
 
 def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
-    """Result files (JSON) of the paper's reference code and of FlowBench; which of them a file is, its content says.
+    """Read result files (JSON) of the paper's reference code and of FlowBench, which are recognised by their content.
 
     Args:
         paths: of files. FlowBench writes a file for each corruption; all that are given are read as one.

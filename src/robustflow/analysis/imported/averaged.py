@@ -1,4 +1,4 @@
-"""What an average is over, in words that differ where the corruptions do."""
+"""Describe the corruptions that an average is over; different sets have different descriptions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...text import counted
 
 
 def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
-    """Which corruptions an average is over: of those wanted, and without the fewer of the two to name.
+    """Name the corruptions that an average is over, or those that it leaves out, whichever are fewer.
 
     >>> averaged_over(["fog", "snow"], ["fog", "snow"]), averaged_over(["fog", "snow"], ["fog", "frost", "snow"])
     ('average over 2 corruptions', 'average over 2 corruptions, without frost')

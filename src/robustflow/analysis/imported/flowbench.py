@@ -63,7 +63,7 @@ _ATTACK, _NONE = "common_corruptions", "none"
 
 @dataclass(frozen=True)
 class Experiment:
-    """One of a file.
+    """One experiment of a file.
 
     Attributes:
         model, checkpoint, dataset: as FlowBench calls them.
@@ -108,7 +108,7 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
 def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]:
     """A line for each model. A model's means are over the severities that all of its corruptions have; one
     without a corrupted frame is left out. CRE is the difference from the clean error, which is over the same images and
-    pixels. Those on one data set under the same are one sample set.
+    pixels. Models on one data set under the same corruptions and severities are one sample set.
 
     Raises:
         DataError: a model whose corruptions have no severity in common.
@@ -169,7 +169,7 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
 
 
 def _setting(dataset: str, model: str, checkpoint: str) -> str:
-    """What the catalogue says of the checkpoint of this name: FlowBench takes its models from ptlflow."""
+    """What the catalogue says about the checkpoint of this name: FlowBench takes its models from ptlflow."""
     for entry in entries_of(f"{PTLFLOW}{model}"):
         if entry.checkpoint == checkpoint:
             return setting_of(training_of_entry(entry), FLOWBENCH_DATASETS[dataset])

@@ -186,7 +186,7 @@ def _row(entry: dict[str, Any], where: str) -> StoredAttack:
 
 
 def _compared(rows: Sequence[StoredAttack]) -> list[StoredAttack]:
-    """With the flags that follow from several rows."""
+    """Add the flags that follow from several rows."""
     repeats: dict[tuple[Any, ...], list[float]] = {}
     single: dict[tuple[Any, ...], float] = {}
     for row in rows:

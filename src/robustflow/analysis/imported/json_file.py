@@ -1,4 +1,4 @@
-"""A JSON file from elsewhere: of a limited size, without repeated names, and its numbers looked at one by one."""
+"""Read a JSON file from elsewhere: of limited size, without repeated names, with every number checked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LARGEST_NUMBER = 1e9
 
 
 def read_json_file(path: Path) -> Any:
-    """What a JSON file holds. Python's `json.dump` writes NaN, which is read here and refused where it is used.
+    """Read a JSON file. Python's `json.dump` writes NaN, which is read here and refused where it is used.
 
     Raises:
         DataError: no such file, more than 16 MiB, not JSON, or a name that is given twice.

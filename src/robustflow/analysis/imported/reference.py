@@ -111,7 +111,7 @@ def _mean(written: Any, where: str, signed: bool) -> float:
 
 
 def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
-    """Of the entry "clean", otherwise of any corruption, for all of which it is the same."""
+    """The clean EPE of the entry "clean", otherwise that of any corruption; all have the same."""
     for written in (CLEAN, *content):
         values = content.get(written, {}).get("clean_EPE")
         if isinstance(values, list) and values:
@@ -120,7 +120,7 @@ def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
 
 
 def _averaged(file: Results) -> tuple[str, ...]:
-    """The corruptions that averages are over: the paper's, of which elastic_transform is not one."""
+    """The corruptions that averages are over: the paper's, without elastic_transform."""
     names = {corruption for _, corruption in file.values}
     return tuple(name for name in PAPER_ORDER if name in names)
 

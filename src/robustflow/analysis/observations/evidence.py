@@ -24,7 +24,7 @@ ModelInSetting = tuple[str, str]
 """(setting, model)."""
 
 _VARIANT = re.compile(r"( \([^()]*\))?( #\d+)?$")
-"""What tells runs of one model apart: "RAFT (seed 1)", "RAFT #2"."""
+"""The part of a name that distinguishes runs of one model: "RAFT (seed 1)", "RAFT #2"."""
 _SIZE = re.compile(r"[-_ ](?:xs|s|b|m|l|h|t|xl|tiny|small|base|medium|large|huge)$", re.IGNORECASE)
 _ROUNDING = 0.015
 """Pixels: how much rounding three numbers to hundredths can add up to."""
@@ -79,7 +79,7 @@ class Evidence:
         return [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
 
     def method(self, model: str) -> Method | None:
-        """What is known of a model."""
+        """What is known about a model."""
         return self._methods.get(model) if self._methods is not None else method_of(model)
 
     def family(self, entry: ModelInSetting) -> str:

@@ -1,7 +1,7 @@
-"""By how much a claim holds, with an interval over what it generalises to: families of models, or corruptions.
+"""Margins of claims, with intervals over what they generalise to: families of models, or corruptions.
 
-Published results are means without values per image, so how far they hold for other images cannot be computed; that a
-claim holds for more than the models, or the corruptions, at hand can.
+Published results are means without values per image, so nothing can be computed about other images, only about other
+models or corruptions.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Margin:
     Attributes:
         estimate: the number.
         low, high: its 95 % interval; None where there are too few values for one.
-        over: what the interval generalises to, in words.
+        over: describes what the interval generalises to.
     """
 
     estimate: float
@@ -144,7 +144,7 @@ def _units(count: int, over: str) -> str:
 
 
 def _student(estimate: float, groups: Sequence[Sequence[float]], over: str) -> Margin:
-    """An estimate made of the means of groups of values, with Satterthwaite's degrees of freedom."""
+    """An estimate from the means of groups of values, with Satterthwaite's degrees of freedom."""
     if any(len(values) < 2 for values in groups):
         return Margin(estimate, None, None, over)
     parts = [float(np.var(values, ddof=1)) / len(values) for values in groups]

@@ -104,7 +104,7 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
 def _places(
     evidence: Evidence, models: dict[str, ModelInSetting], value: Callable[[ModelInSetting, str], float]
 ) -> tuple[dict[str, tuple[int, int]], str]:
-    """The ranks that models may have, by name, and what they are over; none with fewer than two models or
+    """The possible ranks of models, by name, and what they generalise to; none with fewer than two models or
     corruptions."""
     first, *others = models.values()
     names = [name for name in evidence.corruptions(first) if all(evidence.has(entry, name) for entry in others)]

@@ -1,4 +1,4 @@
-"""A statement about results, what the numbers say about it, and the verdict."""
+"""A statement about results, the numbers for it, and the verdict."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class Statement(FrozenFinite):
     """One statement of an observation as a computation.
 
     Attributes:
-        claim: what is computed, in words.
+        claim: describes what is computed.
         verdict: whether it holds.
-        message: the numbers, in words.
+        message: describes the numbers.
         numbers: the same by name.
         main: whether the observation depends on it; the others are further sentences below its heading.
     """
@@ -67,5 +67,5 @@ def without_verdict(observation: Observation, reason: str) -> Observation:
 def part(
     claim: str, verdict: Verdict, message: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Statement:
-    """A statement, for the positions of `Statement`'s fields."""
+    """Make a statement."""
     return Statement(claim=claim, verdict=verdict, message=message, numbers=numbers or {}, main=main)

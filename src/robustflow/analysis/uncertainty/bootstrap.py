@@ -1,7 +1,7 @@
 """The studentised bootstrap (bootstrap-t) over clusters, seeded, all resamples at once.
 
 Each resample draws G of the G clusters with replacement. With theta the statistic and se its standard error,
-t* = (theta* - theta) / se* stands for the unknown distribution of (theta - truth) / se, so that
+t* = (theta* - theta) / se* approximates the unknown distribution of (theta - truth) / se, so that
 
     truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
 
@@ -77,8 +77,8 @@ def bootstrap(
         resamples: how many; the p-value cannot be below 1 / (resamples + 1).
         seed: the same seed, the same resamples.
         symmetric: estimate both tails together, as for differences.
-        relative: which of them are increases relative to a mean, as CREr is: their logarithm, ln(1 + statistic), is
-            studentised, both tails together.
+        relative: which of them are increases relative to a mean, as CREr is; of these the logarithm, ln(1 + statistic),
+            is studentised, both tails together.
 
     Raises:
         UsageError: a level or number of resamples out of range.
@@ -178,7 +178,7 @@ def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
 
 
 def fewest_clusters(level: float = LEVEL) -> int:
-    """The least number of clusters that has an interval.
+    """The smallest number of clusters for which there is an interval.
 
     >>> fewest_clusters()
     4
@@ -197,7 +197,7 @@ def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
 
 
 def _pivots(estimates: StatisticValues, center: float) -> Array:
-    """t* of each resample: 0 where the resample repeats the data, infinite where it has no spread of its own."""
+    """t* of each resample: 0 where the resample repeats the data, infinite where it has no spread."""
     shift, spread = estimates.theta - center, estimates.standard_error
     tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
     with np.errstate(divide="ignore", invalid="ignore"):

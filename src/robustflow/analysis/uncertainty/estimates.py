@@ -1,4 +1,4 @@
-"""Means over images and what each cluster contributes to them, for many resamples at once.
+"""Means over images and the contribution of each cluster, for many resamples at once.
 
 A cluster is drawn as a whole: a video sequence, or a single image if images are independent. With T_gk the sum and N_gk
 the number of images of cluster g at condition k (a corruption at a severity), w_g how often the cluster was drawn, and
@@ -64,7 +64,8 @@ def weighted_means(total: Array, count: Array, share: Array, weights: Array) -> 
     Args:
         total: float64 (G, K), sums over the images of a cluster at a condition, 0 where it has none.
         count: float64 (G, K), how many images those are.
-        share: float64 (K,), the weight of each condition; in a resample without an image at one, the others share it.
+        share: float64 (K,), the weight of each condition; in a resample without an image at one of them, the others
+            share its weight.
         weights: float64 (B, G), how often each cluster is drawn in each resample.
 
     >>> import numpy as np

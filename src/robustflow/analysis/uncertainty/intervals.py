@@ -95,5 +95,5 @@ def statistics_of(
 
 
 def _possible(metric: str, low: float | None) -> float | None:
-    """An end of an interval, cut off where a length would be negative."""
+    """An end of an interval, cut off at 0 for lengths."""
     return max(low, 0.0) if low is not None and metric in ("epe", "rcre") else low

@@ -1,4 +1,4 @@
-"""What can be claimed about a difference, in a sentence."""
+"""Say in a sentence what can be claimed about a difference."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def difference_sentence(
     clean_gap: float | None = None,
     flow_gap: float | None = None,
 ) -> str:
-    """Whether two models differ, by how much, how certain that is, and from how many independent observations it
+    """Say whether two models differ, by how much, how certain that is, and from how many independent observations it
     follows.
 
     A lower CRE or RCRE is not a merit in itself: a model that ignores its frames has the lowest, and noise in a flow
@@ -70,7 +70,7 @@ def difference_sentence(
 
 
 def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float | None) -> str:
-    """What the lower value means; the gaps are those of the lower minus the other. Only RCRE says how much a flow
+    """Say what the lower value means; the gaps are the lower model's minus the other's. Only RCRE says how much a flow
     changes."""
     if metric == "epe":
         return f"{lower} is more accurate"

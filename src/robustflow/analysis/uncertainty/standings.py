@@ -1,4 +1,4 @@
-"""Which ranks each of several models may have, and how their order changes from one condition to another."""
+"""The possible ranks of several models, and how their order changes between conditions."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ class Statistic:
         return _ComputedValues(theta, np.sqrt(clusters / (clusters - 1) * squares))
 
     def estimates(self, weights: Array) -> Estimates:
-        """The same with the influence of every cluster, float64 (B, G): slower by about a factor of the number of
+        """`values` together with the influence of every cluster, float64 (B, G): slower by about the number of
         clusters."""
         total: Estimates | None = None
         for term in self.terms:

@@ -47,7 +47,7 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
 
     Raises:
         RunError: fewer than two seeds, or no two images at the same conditions.
-        UsageError: another metric.
+        UsageError: an unknown metric.
     """
     if metric not in VARIANCE_METRICS:
         raise unknown_name("metric", metric, VARIANCE_METRICS)
@@ -103,6 +103,7 @@ def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
     kept = wanted.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
     if kept.is_empty():
         raise RunError(
-            "no image was measured with every seed under the same corruptions and severities; run all seeds alike"
+            "no image was measured with every seed under the same corruptions and severities; "
+            "run all seeds on the same pairs"
         )
     return kept[metric].to_numpy().reshape(complete.height, len(runs), levels)
