@@ -535,3 +535,26 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, monkey
     assert code == 0
     assert "clean EPE" in out
     assert "report:" not in out
+
+
+def test_corrupt_and_gallery_take_the_users_depth_maps(robustflow, tmp_path):
+    first, second = _frames(tmp_path / "in")
+    code, _, err = robustflow("corrupt", first, second, "-c", "fog_3d", "-s", "5")
+    assert code != 0
+    assert err.count("\n") == 1
+    assert "--depth DIR" in err
+    near, far = np.full((64, 96), 1, np.float32), np.full((64, 96), 5000, np.float32)
+    (tmp_path / "maps").mkdir()
+    np.save(tmp_path / "maps" / "000.npy", near)
+    np.save(tmp_path / "maps" / "001.npy", far)
+    assert robustflow("corrupt", first, second, "-c", "fog_3d", "-s", "5", "--depth", "maps", "-o", "out")[0] == 0
+    fogged = [cv2.imread(str(tmp_path / "out" / "fog_3d_5" / f"{name}.png")) for name in ("000", "001")]
+    assert fogged[0].std() > 60
+    assert len(np.unique(fogged[1].reshape(-1, 3), axis=0)) == 1
+
+    shown = ["gallery", "--frames", first, second, "-c", "fog_3d"]
+    assert "--depth DIR" in robustflow(*shown)[2]
+    assert robustflow(*shown, "--depth", "maps", "--focal", "90", "-o", "shown")[0] == 0
+    page = (tmp_path / "shown" / "gallery.html").read_text()
+    assert "1 m (white) to 1 m" in page
+    assert "no corruption" not in page

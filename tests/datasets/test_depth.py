@@ -1,5 +1,8 @@
 """Depth of samples: completed, carried to frame 2, and read from the files of data sets."""
 
+import io
+
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,10 +13,14 @@ from scipy.ndimage import binary_erosion
 from robustflow.datasets import load_dataset
 from robustflow.datasets.base import Depths
 from robustflow.datasets.depth import carried, completed, scene_depth
+from robustflow.datasets.own_depth import OwnDepth
 from robustflow.datasets.shapes.render import layer_depths
 from robustflow.datasets.still import Still
-from robustflow.errors import DataError
+from robustflow.errors import DataError, UsageError
+from robustflow.images.io import write_image
 from robustflow.sample import Camera
+
+from ..corruptions.pictures import picture
 
 CAMERA = Camera((10.0, 10.0), (2.0, 2.0))
 
@@ -146,3 +153,156 @@ def test_a_still_scene_has_the_depth_of_its_frame_twice_and_a_camera_at_rest():
         assert not depth.camera.translation.any()
         assert depth.camera.intrinsics(1) == pair.camera.intrinsics(which)
         assert still.depth_files(sample.key) == data.files("motorcycle")[2:]
+
+
+def pictures_of(folder, *names, shape=(40, 56)):
+    """A folder of frames."""
+    for number, name in enumerate(names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_image(path, picture(*shape, seed=number))
+    return folder
+
+
+def metres(shape=(40, 56)):
+    """A ramp from 2 to 60 m with a hole."""
+    values = np.linspace(2, 60, shape[0] * shape[1], dtype=np.float32).reshape(shape)
+    values[3:5, 7:9] = 0
+    return values
+
+
+def write_map(path, values):
+    """In the format that the ending says."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".png":
+        assert cv2.imwrite(str(path), np.rint(values * 1000).astype(np.uint16))
+    elif path.suffix == ".npy":
+        np.save(path, values)
+    else:
+        height, width = values.shape
+        path.write_bytes(b"Pf\n%d %d\n-1.0\n" % (width, height) + values[::-1].astype("<f4").tobytes())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy", ".pfm"])
+@pytest.mark.parametrize("place", ["", "clip"])
+def test_own_maps_are_read_in_metres_for_both_frames_and_completed(tmp_path, suffix, place):
+    frames = pictures_of(tmp_path / "clip", "a.png", "b.png")
+    dataset = load_dataset("folder", frames)
+    for name, factor in (("a", 1), ("b", 1.05)):
+        write_map(tmp_path / "maps" / place / f"{name}{suffix}", factor * metres())
+    own = OwnDepth(tmp_path / "maps", dataset, 70.0)
+    depth = own.depth(dataset["a"])
+    for map_, measured, factor in zip(depth.maps, depth.measured, (1, 1.05), strict=True):
+        assert map_.dtype == np.float32
+        np.testing.assert_array_equal(measured, metres() > 0)
+        np.testing.assert_allclose(map_[measured], (factor * metres())[measured], atol=6e-4)
+        assert (map_ > 0).all()
+    assert depth.camera.intrinsics(1) == (70.0, 70.0, 27.5, 19.5)
+    assert depth.camera.rotation is None
+    assert own.depth_files("a") == [tmp_path / "maps" / place / f"{name}{suffix}" for name in "ab"]
+
+
+def test_without_a_focal_length_it_is_the_width_of_the_frames(tmp_path):
+    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+    for name in "ab":
+        write_map(tmp_path / "maps" / f"{name}.npy", metres())
+    assert OwnDepth(tmp_path / "maps", dataset).depth(dataset["a"]).camera.focal == (56.0, 56.0)
+
+
+def hostile_maps():
+    """Files that are no depth map, and what is said of them."""
+    pickled = io.BytesIO()
+    np.save(pickled, np.array([[{"a": 1}]]), allow_pickle=True)
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (99999, 99999)})
+    huge = b"\x93NUMPY\x01\x00\xff\xff{'descr': '<f4'"
+    png8 = cv2.imencode(".png", np.ones((40, 56), np.uint8))[1].tobytes()
+    png16 = cv2.imencode(".png", np.full((40, 56), 3000, np.uint16))[1].tobytes()
+    npy = io.BytesIO()
+    np.save(npy, metres())
+    three = io.BytesIO()
+    np.save(three, np.ones((40, 56, 3), np.float32))
+    complex_ = io.BytesIO()
+    np.save(complex_, np.ones((40, 56), np.complex64))
+    return {
+        "pickled.npy": (pickled.getvalue(), "no depth map"),
+        "huge.npy": (header.getvalue(), "more than the"),
+        "headless.npy": (huge, "damaged or cut short"),
+        "cut.npy": (npy.getvalue()[:-5], "cut short"),
+        "long.npy": (npy.getvalue() + b"x", "too long"),
+        "channels.npy": (three.getvalue(), "no depth map"),
+        "complex.npy": (complex_.getvalue(), "no depth map"),
+        "empty.npy": (b"", "damaged or cut short"),
+        "colour.pfm": (b"PF\n56 40\n-1.0\n" + b"\0" * 26880, "not a one-channel"),
+        "huge.pfm": (b"Pf\n99999 99999\n-1.0\n", "more than the"),
+        "cut.pfm": (b"Pf\n56 40\n-1.0\n" + b"\0" * 100, "cut short"),
+        "scaled.pfm": (b"Pf\n56 40\n-2.5\n" + b"\0" * 8960, "scale -2.5"),
+        "bytes.png": (png8, "8-bit PNG"),
+        "cut.png": (png16[:-40], "damaged|cut short"),
+        "text.png": (b"depth", "PNG"),
+        "negative.npy": (npy_bytes(-metres()), "negative depths"),
+        "holes.npy": (npy_bytes(0 * metres()), "only holes"),
+        "small.npy": (npy_bytes(metres((40, 55))), "55x40, the frames are 56x40"),
+    }
+
+
+def npy_bytes(values):
+    """As numpy.save writes them."""
+    buffer = io.BytesIO()
+    np.save(buffer, values)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("name", sorted(hostile_maps()))
+def test_a_file_that_is_no_map_is_refused_in_one_line(tmp_path, name):
+    contents, message = hostile_maps()[name]
+    suffix = name.partition(".")[2]
+    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+    write_map(tmp_path / "maps" / f"a.{suffix}", metres())
+    (tmp_path / "maps" / f"b.{suffix}").write_bytes(contents)
+    with pytest.raises(DataError, match=message) as caught:
+        OwnDepth(tmp_path / "maps", dataset).depth(dataset["a"])
+    assert "\n" not in str(caught.value)
+    assert "maps" in str(caught.value)
+
+
+def test_a_missing_map_is_named_before_anything_is_read(tmp_path):
+    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+    write_map(tmp_path / "maps" / "a.npy", metres())
+    with pytest.raises(DataError, match=r"no depth map for .*b\.png; expected b with the ending \.png, \.npy, \.pfm"):
+        OwnDepth(tmp_path / "maps", dataset).depth_files("a")
+
+
+def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):
+    frames = pictures_of(tmp_path / "clips", "one/a.png", "one/b.png", "two/a.png", "two/b.png")
+    dataset = load_dataset("folder", frames)
+    for name in "ab":
+        write_map(tmp_path / "maps" / f"{name}.npy", metres())
+    own = OwnDepth(tmp_path / "maps", dataset)
+    assert own.depth_files("one/a")
+    with pytest.raises(DataError, match="the map of both"):
+        own.depth_files("two/a")
+    for name in ("one/a", "one/b", "two/a", "two/b"):
+        write_map(tmp_path / "maps" / f"{name}.npy", metres())
+    assert OwnDepth(tmp_path / "maps", dataset).depth_files("two/a") == [
+        tmp_path / "maps" / "two" / f"{name}.npy" for name in "ab"
+    ]
+
+
+@pytest.mark.parametrize("focal", [0, -3, float("inf"), float("nan"), True, "far"])
+def test_a_focal_length_that_is_none_is_refused(tmp_path, focal):
+    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+    with pytest.raises(UsageError, match="--focal"):
+        OwnDepth(tmp_path, dataset, focal)
+
+
+def test_the_digest_follows_maps_and_focal_length_and_nothing_else(tmp_path):
+    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+    for name in "ab":
+        write_map(tmp_path / "maps" / f"{name}.npy", metres())
+    before = OwnDepth(tmp_path / "maps", dataset).digest
+    (tmp_path / "maps" / "c.npy").write_bytes(b"of another clip")
+    assert OwnDepth(tmp_path / "maps", dataset).digest == before
+    assert OwnDepth(tmp_path / "maps", dataset, 56.0).digest != before
+    write_map(tmp_path / "maps" / "b.npy", metres() + 1)
+    assert OwnDepth(tmp_path / "maps", dataset).digest != before

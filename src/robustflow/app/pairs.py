@@ -7,14 +7,14 @@ import shutil
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Protocol
 
 from ..benchmarks.demo import DEMO_CLASSES
 from ..corruptions import Corruption
-from ..datasets import load_dataset
+from ..datasets.motorcycle import Motorcycle
 from ..datasets.video import Video
 from ..errors import UsageError
 from ..sample import Sample
@@ -88,8 +88,9 @@ class SourceStore:
     """
 
     def __init__(self, kept: int = KEPT) -> None:
-        demo = load_dataset("motorcycle")
-        self._demo = OnePair("Motorcycle (Middlebury 2014)", demo.load(demo.keys()[0]), DEMO_CLASSES)
+        demo = Motorcycle()
+        pair = demo.load(demo.keys()[0])
+        self._demo = OnePair("Motorcycle (Middlebury 2014)", replace(pair, depth=demo.depth(pair)), DEMO_CLASSES)
         self._kept = kept
         self._sources: OrderedDict[str, PairSource] = OrderedDict()
         self._lock = threading.Lock()

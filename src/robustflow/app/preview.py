@@ -104,7 +104,7 @@ class Previewer:
         stage("corrupting")
         name, severity = wanted.corruption
         corruption = load_corruption(name, classes=source.classes)
-        corrupted = corrupt(sample.frames[0], sample.frames[1], corruption, severity, wanted.seed, sample.key)
+        corrupted = corrupt(*sample.frames[:2], corruption, severity, wanted.seed, sample.key, depth=sample.depth)
         clean = self._clean_flow(wanted, sample, model, stage)
         stage("predicting the corrupted frames")
         start = time.perf_counter()

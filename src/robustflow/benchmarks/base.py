@@ -11,6 +11,7 @@ from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_co
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import needs_depth, split_stack
 from ..datasets.base import Dataset, Depths, PreCorrupted, no_depth
+from ..datasets.own_depth import OwnDepth
 from ..datasets.still import Still
 from ..errors import UsageError, unknown_name
 from ..layout import VIDEO_SUFFIXES
@@ -36,6 +37,7 @@ class Benchmark:
         classes: corruption -> class that computes it here, where that is not the registered one.
         attacks: adversarial attacks on the model, at the same severities; none unless they are asked for.
         facts: title, whether there is ground truth, what the paper measured.
+        own_depth: the user's depth maps; without them depth is the data set's, where it has any.
     """
 
     name: str
@@ -48,21 +50,26 @@ class Benchmark:
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     attacks: tuple[str, ...] = ()
     facts: BenchmarkFacts = NEUTRAL
+    own_depth: OwnDepth | None = None
 
     @property
     def depths(self) -> Depths | None:
         """Where the depth of its samples comes from; None where nothing has it."""
+        if self.own_depth is not None and not isinstance(self.dataset, Still):
+            return self.own_depth
         return self.dataset if isinstance(self.dataset, Depths) else None
 
     def depth_to_read(self) -> Depths | None:
         """Where the depth comes from that its corruptions need; None if none of them does.
 
         Raises:
-            UsageError: its data have no depth.
+            UsageError: its data have no depth; or the user gave some, and no corruption needs it.
             DataError: a file of it is missing.
         """
         wanting = next((name for name in self.corruptions if needs_depth(name)), None)
         if wanting is None:
+            if self.own_depth is not None:
+                raise UsageError("none of the corruptions needs depth: name one that does, or leave out --depth")
             return None
         if self.depths is None:
             raise no_depth(wanting, self.dataset.name)
@@ -114,7 +121,7 @@ class Benchmark:
                 are corrupted beforehand.
         """
         check_still(self.name, self.facts)
-        dataset = Still(self.dataset, self.keys)
+        dataset = Still(self.dataset, self.keys, self.own_depth)
         return replace(
             self,
             name=still_name(self.name),

@@ -34,7 +34,7 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
         warnings.warn(
             f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is not "
             f"{facts.title}'s and easier; unpack flow_occ/ there for the usual one",
-            stacklevel=4,
+            stacklevel=5,
         )
     about = facts_of_dataset(facts)
     if not isinstance(dataset, PreCorrupted):

@@ -63,7 +63,8 @@ def export(
     draws: dict[str, object] = {"common_draws": True} if common_draws else {}
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
     depths = benchmark.depth_to_read()
-    _claim(output, settings | scale | draws | user_sources(variant))
+    own = {"depth": benchmark.own_depth.digest} if benchmark.own_depth is not None else {}
+    _claim(output, settings | scale | draws | own | user_sources(variant))
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from ..datasets import DATASETS, dataset_facts
 from ..datasets.guess import benchmark_of_folder
+from ..datasets.own_depth import OwnDepth
 from ..errors import DataError, UsageError, unknown_name
 from ..layout import user_path
 from ..registry import Registry
@@ -64,7 +66,8 @@ def load_benchmark(
             the default "demo", a video or a folder of frames is read as "folder", and `module.path:Attribute` is your
             own data set.
         split: a file naming the samples to evaluate, one key per line; or "drive-disjoint", for KITTI 2015.
-        options: of a data set, for example {"render_pass": "final"} for Sintel.
+        options: of a data set, for example {"render_pass": "final"} for Sintel; and of any, "depth", a folder of your
+            own depth maps, with "focal", the focal length in pixels (see `OwnDepth`).
 
     Raises:
         UsageError: an unknown name or option, or data missing where it is needed.
@@ -73,12 +76,23 @@ def load_benchmark(
     >>> load_benchmark("demo").keys
     ('motorcycle',)
     """
+    others = dict(options or {})
+    depth, focal = others.pop("depth", None), others.pop("focal", None)
+    benchmark = _loaded(name, data, split, others)
+    if depth is None:
+        if focal is not None:
+            raise UsageError("--focal is of the camera of your own depth maps: give --depth DIR, or leave it out")
+        return benchmark
+    return replace(benchmark, own_depth=OwnDepth(depth, benchmark.dataset, focal))
+
+
+def _loaded(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:
     chosen = Path(split).expanduser() if split is not None else None
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
             raise UsageError(f"{data} is a custom data set; leave out --benchmark, or give the folder of {name}")
-        return own_dataset_benchmark(str(data), chosen, options or {}, reserved)
+        return own_dataset_benchmark(str(data), chosen, options, reserved)
     root = user_path(data) if data is not None else None
     if name == DEFAULT and root is not None:
         name = _benchmark_of(root)
@@ -87,7 +101,7 @@ def load_benchmark(
             raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
         return own_benchmark(name, root, chosen, reserved)
     try:
-        return _opened(name, root, chosen, options or {}, reserved)
+        return _opened(name, root, chosen, options, reserved)
     except DataError as error:
         fitting = benchmark_of_folder(root) if root is not None else None
         if fitting is None or fitting == name:

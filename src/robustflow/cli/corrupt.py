@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from . import complete
-from .options import CommonDraws, PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
+from .options import CommonDraws, Depth, Focal, PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
 
 
 def corrupt(
@@ -33,6 +33,8 @@ def corrupt(
     severity_scale: SeverityScale = "paper",
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
+    depth: Depth = None,
+    focal: Focal = None,
     check: Annotated[
         bool, typer.Option("--check", help="Compare this machine's bytes with the package's, without frames.")
     ] = False,
@@ -49,10 +51,14 @@ def corrupt(
         _check_machine()
         return
     from ..atomic import make_folder
+    from ..benchmarks import Benchmark
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions import corruption_name, load_corruption
+    from ..datasets.own_depth import OwnDepth
     from ..errors import UsageError
     from ..images.io import read_image, write_image
+    from ..runner.predict import frames_of
+    from ..sample import Sample
     from ..severity import check_severity
 
     if frame1 is None or frame2 is None or corruptions is None:
@@ -65,13 +71,21 @@ def corrupt(
     for one in chosen:
         for level in levels:
             one.parameter(level)
-    pair = read_image(frame1), read_image(frame2)
+    sample = Sample(frame1.stem, (read_image(frame1), read_image(frame2)))
+    dataset = frames_of([frame1, frame2], {})
+    own = None if depth is None else OwnDepth(depth, dataset, focal)
+    depths = Benchmark(
+        "corrupt", dataset, (sample.key,), tuple(one.name for one in chosen), own_depth=own
+    ).depth_to_read()
+    scene = None if depths is None else depths.depth(sample)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
     for one in chosen:
         for level in levels:
             folder = output / f"{one.name}_{level}"
             make_folder(folder)
-            corrupted = corrupt_pair(*pair, one, level, seed, frame1.stem, common_draws=common_draws)
+            corrupted = corrupt_pair(
+                *sample.frames, one, level, seed, sample.key, common_draws=common_draws, depth=scene
+            )
             for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
             typer.echo(str(folder))

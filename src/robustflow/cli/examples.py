@@ -9,13 +9,15 @@ from .options import (
     Checkpoint,
     Data,
     DataOptions,
+    Depth,
     Device,
+    Focal,
     ModelOptions,
     OwnAttacks,
     OwnCorruptions,
     Precision,
     PsfDir,
-    keyword_options,
+    data_options,
     model_options,
     use_own_attacks,
     use_own_corruptions,
@@ -36,6 +38,8 @@ def examples(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="PNG file for --sample.")] = None,
     data: Data = None,
     data_option: DataOptions = None,
+    depth: Depth = None,
+    focal: Focal = None,
     model: Annotated[
         str | None, typer.Option("--model", "-m", help="The run's model, where the run does not record it.")
     ] = None,
@@ -85,7 +89,7 @@ def examples(
     before = RunSource.read(result.path)
     given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     spec = before.model_to_reuse(dict(given)) if model is None else ModelSpec(model, tuple(given))
-    source = RunSource(spec, data or before.data, before.data_options | dict(keyword_options(data_option)))
+    source = RunSource(spec, data or before.data, before.data_options | data_options(data_option, depth, focal))
     setup = restore_setup(result, source)
     if sample is not None and corruption is not None and severity is not None:
         target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")

@@ -13,7 +13,9 @@ from .options import (
     CommonDraws,
     Corruptions,
     Data,
+    Depth,
     Device,
+    Focal,
     Limit,
     ModelOptions,
     Precision,
@@ -23,6 +25,7 @@ from .options import (
     SeverityScale,
     Split,
     Variant,
+    data_options,
     model_options,
     names,
     numbers,
@@ -35,6 +38,8 @@ def export(
         str, typer.Argument(metavar="BENCHMARK|RUN", help="kitti-fc; with --format a run's folder or record.")
     ],
     data: Data = None,
+    depth: Depth = None,
+    focal: Focal = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -101,7 +106,8 @@ def export(
     from ..corruptions.stack import levels_of
 
     use_psf_dir(psf_dir)
-    chosen = load_benchmark(benchmark, data, split).narrowed(names(corruptions), numbers(severities), limit)
+    opened = load_benchmark(benchmark, data, split, data_options(None, depth, focal))
+    chosen = opened.narrowed(names(corruptions), numbers(severities), limit)
     levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
     total = len(chosen.keys) * (1 + sum(levels))
     console = Console(stderr=True)

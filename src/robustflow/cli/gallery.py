@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .options import Attacks, Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_dir
+from .options import Attacks, Corruptions, Depth, Focal, PsfDir, Seed, SeverityScale, names, use_psf_dir
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..corruptions import Corruption
     from ..report.gallery.clip import ClipCell
     from ..report.gallery.pictures import CorruptedPicture
-    from ..sample import Frame, Sample
+    from ..sample import Frame, Sample, SceneDepth
 
 
 def gallery(
@@ -34,6 +34,8 @@ def gallery(
     attacks: Attacks = None,
     severity_scale: SeverityScale = "paper",
     psf_dir: PsfDir = None,
+    depth: Depth = None,
+    focal: Focal = None,
     seed: Seed = 0,
     model: Annotated[
         str | None,
@@ -78,7 +80,7 @@ def gallery(
         if wanted is None:
             return
     if clip is None:
-        _of_pair(frames, severity, wanted, severity_scale, seed, output, model)
+        _of_pair(frames, severity, wanted, severity_scale, seed, output, model, depth, focal)
     else:
         _of_clip(clip, start, stop, length, severity, wanted, severity_scale, seed, output)
 
@@ -91,6 +93,8 @@ def _of_pair(
     seed: int,
     output: Path,
     model: str | None,
+    depth: Path | None,
+    focal: float | None,
 ) -> None:
     from ..benchmarks.demo import DEMO_CLASSES
     from ..report.gallery.page import render_page
@@ -100,15 +104,17 @@ def _of_pair(
     sample, what = _sample_of(frames)
     key, pair = sample.key, sample.frames
     classes = DEMO_CLASSES if frames is None else {}
-    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, classes))
+    scene = _depth_of(frames, sample, wanted or [], depth, focal)
+    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, classes, scene))
     title = f"Corruptions of {what}, {scale} scale"
     at = [cell for cell in cells if cell.severity == severity]
     page = render_page(pair[0], cells, severity, title)
     _write(output, pair[0], at, f"{title}, severity {severity}", page)
     if model is not None:
         _write_strip(
-            output, sample, model, [cell.name for cell in at if cell.frame is not None], severity, seed, scale, classes
-        )
+            output, sample, model, [c.name for c in at if c.frame is not None and not c.caption], severity, seed, scale,
+            classes, scene,
+        )  # fmt: skip
 
 
 def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
@@ -121,6 +127,21 @@ def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
         return load_dataset("motorcycle", None).load("motorcycle"), "the motorcycle pair"
     pair = read_image(frames[0]), read_image(frames[1])
     return Sample(frames[0].stem, pair), f"{frames[0].name}, {frames[1].name}"
+
+
+def _depth_of(
+    frames: tuple[Path, Path] | None, sample: "Sample", corruptions: list[str], depth: Path | None, focal: float | None
+) -> "SceneDepth | None":
+    """The depth of the pair, if a corruption needs it."""
+    from ..benchmarks import Benchmark
+    from ..datasets import load_dataset
+    from ..datasets.own_depth import OwnDepth
+    from ..runner.predict import frames_of
+
+    dataset = load_dataset("motorcycle") if frames is None else frames_of(list(frames), {})
+    own = None if depth is None else OwnDepth(depth, dataset, focal)
+    depths = Benchmark("gallery", dataset, (sample.key,), tuple(corruptions), own_depth=own).depth_to_read()
+    return None if depths is None else depths.depth(sample)
 
 
 def _attacked(
@@ -154,6 +175,7 @@ def _write_strip(
     seed: int,
     scale: str,
     classes: "Mapping[str, type[Corruption]]",
+    depth: "SceneDepth | None",
 ) -> None:
     from ..atomic import write_bytes
     from ..corruptions import load_corruption
@@ -165,7 +187,7 @@ def _write_strip(
     if not isinstance(loaded, FlowModel):
         raise UsageError(f"model '{model}' does not predict from two frames; the strip needs a model that does")
     chosen = [load_corruption(name, scale=scale, classes=classes) for name in corruptions]
-    columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key)
+    columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key, depth)
     write_bytes(output / "strip.webp", draw_strip(sample, columns, model))
     typer.echo(str(output / "strip.webp"))
 

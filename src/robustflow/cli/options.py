@@ -67,6 +67,25 @@ Split = Annotated[
         rich_help_panel=DATA,
     ),
 ]
+Depth = Annotated[
+    Path | None,
+    typer.Option(
+        "--depth",
+        metavar="DIR",
+        help="Your own depth maps for corruptions in three dimensions: named like the frames, .png (16 bits, mm), .npy "
+        "or .pfm (metres).",
+        rich_help_panel=DATA,
+    ),
+]
+Focal = Annotated[
+    float | None,
+    typer.Option(
+        "--focal",
+        metavar="PX",
+        help="With --depth, the focal length in pixels; the width of the frames by default.",
+        rich_help_panel=DATA,
+    ),
+]
 OwnCorruptions = Annotated[
     list[str] | None,
     typer.Option(
@@ -214,6 +233,19 @@ def use_psf_dir(folder: Path | None) -> None:
         if not folder.is_dir():
             raise UsageError(f"--psf-dir {folder}: no such folder; name the one that holds the five .pth stacks")
         os.environ[PSF_DIR] = str(folder.absolute())
+
+
+def data_options(pairs: list[str] | None, depth: Path | None = None, focal: float | None = None) -> dict[str, Any]:
+    """The options of a data set: `KEY=VALUE` texts, and the user's depth maps.
+
+    Raises:
+        UsageError: as for `keyword_options`.
+
+    >>> data_options(["step=2"], Path("maps"), 720.0)
+    {'step': 2, 'depth': PosixPath('maps'), 'focal': 720.0}
+    """
+    own = {"depth": depth, "focal": focal}
+    return dict(keyword_options(pairs)) | {key: value for key, value in own.items() if value is not None}
 
 
 def names(text: str | None) -> list[str] | None:

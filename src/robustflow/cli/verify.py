@@ -11,10 +11,12 @@ from ..errors import UsageError
 from .options import (
     Checkpoint,
     DataOptions,
+    Depth,
     Device,
+    Focal,
     ModelOptions,
     OwnCorruptions,
-    keyword_options,
+    data_options,
     model_options,
     use_own_corruptions,
 )
@@ -32,6 +34,8 @@ def verify(
         typer.Option("--data", "-d", help="Your own copy of the data: corrupted frames are recomputed and compared."),
     ] = None,
     data_option: DataOptions = None,
+    depth: Depth = None,
+    focal: Focal = None,
     model: Annotated[
         str | None,
         typer.Option("--model", "-m", help="The run's model, with --data: some rows are predicted again and compared."),
@@ -74,7 +78,7 @@ def verify(
         raise UsageError("--checkpoint, --device and -O are options of a model: give the model with --model")
     use_own_corruptions(own_corruption)
     spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
-    rows = _Rows(data, dict(keyword_options(data_option)), 20 if check_frames is None else check_frames, seed)
+    rows = _Rows(data, data_options(data_option, depth, focal), 20 if check_frames is None else check_frames, seed)
     frames = rows.compare if data is not None or check_frames is not None or spec is not None else None
     predictions = None if spec is None else partial(rows.compare, model=spec)
     compare_exported = partial(_compare_exported, paths=exported) if exported else None

@@ -56,7 +56,7 @@ class PairDataset(Samples):
     Implements `Dataset` and `Clips`.
     """
 
-    name: str
+    name: str = "folder"
     has_flow: bool = True
     non_occluded: bool = False
     """Whether the ground truth lacks the pixels that are hidden in frame 2, against the data set's own rule."""

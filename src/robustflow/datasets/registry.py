@@ -83,12 +83,13 @@ def needs_folder(name: str) -> bool:
 
 
 def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Make the folders among the options of a data set absolute; other options stay as they are.
+    """Make the folders among the options of a data set absolute, that of the user's depth maps too; other options stay
+    as they are.
 
     >>> with_absolute_paths("robustspring", {"spring": "/data/spring"}), with_absolute_paths("sintel", {"step": 2})
     ({'spring': PosixPath('/data/spring')}, {'step': 2})
     """
-    folders = dataset_facts(name).folder_options
+    folders = ("depth", *dataset_facts(name).folder_options)
     return {key: Path(value).expanduser().absolute() if key in folders else value for key, value in options.items()}
 
 

@@ -34,6 +34,7 @@ class Still(Samples):
     Args:
         dataset: of the frames.
         keys: its pairs to take the frames from.
+        depths: where the depth of its pairs comes from; by default the data set itself, if it has any.
 
     Raises:
         UsageError: its frames were corrupted beforehand, so that a still scene cannot be made of them.
@@ -46,7 +47,7 @@ class Still(Samples):
 
     has_flow = True
 
-    def __init__(self, dataset: Dataset, keys: Iterable[str]) -> None:
+    def __init__(self, dataset: Dataset, keys: Iterable[str], depths: Depths | None = None) -> None:
         if isinstance(dataset, PreCorrupted):
             raise UsageError(
                 f"no still scene can be made of '{dataset.name}', whose frames are corrupted beforehand or as clips; "
@@ -54,6 +55,7 @@ class Still(Samples):
             )
         self.name = dataset.name
         self._dataset = dataset
+        self._own_depths = depths
         frames = {key: _frame_names(dataset, key) for key in keys}
         begin = {first: key for key, (first, _) in reversed(frames.items())}
         end = {second: key for key, (_, second) in reversed(frames.items()) if second not in begin}
@@ -88,6 +90,8 @@ class Still(Samples):
         return self._depths().depth_files(pair_key(key))
 
     def _depths(self) -> Depths:
+        if self._own_depths is not None:
+            return self._own_depths
         if not isinstance(self._dataset, Depths):
             raise no_depth("this corruption", self.name)
         return self._dataset

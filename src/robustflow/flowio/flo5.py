@@ -23,16 +23,24 @@ _INFLATE = 1100
 
 def read_flo5(path: Path) -> tuple[Flow, Mask]:
     """Read a .flo5 file; see `robustflow.flowio.read_flow`."""
+    return known(read_dataset(path, "flow", ".flo5", (2,)))
+
+
+def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) -> Any:
+    """The float dataset of one name in a file of Spring, (H, W, *channels).
+
+    Raises:
+        DataError: no such dataset, or one of another shape; so it is no file of this kind, or it is damaged.
+    """
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:
             # A link or virtual dataset could point at any other file of this machine.
-            if not isinstance(file.get("flow", getlink=True), h5py.HardLink):
-                raise DataError(f"{path}: no dataset 'flow' inside, so not a Spring .flo5 file; check the file")
-            values = _values(h5py, path, file["flow"])
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise DataError(f"{path}: no dataset '{name}' inside, so not a Spring {kind} file; check the file")
+            return _values(h5py, path, file[name], kind, channels)
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
         raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
-    return known(values)
 
 
 def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
@@ -44,17 +52,22 @@ def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
     return buffer.getvalue()
 
 
-def _values(h5py: Any, path: Path, node: Any) -> Any:
+def _values(h5py: Any, path: Path, node: Any, kind: str, channels: tuple[int, ...]) -> Any:
     if not isinstance(node, h5py.Dataset) or node.is_virtual or node.external:
-        raise DataError(f"{path}: 'flow' is not a plain dataset of this file; refused, get the original file")
-    if len(node.shape) != 3 or node.shape[2] != 2 or node.dtype.kind != "f":
-        raise DataError(f"{path}: 'flow' is {node.dtype} {node.shape}; a Spring .flo5 holds float (H, W, 2)")
+        raise DataError(
+            f"{path}: {node.name[1:]!r} is not a plain dataset of this file; refused, get the original file"
+        )
+    if len(node.shape) != 2 + len(channels) or node.shape[2:] != channels or node.dtype.kind != "f":
+        wanted = ", ".join(("H", "W", *map(str, channels)))
+        raise DataError(
+            f"{path}: {node.name[1:]!r} is {node.dtype} {node.shape}; a Spring {kind} holds float ({wanted})"
+        )
     claimed_size(path, node.shape[1], node.shape[0])
     needed = node.size * node.dtype.itemsize
     chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
     stored = node.id.get_storage_size()
     if max(needed, chunk) > _INFLATE * stored:
-        raise DataError(f"{path}: damaged, claims {needed} bytes of flow and stores {stored}; get the file again")
+        raise DataError(f"{path}: damaged, claims {needed} bytes and stores {stored}; get the file again")
     return node[()]
 
 

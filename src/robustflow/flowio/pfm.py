@@ -29,7 +29,7 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
             raise DataError(f"{path}: not a .pfm flow file (no 'PF' header) or cut short; check the file")
         width, height = int(header[1]), int(header[2])
         claimed_size(path, width, height)
-        scale = _scale(path, header[3])
+        scale = scale_of(path, header[3])
         exact_size(path, header.end() + 12 * width * height, path.stat().st_size, width, height)
         file.seek(header.end())
         values = np.fromfile(file, "<f4" if scale < 0 else ">f4")
@@ -44,7 +44,8 @@ def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
     return b"PF\n%d %d\n-1.0\n" % (width, height) + values[::-1].tobytes()
 
 
-def _scale(path: Path, text: bytes) -> float:
+def scale_of(path: Path, text: bytes) -> float:
+    """The scale of a header, 1 or -1; raises a DataError for another."""
     try:
         scale = float(text)
     except ValueError:

@@ -180,6 +180,7 @@ def set_up_frames(
 _REMEDIES = {
     "dataset": "give the data and data options of the run",
     "protocol": "give the data and data options of the run",
+    "depth": "give the depth maps and the focal length of the run with --depth and --focal",
     "psf": "set ROBUSTFLOW_PSF_DIR as the run did",
     "corruptions": "name the run's version of your corruption with --own-corruption",
 }

@@ -49,6 +49,7 @@ class FrameIdentity(_IdentityPart):
         severity_scale: the calibrated scale and its digest; None for the paper's.
         common_draws: whether the severities of a pair share one draw.
         psf: the user's lenses; None for the package's.
+        depth: the digest of the user's depth maps and focal length; None for the data set's own depth.
         corruptions: the user's, and those of installed packages: name -> digest of the source.
         attack_sources: attack -> digest of what decides its frames besides its name, such as another model.
     """
@@ -63,6 +64,7 @@ class FrameIdentity(_IdentityPart):
     severity_scale: Text | None = None
     common_draws: bool = False
     psf: Text | None = None
+    depth: Text | None = None
     corruptions: dict[Text, Text] = {}
     attack_sources: dict[Text, Text] = {}
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ..benchmarks.base import Benchmark
 from ..benchmarks.facts import estimate_remark, moving_name
-from ..datasets.base import Clips, FromClips, PreCorrupted
+from ..corruptions.stack import needs_depth
+from ..datasets.base import Clips, Depths, FromClips, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
@@ -36,7 +37,8 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             f"{folder.path} holds another run ({identity.difference(old.identity)}); "
             "choose another folder with --output"
         )
-    files = {key: _files(plan, key) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
+    depths = _depths_read(plan, old)
+    files = {key: _files(plan, key, depths) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
     samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
     digests = {key: tuple(each) for key, each in file_digests(files).items()}
     _compare_with_list(plan, files, digests)
@@ -55,10 +57,12 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             finished=None,
             environment=environment(),
         ).judged()
+    without = {key: len(_files(plan, key, None)) for key in files}
     changed = sorted(
         key
         for key in samples
-        if old.samples.get(key, samples[key]) != samples[key] or old.file_digests.get(key, digests[key]) != digests[key]
+        if old.samples.get(key, samples[key]) not in (samples[key], samples[key][: without[key]])
+        or old.file_digests.get(key, digests[key]) not in (digests[key], digests[key][: without[key]])
     )
     if changed:
         raise RunError(
@@ -135,7 +139,8 @@ def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[s
 
 def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[str, Path]:
     """The first file of each sample that has changed since the manifest was made."""
-    files = {key: _files(plan, key) for key in keys}
+    depths = _depths_read(plan, manifest)
+    files = {key: _files(plan, key, depths)[: len(manifest.file_digests[key])] for key in keys}
     before, now = manifest.file_digests, file_digests(files)
     each = {key: zip(files[key], before[key], now[key], strict=True) for key in files}
     changed = {key: [path for path, then, today in of_key if then != today] for key, of_key in each.items()}
@@ -149,17 +154,31 @@ def _provenance(before: Provenance, given: Provenance) -> Provenance:
 
 def last_changed(plan: Plan, keys: Iterable[str]) -> str:
     """The sample whose files changed last, by the file system's own clock, which a copied date does not reset."""
-    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key))), default=0))
+    return max(
+        keys,
+        key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key, _depths_read(plan)))), default=0),
+    )
 
 
-def _files(plan: Plan, key: str) -> list[Path]:
-    """The files that a sample is read from."""
+def _files(plan: Plan, key: str, depths: Depths | None) -> list[Path]:
+    """The files that a sample is read from; those of its depth come last."""
     dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
-    if window is None:
-        return files
-    assert isinstance(dataset, Clips)
-    return list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+    if window is not None:
+        assert isinstance(dataset, Clips)
+        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+    return [*files, *_of_depth(depths, key, files)]
+
+
+def _of_depth(depths: Depths | None, key: str, files: Collection[Path]) -> list[Path]:
+    """The files that a sample's depth is read from, and nothing else of it."""
+    return [] if depths is None else [path for path in depths.depth_files(key) if path not in files]
+
+
+def _depths_read(plan: Plan, manifest: Manifest | None = None) -> Depths | None:
+    """Where the depth comes from that a plan reads, or the run did that it continues; None if neither reads any."""
+    earlier = manifest.selection.corruptions if manifest is not None else ()
+    return plan.benchmark.depths if any(map(needs_depth, (*earlier, *plan.benchmark.corruptions))) else None
 
 
 def _names_and_sizes(files: Sequence[Path]) -> tuple[tuple[str, int], ...]:

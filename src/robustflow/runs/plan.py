@@ -140,6 +140,7 @@ class Plan:
                 attacks=ATTACK_VERSION,
                 severity_scale=f"calibrated {calibration_digest()}" if options.severity_scale == "calibrated" else None,
                 common_draws=options.common_draws,
+                depth=self.benchmark.own_depth.digest if self.benchmark.own_depth is not None else None,
                 attack_sources=dict(options.attack_sources),
                 **options.sources,
             ),

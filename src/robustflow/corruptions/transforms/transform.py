@@ -27,7 +27,7 @@ from ...severity import SEVERITIES, check_severity
 from ..api import load_corruption
 from ..base import Corruption
 from ..registry import CLIP, IMAGE_PAIR
-from ..stack import is_stack, levels_of, parse_stack
+from ..stack import is_stack, levels_of, needs_depth, parse_stack
 
 Image = npt.NDArray[Any]
 """uint8, or float32 in [0, 1]; (H, W, 3) RGB, or grey as (H, W) or (H, W, 1)."""
@@ -187,6 +187,8 @@ def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
     for part in parts:
         if part in CLIP:
             raise UsageError(f"{part} needs a whole clip, so a transform cannot apply it; leave it out")
+    if needs_depth(name):
+        raise UsageError(f"{name} needs depth, which a transform is not given; leave it out")
     own = levels_of(name, levels, scale)
     if levels and not own:
         asked = ", ".join(map(str, levels))

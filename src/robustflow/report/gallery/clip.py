@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ...corruptions import CLIP, IMAGE_PAIR, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
-from ...corruptions.stack import levels_of, split_stack
+from ...corruptions.stack import levels_of, needs_depth, split_stack
 from ...datasets.folder import open_folder
 from ...errors import UsageError
 from ...sample import Frame
@@ -96,6 +96,10 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
     if names is not None:
         for name in names:
             parts = [part for part, _ in split_stack(name)]
+            if needs_depth(name):
+                raise UsageError(
+                    f"{name} needs depth, which the frames of a clip do not have; show a pair with --frames"
+                )
             if OBJECT_MOTION in parts:
                 raise UsageError(_NEEDS_MORE)
             if len(parts) > 1 and set(parts) & set(CLIP):

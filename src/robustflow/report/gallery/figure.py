@@ -61,5 +61,7 @@ def caption(cell: CorruptedPicture) -> str:
     """
     if cell.frame is None:
         return cell.name
+    if cell.caption:
+        return f"{cell.name}, {cell.caption}"
     which = " (frame 2)" if cell.index else ""
     return f"{cell.name}{which}  SSIM {cell.ssim:.2f}"

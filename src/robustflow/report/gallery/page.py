@@ -113,6 +113,8 @@ def example_slider(clean: Frame, cells: Iterable[CorruptedPicture], title: str) 
 
 
 def _caption(cell: CorruptedPicture) -> str:
+    if cell.caption:
+        return cell.caption
     return "" if cell.frame is None else f"SSIM {cell.ssim:.2f}" + (", frame 2" * cell.index)
 
 

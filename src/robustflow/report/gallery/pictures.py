@@ -11,7 +11,8 @@ import numpy as np
 from ...corruptions import IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
 from ...corruptions.stack import levels_of
-from ...sample import Frame, Sample
+from ...images.depth_colours import depth_colours
+from ...sample import Frame, Sample, SceneDepth
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class CorruptedPicture:
             on the scale.
         index: which frame that is, 0 or 1.
         ssim: its mean SSIM to the clean frame.
+        caption: shown in place of the SSIM.
     """
 
     name: str
@@ -32,6 +34,7 @@ class CorruptedPicture:
     frame: Frame | None = None
     index: int = 0
     ssim: float = 1.0
+    caption: str = ""
 
 
 def gallery(
@@ -43,6 +46,7 @@ def gallery(
     key: str = "",
     scale: str = "paper",
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
+    depth: SceneDepth | None = None,
 ) -> Iterator[CorruptedPicture]:
     """The cells, corruption by corruption.
 
@@ -53,6 +57,7 @@ def gallery(
         seed, key: of the draws; the frames equal those of `corrupt`.
         scale: "paper" or "calibrated".
         classes: see `load_corruption`.
+        depth: of the pair, for corruptions that need it; shown first.
 
     Raises:
         UsageError: an unknown corruption or scale, or one that needs a clip.
@@ -66,19 +71,26 @@ def gallery(
     wanted = IMAGE_PAIR if corruptions is None else corruptions
     chosen = [load_corruption(name, scale=scale, classes=classes) for name in wanted]
     similarity = [Ssim(frame) for frame in pair]
+    if depth is not None:
+        near, far = (float(bound) for bound in (depth.maps[0].min(), depth.maps[0].max()))
+        shown = depth_colours(depth.maps[0])
+        for severity in severities:
+            yield CorruptedPicture("depth", severity, shown, caption=f"{near:.3g} m (white) to {far:.3g} m")
     for corruption in chosen:
         for severity in severities:
             if severity in levels_of(corruption.name, tuple(severities), scale):
-                frame, index = _changed(pair, corruption, severity, seed, key)
+                frame, index = _changed(pair, corruption, severity, seed, key, depth)
                 yield CorruptedPicture(corruption.name, severity, frame, index, similarity[index](frame))
             else:
                 yield CorruptedPicture(corruption.name, severity)
 
 
-def _changed(pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str) -> tuple[Frame, int]:
+def _changed(
+    pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str, depth: SceneDepth | None
+) -> tuple[Frame, int]:
     """The first frame that changed (one of the two is not exposed), or the first one."""
     unchanged = pair[0]
-    for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key)):
+    for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key, depth=depth)):
         if not np.array_equal(frame, pair[index]):
             return frame, index
     return unchanged, 0

@@ -16,7 +16,7 @@ from ...images.flow_colours import flow_colours, flow_radius
 from ...images.io import shrunk
 from ...images.sparse import thickened
 from ...metrics.error_maps import epe_map
-from ...sample import Flow, Frame, Sample
+from ...sample import Flow, Frame, Sample, SceneDepth
 
 _COLUMN_IN = 2.0
 _CAPTION_IN = 0.22
@@ -42,7 +42,7 @@ class StripColumn:
 
 def strip_columns(
     pair: Sequence[Frame], predict: Callable[[Frame, Frame], Flow], corruptions: Sequence[Corruption],
-    severity: int, seed: int = 0, key: str = "",
+    severity: int, seed: int = 0, key: str = "", depth: SceneDepth | None = None,
 ) -> list[StripColumn]:  # fmt: skip
     """The clean pair and each corruption of it at a severity, with the model's flow.
 
@@ -54,10 +54,11 @@ def strip_columns(
         corruptions: loaded.
         severity: 1 to 5.
         seed, key: of the draws.
+        depth: of the pair, for corruptions that need it.
     """
     columns = [StripColumn("clean", pair[0], predict(pair[0], pair[1]))]
     for corruption in corruptions:
-        first, second = corrupt_clip(pair, corruption, severity, seed, key)
+        first, second = corrupt_clip(pair, corruption, severity, seed, key, depth=depth)
         shown = second if np.array_equal(first, pair[0]) else first
         columns.append(StripColumn(corruption.name, shown, predict(first, second)))
     return columns

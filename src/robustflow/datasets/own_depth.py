@@ -1,0 +1,120 @@
+"""The user's own depth maps for a data set: `--depth DIR`.
+
+A frame `clip/frame_0001.png` has its map at `DIR/clip/frame_0001` or `DIR/frame_0001`, ending in .png (16 bits, grey,
+millimetres), .npy or .pfm (metres); zero, NaN and infinite where nothing was measured.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError, UsageError
+from ..flowio.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
+from ..images.io import IMAGE_SUFFIXES
+from ..layout import user_path
+from ..sample import Camera, Sample, SceneDepth
+from .base import Dataset
+from .depth import scene_depth
+from .still import SharesFrames
+
+_READERS = {".png": read_depth_png, ".npy": read_depth_npy, ".pfm": read_depth_pfm}
+_FOLDERS = 3
+"""The most folders above a frame that may be repeated in DIR."""
+
+
+class OwnDepth:
+    """Maps for the frames of a data set. Implements `Depths`.
+
+    Args:
+        folder: of the maps.
+        dataset: of the frames, which must be files.
+        focal: the focal length in pixels; by default the width of the frames, a horizontal field of view of 53 degrees.
+
+    Raises:
+        UsageError: no such folder, or a focal length that is none.
+    """
+
+    def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
+        self._folder, self._dataset = user_path(folder), dataset
+        if not self._folder.is_dir():
+            raise UsageError(f"--depth {self._folder}: no such folder; name the one that holds a map for every frame")
+        if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
+            raise UsageError(f"--focal {focal}: the focal length in pixels, above 0")
+        self._focal = focal
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`. The principal point is the middle of the frame; the motion of the camera is unknown."""
+        height, width = sample.shape
+        focal = float(width) if self._focal is None else float(self._focal)
+        first, second = (_read(path) for path in self._maps(sample.key))
+        camera = Camera((focal, focal), ((width - 1) / 2, (height - 1) / 2))
+        return scene_depth(first, second, camera, f"{self._folder}, sample '{sample.key}'", sample.shape)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        return list(dict.fromkeys(self._maps(key)))
+
+    @cached_property
+    def digest(self) -> str:
+        """16 hexadecimal digits that identify the maps of all samples, and the focal length."""
+        whole = hashlib.blake2b(repr(self._focal).encode(), digest_size=8)
+        for key in list(self._dataset.keys()):
+            for frame in self._frames(key):
+                path = self._map(frame)
+                if path is not None:
+                    with open(path, "rb") as file:
+                        whole.update(hashlib.file_digest(file, hashlib.blake2b).digest())
+        return whole.hexdigest()
+
+    def _maps(self, key: str) -> tuple[Path, Path]:
+        found = []
+        for frame in self._frames(key):
+            path = self._map(frame)
+            if path is None:
+                raise DataError(
+                    f"{self._folder}: no depth map for {frame}; expected {frame.stem} with the ending "
+                    f"{', '.join(_READERS)}, in the folder itself or in {frame.parent.name}/"
+                )
+            if (other := self._owners.get(path)) is not None and other != frame:
+                raise DataError(
+                    f"{path}: the map of both {other} and {frame}; put the maps into folders named like those of the "
+                    "frames"
+                )
+            found.append(path)
+        return found[0], found[1]
+
+    @cached_property
+    def _owners(self) -> dict[Path, Path]:
+        """The first frame that each map is for."""
+        owners: dict[Path, Path] = {}
+        for key in list(self._dataset.keys()):
+            for frame in self._frames(key):
+                if (path := self._map(frame)) is not None:
+                    owners.setdefault(path, frame)
+        return owners
+
+    def _frames(self, key: str) -> tuple[Path, ...]:
+        dataset = self._dataset
+        names = dataset.frame_names(key) if isinstance(dataset, SharesFrames) else tuple(dataset.files(key)[:2])
+        frames = tuple(Path(name) for name in names if isinstance(name, Path))
+        if len(frames) != 2 or any(frame.suffix.lower() not in IMAGE_SUFFIXES for frame in frames):
+            raise UsageError(
+                f"--depth names maps after the files of the frames, and those of '{dataset.name}' are not pictures; "
+                "give a folder of pictures"
+            )
+        return frames
+
+    def _map(self, frame: Path) -> Path | None:
+        above = frame.parent.parts[-_FOLDERS:]
+        places = [self._folder.joinpath(*above[start:]) for start in range(len(above) + 1)]
+        named = (place / f"{frame.stem}{suffix}" for place in places for suffix in _READERS)
+        return next((path for path in named if path.is_file() and path != frame), None)
+
+
+def _read(path: Path) -> Values:
+    values = _READERS[path.suffix](path)
+    return values / np.float32(1000) if path.suffix == ".png" else values

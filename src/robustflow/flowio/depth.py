@@ -1,0 +1,154 @@
+"""Depth and disparity maps: 16-bit grey PNG, .npy, one-channel .pfm, Sintel's .dpt and Spring's .dsp5.
+
+The values are those of the file, in its own unit; what is not known is zero, NaN or infinite. Files may come from
+anyone: sizes are checked before anything is allocated, and nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DataError, first_line
+from ..images.intact import check_png, check_png_rows
+from .arrays import claimed_size, exact_size
+from .flo5 import read_dataset
+from .pfm import scale_of
+
+Values = npt.NDArray[np.float32]
+"""float32 (H, W)."""
+
+_PFM = re.compile(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
+_SINTEL = np.float32(202021.25)
+
+
+def read_depth_png(path: Path) -> Values:
+    """The numbers of a 16-bit grey PNG, 0 to 65535.
+
+    Raises:
+        DataError: another kind of PNG, or a damaged file.
+    """
+    with _readable(path):
+        data = path.read_bytes()
+        header = check_png(path, data)
+        claimed_size(path, header.width, header.height)
+        if header.bits != 16 or header.channels != 1:
+            raise DataError(
+                f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is no map of depth or disparity; "
+                "that is a 16-bit grey PNG"
+            )
+        try:
+            raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:
+            raw = None
+        if raw is None or raw.dtype != np.uint16 or raw.shape != (header.height, header.width):
+            raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
+        check_png_rows(path, data, raw)
+        return raw.astype(np.float32)
+
+
+def read_depth_npy(path: Path) -> Values:
+    """A NumPy array of real numbers, (H, W).
+
+    Raises:
+        DataError: other contents, or another length than the header says.
+    """
+    with _readable(path), open(path, "rb") as file:
+        version = np.lib.format.read_magic(file)
+        readers: dict[tuple[int, int], Callable[..., Any]] = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }
+        if version not in readers:
+            raise DataError(f"{path}: .npy of version {'.'.join(map(str, version))}; save it with numpy.save")
+        shape, fortran, dtype = readers[version](file)
+        if len(shape) != 2 or dtype.kind not in "fiu":
+            raise DataError(f"{path}: {dtype} {shape} is no depth map; give real numbers of shape (H, W)")
+        claimed_size(path, shape[1], shape[0])
+        exact_size(path, file.tell() + dtype.itemsize * shape[0] * shape[1], path.stat().st_size, shape[1], shape[0])
+        values = np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")
+    return _as_float(values)
+
+
+def read_depth_pfm(path: Path) -> Values:
+    """A one-channel portable float map, whose rows run from the bottom to the top.
+
+    Raises:
+        DataError: another file, or a damaged one.
+    """
+    with _readable(path), open(path, "rb") as file:
+        header = _PFM.match(file.read(128))
+        if header is None:
+            raise DataError(f"{path}: not a one-channel .pfm file ('Pf'), or cut short; check the file")
+        width, height = int(header[1]), int(header[2])
+        claimed_size(path, width, height)
+        order = "<f4" if scale_of(path, header[3]) < 0 else ">f4"
+        exact_size(path, header.end() + 4 * width * height, path.stat().st_size, width, height)
+        file.seek(header.end())
+        return np.fromfile(file, order).reshape(height, width)[::-1].astype(np.float32)
+
+
+def read_dpt(path: Path) -> Values:
+    """Sintel's .dpt: the number 202021.25, width and height as int32, and float32 rows; little-endian.
+
+    Raises:
+        DataError: another file, or a damaged one.
+    """
+    with _readable(path), open(path, "rb") as file:
+        start = file.read(12)
+        if len(start) < 12 or np.frombuffer(start[:4], "<f4")[0] != _SINTEL:
+            raise DataError(f"{path}: not a Sintel .dpt file, or cut short; copy or download it again")
+        width, height = np.frombuffer(start[4:], "<i4").tolist()
+        claimed_size(path, width, height)
+        exact_size(path, 12 + 4 * width * height, path.stat().st_size, width, height)
+        return np.fromfile(file, "<f4").reshape(height, width).astype(np.float32)
+
+
+def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Sintel's .cam: the number 202021.25 as float32, then intrinsics (3, 3) and extrinsics (3, 4), which take the
+    world to the camera, float64; little-endian.
+
+    Raises:
+        DataError: another file, or a damaged one.
+    """
+    with _readable(path):
+        data = path.read_bytes() if path.stat().st_size == 4 + 8 * 21 else b""
+        numbers = np.frombuffer(data, "<f8", offset=4) if data[:4] == _SINTEL.astype("<f4").tobytes() else None
+        if numbers is None or not np.isfinite(numbers).all():
+            raise DataError(f"{path}: not a Sintel .cam file, or damaged; copy or download it again")
+        return numbers[:9].reshape(3, 3), numbers[9:].reshape(3, 4)
+
+
+def read_dsp5(path: Path) -> Values:
+    """Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); needs extra `h5`.
+
+    Raises:
+        DataError: another file, or a damaged one.
+    """
+    return _as_float(read_dataset(path, "disparity", ".dsp5", ()))
+
+
+def _as_float(values: npt.NDArray[Any]) -> Values:
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(values, np.float32)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Errors of the file system and of NumPy's header in one sentence."""
+    if not path.is_file():
+        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
+        raise DataError(f"{path}: {why}")
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
+        raise DataError(f"{path}: damaged or cut short ({first_line(error)}); copy it again") from error

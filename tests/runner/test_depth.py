@@ -1,0 +1,180 @@
+"""Runs with corruptions that need depth: where it comes from, what it identifies, and what has none."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import robustflow as rf
+from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks.export import export
+from robustflow.corruptions import corrupt
+from robustflow.datasets import load_dataset
+from robustflow.errors import DataError, RunError, UsageError
+from robustflow.images.io import read_image
+from robustflow.models import ModelSpec
+from robustflow.runner.recheck import recheck
+from robustflow.runner.setup import restore_setup
+from robustflow.runs.run import Run
+from robustflow.runs.source import RunSource
+from robustflow.sample import Camera, SceneDepth
+from robustflow.testing import TexturePairs
+
+SHAPES = {"pairs": 2, "size": "64x96"}
+NAMES = ("contrast", "fog_3d", "fog+fog_3d:2")
+
+
+def run(output, benchmark="shapes", data=None, corruptions=NAMES, options=SHAPES, model="dis", **others):
+    return rf.evaluate(
+        model, benchmark, data, output, corruptions=corruptions, severities=[2, 5], data_options=options,
+        examples=False, workers=others.pop("workers", 1), **others,
+    )  # fmt: skip
+
+
+class FilesOfDepth(TexturePairs):
+    """A data set of a user's, whose depth is a file with one number."""
+
+    name = "files_of_depth"
+
+    def __init__(self, folder):
+        super().__init__(1)
+        self._folder = Path(folder)
+
+    def depth(self, sample):
+        metres = np.full(sample.shape, 10 * int(self.depth_files(sample.key)[0].read_bytes()), np.float32)
+        return SceneDepth((metres, metres), (metres > 0, metres > 0), Camera((50.0, 50.0), (20.0, 20.0)))
+
+    def depth_files(self, key):
+        return [self._folder / f"{key}.depth"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("depth") / "run")
+
+
+@pytest.fixture
+def maps(clip_folder, tmp_path):
+    """Depth for every frame of `clip_folder`."""
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    for number in range(6):
+        np.save(folder / f"{number}.npy", np.full((48, 64), 10 + 5 * number, np.float32))
+    return folder
+
+
+def test_engines_and_halves_make_the_same_rows(whole, tmp_path):
+    assert run(tmp_path / "processes", engine="processes", workers=2).rows.equals(whole.rows)
+    run(tmp_path / "half", corruptions=NAMES[:1])
+    assert run(tmp_path / "half").rows.equals(whole.rows)
+    device = ModelSpec("tests.runner.test_confidence:Sure", (("device", "cuda:0"),))
+    staged = run(tmp_path / "staged", model=device, engine="processes", batch_size=2).rows
+    assert staged.sort("sample", "corruption", "severity")["frames_digest"].equals(
+        whole.rows.sort("sample", "corruption", "severity")["frames_digest"]
+    )
+
+
+def test_frames_of_a_run_are_those_of_corrupt_and_of_verify_and_of_export(whole, tmp_path):
+    assert "14 of 14 rows" in recheck(whole.manifest.identity, whole.rows, options=SHAPES, count=100)
+    data = load_dataset("shapes", **SHAPES)
+    benchmark = load_benchmark("shapes", options=SHAPES).narrowed(["fog_3d"], [5])
+    list(export(benchmark, tmp_path / "frames"))
+    for sample in data:
+        pair = corrupt(*sample.frames, "fog_3d", 5, key=sample.key, depth=data.depth(sample))
+        for number, frame in zip((10, 11), pair, strict=True):
+            written = tmp_path / "frames" / "fog_3d_5" / "val" / "image_2" / f"{sample.key}_{number}.png"
+            np.testing.assert_array_equal(read_image(written), frame)
+
+
+def test_the_paper_and_family_means_leave_corruptions_in_depth_out(whole):
+    summary = whole.summary
+    assert summary.corruptions["fog_3d"].family is None
+    assert set(summary.families) == {"digital"}
+    assert summary.paper is None
+
+
+def test_depth_is_not_read_where_nothing_needs_it(monkeypatch, tmp_path):
+    from robustflow.datasets.shapes.dataset import FlyingShapes
+
+    monkeypatch.setattr(FlyingShapes, "depth", lambda self, sample: pytest.fail("depth was read"))
+    assert run(tmp_path / "run", corruptions=["contrast"]).rows.height == 6
+
+
+@pytest.mark.parametrize("name", ["fog_3d", "fog+fog_3d:2"])
+def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder, tmp_path, name):
+    with pytest.raises(UsageError, match=r"needs the depth of the scene, which 'folder' does not have.*--depth DIR"):
+        run(tmp_path / "run", "folder", clip_folder, [name], {})
+    assert not (tmp_path / "run").exists()
+    benchmark = load_benchmark("folder", clip_folder).narrowed([name], [1])
+    with pytest.raises(UsageError, match="--depth DIR"):
+        list(export(benchmark, tmp_path / "frames"))
+
+
+def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
+    with pytest.raises(UsageError, match=r"only the two frames of a pair have, and this model sees 5"):
+        run(
+            tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps},
+            model=ModelSpec("tests.runner.models_for_tests:FiveFrames"),
+        )  # fmt: skip
+
+
+def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps, tmp_path):
+    first = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
+    assert first.manifest.identity.frames.depth
+    assert len(first.manifest.samples["0"]) == 4  # both frames and their maps
+    again = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": str(maps)})
+    assert again.rows.equals(first.rows)
+    focal = run(tmp_path / "focal", "folder", clip_folder, ["fog_3d"], {"depth": maps, "focal": 99})
+    assert focal.manifest.identity.frames != first.manifest.identity.frames
+
+    np.save(maps / "3.npy", np.full((48, 64), 44, np.float32))
+    with pytest.raises(RunError, match="depth"):
+        run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
+    other = run(tmp_path / "two", "folder", clip_folder, ["fog_3d"], {"depth": maps})
+    digests = [result.rows.filter(pl.col("corruption") == "fog_3d")["frames_digest"] for result in (first, other)]
+    assert 0 < (digests[0] == digests[1]).sum() < len(digests[0])
+    with pytest.raises(RunError, match="give the depth maps and the focal length of the run"):
+        recheck(first.manifest.identity, first.rows, clip_folder, options={"depth": maps})
+    assert "rows" in recheck(other.manifest.identity, other.rows, clip_folder, options={"depth": maps}, count=50)
+
+
+def test_a_finished_run_is_set_up_again_with_its_own_maps(clip_folder, maps, tmp_path):
+    run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
+    setup = restore_setup(Run(tmp_path / "one"), RunSource.read(tmp_path / "one"))
+    assert setup.options.depth.depth(setup.dataset.load("0")).maps[0][0, 0] == 10
+
+
+def test_a_still_scene_takes_the_users_maps(clip_folder, maps, tmp_path):
+    result = run(tmp_path / "still", "folder", clip_folder, ["fog_3d"], {"depth": maps}, still=True)
+    assert result.rows.height == 6 * 3
+    assert result.manifest.identity.frames.depth
+
+
+def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_folder, maps, tmp_path):
+    with pytest.raises(UsageError, match="none of the corruptions needs depth"):
+        run(tmp_path / "run", "folder", clip_folder, ["fog"], {"depth": maps})
+    with pytest.raises(UsageError, match="give --depth DIR"):
+        run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"focal": 50})
+    with pytest.raises(UsageError, match="no such folder"):
+        run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": tmp_path / "nowhere"})
+    (maps / "5.npy").unlink()
+    with pytest.raises(DataError, match=r"no depth map for .*5\.png"):
+        run(tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps})
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps(tmp_path):
+    """Of still scenes of a data set whose depth is in further files."""
+    module = "tests.runner.test_depth:FilesOfDepth"
+    options = {"folder": str(tmp_path)}
+    (tmp_path / "0.depth").write_bytes(b"1")
+    begun = run(tmp_path / "run", data=module, benchmark="demo", corruptions=["contrast"], options=options)
+    assert len(begun.manifest.samples["0"]) == 0
+    both = run(tmp_path / "run", data=module, benchmark="demo", corruptions=["fog_3d"], options=options)
+    assert [name for name, _ in both.manifest.samples["0"]] == ["0.depth"]
+    assert set(both.summary.corruptions) == {"contrast", "fog_3d"}
+    run(tmp_path / "run", data=module, benchmark="demo", corruptions=["contrast"], options=options)
+    (tmp_path / "0.depth").write_bytes(b"2")
+    with pytest.raises(RunError, match="made from other files for sample '0'"):
+        run(tmp_path / "run", data=module, benchmark="demo", corruptions=["fog_3d"], options=options)
