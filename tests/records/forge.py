@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from typing import Any
 
 import polars as pl
 
@@ -46,6 +47,24 @@ def with_rows(data: bytes, edit: Callable[[pl.DataFrame], pl.DataFrame]) -> byte
     return sealed(entries | {"rows.csv": rows_to_text(edit(rows_from_text(entries["rows.csv"])))})
 
 
+def put(*path: str | int, value: object) -> Edit:
+    """An edit that puts a value at a place in a document of JSON."""
+
+    def edit(document: Any) -> None:
+        for name in path[:-1]:
+            document = document[name]
+        document[path[-1]] = value
+
+    return edit
+
+
+def at(condition: pl.Expr, **values: pl.Expr) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    """An edit that changes columns of the rows for which a condition holds."""
+    return lambda rows: rows.with_columns(
+        pl.when(condition).then(value).otherwise(pl.col(name)).alias(name) for name, value in values.items()
+    )
+
+
 def verified(data: bytes) -> Verification:
     return verify_read(Reader(data, "test.robustflow"))
 
@@ -61,3 +80,10 @@ def failure(data: bytes) -> tuple[str, str]:
         assert "\n" not in one.message
         assert len(one.message) <= 600
     return check.name, check.message
+
+
+def assert_fails(data: bytes, check: str, words: str = "") -> None:
+    """That a check fails first, and says some words."""
+    name, message = failure(data)
+    assert name == check, message
+    assert words in message

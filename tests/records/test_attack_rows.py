@@ -1,0 +1,68 @@
+"""Rows of attacks in a record: they come back, and a forged one is noticed."""
+
+from __future__ import annotations
+
+import polars as pl
+import pytest
+
+from robustflow.api import evaluate, load_run
+from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA
+from robustflow.records.pack import record_bytes
+
+from .forge import assert_fails, at, failure, verified, with_json, with_rows
+
+_SQUARE = pl.col("corruption") == "square:queries=3"
+
+
+@pytest.fixture(scope="module")
+def attacked_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("attacked") / "run"
+    chosen = {"corruptions": "contrast", "severities": 1, "attacks": "square:queries=3"}
+    return evaluate("farneback", "demo", output=folder, **chosen)
+
+
+@pytest.fixture(scope="module")
+def attacked(attacked_run) -> bytes:
+    return record_bytes(attacked_run)
+
+
+def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
+    found = verified(attacked)
+    (tmp_path / "run.robustflow").write_bytes(attacked)
+    loaded = load_run(tmp_path / "run.robustflow")
+
+    assert found.ok, found.first_failure()
+    assert any("no check repeats them" in sentence for sentence in found.unproven)
+    assert loaded.attack_rows.sort(ROW_KEY).equals(attacked_run.attack_rows.sort(ROW_KEY))
+    assert loaded.rows.sort(ROW_KEY).equals(attacked_run.rows.sort(ROW_KEY))
+    assert loaded.summary == attacked_run.summary
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "check", "says"),
+    [
+        (_SQUARE, {"attack_linf": 1.5}, "measurements", "beyond its budget"),
+        (pl.col("corruption") == "random_gauss", {"attack_rms": 0.51}, "measurements", "beyond its budget"),
+        (_SQUARE, {"attack_capped_sum": 1e9}, "measurements", "above the error"),
+        (_SQUARE, {"attack_warnings": "fine"}, "measurements", "a warning that there is not"),
+        (_SQUARE, {"attack_rms": None}, "measurements", "numbers of the attack are missing"),
+        (_SQUARE, {"attack_way_gone": 2.0}, "measurements", "beyond its target"),
+        (_SQUARE, {"attack_evaluations": -1}, "rows", "below 0"),
+        (_SQUARE, {"epe_sum": 0.0}, "measurements", ""),
+        (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements", "of an attack and is none"),
+    ],
+)
+def test_a_forged_row_of_an_attack_is_noticed(attacked, where, change, check, says):
+    values = {name: pl.lit(value, ROW_SCHEMA[name]) for name, value in change.items()}
+    assert_fails(with_rows(attacked, at(where, **values)), check, says)
+
+
+def test_attacks_that_are_missing_or_unknown_are_noticed(attacked):
+    def attacks(names):
+        return lambda manifest: manifest["selection"].update(attacks=names)
+
+    kept = ["random_sign", "random_gauss", "square:queries=3"]
+    assert failure(with_rows(attacked, lambda rows: rows.filter(~_SQUARE)))[0] == "cells"
+    assert "attacks without random_sign" in failure(with_json(attacked, "manifest.json", attacks(kept[1:])))[1]
+    assert failure(with_json(attacked, "manifest.json", attacks([*kept, kept[2]])))[1] == "an attack is selected twice"
+    assert failure(with_json(attacked, "manifest.json", attacks([*kept, "os:system"])))[0] == "manifest"
