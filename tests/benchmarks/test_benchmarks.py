@@ -28,7 +28,7 @@ from robustflow.cli.main import app
 from robustflow.cli.tables import print_result
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.datasets.split import kitti_split
-from robustflow.errors import DataError, RunError, UsageError
+from robustflow.errors import DataError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
@@ -39,32 +39,6 @@ from robustflow.testing import ZeroFlow
 from tests.made_rows import changed_identity, made_run, rows_frame
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
-
-
-def make_kitti(root, pairs: int) -> None:
-    """A folder as KITTI-2015 is distributed, of photographs that move by (3, 1)."""
-    texture = data.astronaut()
-    for folder in ("image_2", "flow_occ", "flow_noc"):
-        (root / "training" / folder).mkdir(parents=True)
-    for number in range(pairs):
-        x = number % 100
-        for frame, (dx, dy) in (("10", (0, 0)), ("11", (3, 1))):
-            crop = texture[10 - dy : 74 - dy, 10 + x - dx : 138 + x - dx, ::-1]
-            cv2.imwrite(str(root / "training" / "image_2" / f"{number:06d}_{frame}.png"), crop)
-        flow = np.broadcast_to(np.float32([3, 1]), (64, 128, 2))
-        valid = np.ones((64, 128), bool)
-        valid[:20] = False
-        rf.write_flow(root / "training" / "flow_occ" / f"{number:06d}_10.png", flow, valid)
-        valid = valid.copy()
-        valid[:, 100:] = False
-        rf.write_flow(root / "training" / "flow_noc" / f"{number:06d}_10.png", flow, valid)
-
-
-@pytest.fixture(scope="module")
-def kitti(tmp_path_factory):
-    root = tmp_path_factory.mktemp("kitti")
-    make_kitti(root, 3)
-    return root
 
 
 def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
@@ -166,14 +140,6 @@ def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, says):
     assert re.search(says, str(warning.message))
 
 
-def test_a_part_of_the_released_kitti_fc_says_how_much_is_missing(kitti, tmp_path):
-    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1]), tmp_path))
-    with pytest.warns(
-        UserWarning, match=r"77 of KITTI-FC's 80 pairs are not in .*clean.val; the number is not KITTI-FC's"
-    ):
-        load_benchmark("kitti-fc", tmp_path)
-
-
 def test_a_split_file_chooses(kitti, tmp_path):
     (tmp_path / "split.txt").write_text("000002\n")
     assert load_benchmark("kitti-fc", kitti, tmp_path / "split.txt").keys == ("000002",)
@@ -236,64 +202,11 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
         load_benchmark("sintl", kitti)
 
 
-def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
-    chosen = ["high_light", "impulse_noise"]
-    benchmark = load_benchmark("kitti-fc", kitti).narrowed(chosen, [2, 3], 2)
-    written = list(export(benchmark, tmp_path / "fc", seed=5))
-    assert len(written) == 2 * (1 + 2 * 2)
-    assert all(step.fresh for step in written)
-    assert (tmp_path / "fc" / "brightness_2" / "val" / "image_2" / "000001_11.png").is_file()
-
-    released = rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released")
-    direct = rf.evaluate(DIS, benchmark, output=tmp_path / "direct", seed=5)
-    assert released.rows.equals(direct.rows)
-    assert released.summary.regions["occ"].epe_clean is not None
-
-
-def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
-    chosen = load_benchmark("kitti-fc", kitti).narrowed(["impulse_noise", "spatter"], [1, 4], 1)
-    direct = rf.evaluate(DIS, chosen, output=tmp_path / "direct", seed=5, common_draws=True)
-    made = ["export", "kitti-fc", "-d", kitti, "-c", "impulse_noise,spatter", "-s", "1,4", "--limit", 1, "--seed", 5]
-    done = CliRunner().invoke(app, [*map(str, made), "--common-draws", "-o", str(tmp_path / "fc")])
-    assert done.exit_code == 0, done.output
-    assert rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released").rows.equals(direct.rows)
-    with pytest.raises(RunError, match="holds another export"):
-        list(export(chosen, tmp_path / "fc", seed=5))
-
-
-def test_an_export_continues_and_never_mixes(kitti, tmp_path):
-    benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
-    list(export(benchmark, tmp_path / "fc"))
-    frame = tmp_path / "fc" / "contrast_1" / "val" / "image_2" / "000001_11.png"
-    before = frame.read_bytes()
-    frame.unlink()
-    assert [step.fresh for step in export(benchmark, tmp_path / "fc")] == [False, True]
-    assert frame.read_bytes() == before
-    with pytest.raises(RunError, match="holds another export"):
-        list(export(benchmark, tmp_path / "fc", seed=1))
-
-
-def test_a_released_folder_is_not_topped_up(kitti, tmp_path):
-    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1, 3], 1), tmp_path / "fc"))
-    released = load_benchmark("kitti-fc", tmp_path / "fc")
-    assert (released.corruptions, released.severities) == (("contrast",), (1, 3))
-    with pytest.raises(UsageError, match="corrupted beforehand"):
-        released.narrowed(["fog"])
-    with pytest.raises(DataError, match="no corruption"):
-        load_benchmark("kitti-fc", _only_clean(tmp_path))
-
-
-def _only_clean(tmp_path):
-    (tmp_path / "fc" / "contrast_1").rename(tmp_path / "moved_1")
-    (tmp_path / "fc" / "contrast_3").rename(tmp_path / "moved_3")
-    return tmp_path / "fc"
-
-
 def test_ground_truth_without_a_valid_pixel(kitti, tmp_path):
-    make_kitti(tmp_path, 1)
+    shutil.copytree(kitti / "training", tmp_path / "training")
     nothing = np.zeros((64, 128), bool)
-    for name in ("flow_occ", "flow_noc"):
-        rf.write_flow(tmp_path / "training" / name / "000000_10.png", np.zeros((64, 128, 2), np.float32), nothing)
+    for path in tmp_path.glob("training/flow_*/000000_10.png"):
+        rf.write_flow(path, np.zeros((64, 128, 2), np.float32), nothing)
     with pytest.raises(DataError, match="no pixel"):
         rf.evaluate(DIS, "kitti-fc", tmp_path, tmp_path / "run", corruptions=["contrast"])
 
@@ -347,16 +260,6 @@ def test_an_identity_is_the_same_from_version_to_version(kitti):
     plain = Plan(benchmark, RunOptions(seed=3), {"name": "dis"}).identity()
     assert (plain.measuring.version, plain.frames.seed, plain.frames.benchmark) == (2, 3, "kitti-fc")
     assert common == changed_identity(plain, common_draws=True)
-
-
-def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
-    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path))
-    benchmark = load_benchmark("kitti-fc", tmp_path)
-    assert benchmark.dataset.name == "kitti_fc_released"
-    identity = Plan(benchmark, RunOptions(), {"name": "dis"}).identity()
-    assert identity.frames.dataset == "kitti_fc", "as runs before the renaming have it"
-    with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
-        load_benchmark("kitti_fc_released", tmp_path)
 
 
 def test_the_quick_subset_ranks_the_published_models_as_all_corruptions_do():

@@ -1,0 +1,85 @@
+"""Corrupted benchmarks as files: written, continued, and read back to the same rows."""
+
+import pytest
+from typer.testing import CliRunner
+
+import robustflow as rf
+from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks.export import export
+from robustflow.cli.main import app
+from robustflow.errors import DataError, RunError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.runs.plan import Plan, RunOptions
+
+DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+
+
+def test_a_part_of_the_released_kitti_fc_says_how_much_is_missing(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1]), tmp_path))
+    with pytest.warns(
+        UserWarning, match=r"77 of KITTI-FC's 80 pairs are not in .*clean.val; the number is not KITTI-FC's"
+    ):
+        load_benchmark("kitti-fc", tmp_path)
+
+
+def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
+    chosen = ["high_light", "impulse_noise"]
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(chosen, [2, 3], 2)
+    written = list(export(benchmark, tmp_path / "fc", seed=5))
+    assert len(written) == 2 * (1 + 2 * 2)
+    assert all(step.fresh for step in written)
+    assert (tmp_path / "fc" / "brightness_2" / "val" / "image_2" / "000001_11.png").is_file()
+
+    released = rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released")
+    direct = rf.evaluate(DIS, benchmark, output=tmp_path / "direct", seed=5)
+    assert released.rows.equals(direct.rows)
+    assert released.summary.regions["occ"].epe_clean is not None
+
+
+def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
+    chosen = load_benchmark("kitti-fc", kitti).narrowed(["impulse_noise", "spatter"], [1, 4], 1)
+    direct = rf.evaluate(DIS, chosen, output=tmp_path / "direct", seed=5, common_draws=True)
+    made = ["export", "kitti-fc", "-d", kitti, "-c", "impulse_noise,spatter", "-s", "1,4", "--limit", 1, "--seed", 5]
+    done = CliRunner().invoke(app, [*map(str, made), "--common-draws", "-o", str(tmp_path / "fc")])
+    assert done.exit_code == 0, done.output
+    assert rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released").rows.equals(direct.rows)
+    with pytest.raises(RunError, match="holds another export"):
+        list(export(chosen, tmp_path / "fc", seed=5))
+
+
+def test_an_export_continues_and_never_mixes(kitti, tmp_path):
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
+    list(export(benchmark, tmp_path / "fc"))
+    frame = tmp_path / "fc" / "contrast_1" / "val" / "image_2" / "000001_11.png"
+    before = frame.read_bytes()
+    frame.unlink()
+    assert [step.fresh for step in export(benchmark, tmp_path / "fc")] == [False, True]
+    assert frame.read_bytes() == before
+    with pytest.raises(RunError, match="holds another export"):
+        list(export(benchmark, tmp_path / "fc", seed=1))
+
+
+def test_a_released_folder_is_not_topped_up(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1, 3], 1), tmp_path / "fc"))
+    released = load_benchmark("kitti-fc", tmp_path / "fc")
+    assert (released.corruptions, released.severities) == (("contrast",), (1, 3))
+    with pytest.raises(UsageError, match="corrupted beforehand"):
+        released.narrowed(["fog"])
+    with pytest.raises(DataError, match="no corruption"):
+        load_benchmark("kitti-fc", _only_clean(tmp_path))
+
+
+def _only_clean(tmp_path):
+    (tmp_path / "fc" / "contrast_1").rename(tmp_path / "moved_1")
+    (tmp_path / "fc" / "contrast_3").rename(tmp_path / "moved_3")
+    return tmp_path / "fc"
+
+
+def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path))
+    benchmark = load_benchmark("kitti-fc", tmp_path)
+    assert benchmark.dataset.name == "kitti_fc_released"
+    identity = Plan(benchmark, RunOptions(), {"name": "dis"}).identity()
+    assert identity.frames.dataset == "kitti_fc", "as runs before the renaming have it"
+    with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
+        load_benchmark("kitti_fc_released", tmp_path)
