@@ -89,7 +89,7 @@ def _scattered(flow: Any, valid: Any, x: float, y: float) -> Any:
 
 
 def ours(frames: Any, flow: Any, valid: Any, drawn: Augmentation) -> Any:
-    """As `train` does it."""
+    """Augment as `train` does."""
     (first, second), flow, valid = apply_augmentation(frames, flow, valid, drawn)
     return first, second, flow, valid
 

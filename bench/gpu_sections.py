@@ -23,7 +23,8 @@ PAPER = (
 NEWEST = ("ptlflow:sea_raft_s", "ptlflow:dpflow", "ptlflow:rpknet", "ptlflow:neuflow2", "ptlflow:waft_twins_a2")
 MEASURED = ("raft", "flowformer", "ptlflow:sea_raft_s")
 TOLERANCES = {"fp32": 2e-3, "batched": 1e-3, "tf32": 0.01, "bf16": 0.03}
-"""Of the flow's largest component (at least 1 px): the largest difference in fp32, the mean one in the others."""
+"""Tolerances relative to the flow's largest component (at least 1 px): of the largest difference in fp32, of the mean
+one in the others."""
 GOAL = 1.05
 """Wall time over the model's own, after the first row."""
 

@@ -69,7 +69,7 @@ def still(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 def benchmark(cells: int) -> Benchmark:
-    """As many samples as make about that many cells."""
+    """A benchmark with enough samples for about that many cells."""
     data = Tiny(max(1, cells // 101))
     return Benchmark("tiny", data, tuple(data.keys()), tuple(CORRUPTIONS))
 

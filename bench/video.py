@@ -53,7 +53,7 @@ def _cpu() -> float:
 
 
 def by_program(ffmpeg: str, raw: Path, out: Path, encoding: Encoding) -> Callable[[], object]:
-    """The same encode by the ffmpeg program, one thread."""
+    """Encode with the ffmpeg program, one thread."""
     options = [part for name, value in encoding.options for part in (f"-{name}", value)]
     source = [
         "-f",

@@ -19,7 +19,7 @@ from robustflow.cli.main import app
 from robustflow.errors import AssetError
 
 _METRICS = ("epe", "fl_all", "rcre")
-"""Those of `robustflow.metrics` that are for a user's arrays."""
+"""The functions of `robustflow.metrics` for a user's arrays."""
 
 
 def surface() -> list[str]:

@@ -12,7 +12,7 @@ NETWORKS = SOURCE / "models" / "networks"
 
 
 def classes_by_name(source: Path, without: Path) -> dict[str, list[str]]:
-    """Where each class is defined at the top of a file; a leading underscore does not make another name."""
+    """The files that define each class at their top level; a leading underscore does not make a different name."""
     places = defaultdict(list)
     for path in sorted(source.rglob("*.py")):
         if without not in path.parents:

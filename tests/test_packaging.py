@@ -53,7 +53,7 @@ def test_an_extra_resolves_to_its_pins(extra):
 @pytest.mark.slow
 @pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench", "optics-test"}))
 def test_an_installer_finds_no_conflict_between_the_pins(extra, tmp_path):
-    """Of what the extra needs and what that needs in turn. Two extras say themselves that they go elsewhere."""
+    """Installs an extra and everything it needs. Two extras state that they need another place."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)

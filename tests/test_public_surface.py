@@ -7,7 +7,7 @@ from .public_surface import surface
 
 KNOWN = Path(__file__).with_name("public_surface.txt").read_text(encoding="utf-8").splitlines()
 TORCH = find_spec("torch") is not None
-"""Without it there is no `TorchModel` to look at."""
+"""Without it there is no `TorchModel`."""
 
 
 def test_nothing_disappears():

@@ -30,7 +30,7 @@ class FolderOfModules:
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """Where a top-level module is in the folder."""
+        """The file of a top-level module in the folder."""
         folder = os.environ.get(MODULES)
         if folder is None or path is not None or name in sys.stdlib_module_names:
             return None

@@ -62,7 +62,7 @@ def test_both_numbers_are_given():
 
 
 def test_cre_against_exact_decimal_arithmetic():
-    """The same check in decimals, without a tolerance of floating point: the very same cells misfit."""
+    """The same check in exact decimals finds the same cells."""
     rows = values_frame(published_results()).filter(benchmark="kitti-fc")
     number = {
         (r["metric"], r["setting"], r["model"], r["corruption"]): Decimal(f"{r['value']:.2f}")

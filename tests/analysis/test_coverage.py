@@ -118,7 +118,7 @@ _UNEQUAL = np.maximum(1, np.round(np.exp(np.random.default_rng(2).normal(1.2, 1.
 
 
 def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -> dict[object, float]:
-    """Of the interval of CREr, and of one whose two tails are those of CREr itself, over the same samples.
+    """Coverage of CREr's interval, and of one whose tails are those of CREr itself, over the same samples.
 
     `of_sequence` is the sigma of the logarithm of the factor by which corruption multiplies a sequence's errors.
     """

@@ -19,7 +19,7 @@ _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAI
 
 
 def _reference(names=_ON_DISK, **changed):
-    """As benchmark.py makes it: numpy's mean of [[]] is NaN, and json.dump writes it so."""
+    """A file as benchmark.py writes it: NumPy's mean of [[]] is NaN, and json.dump writes NaN."""
     content = {"clean": {"CRE": [[]], "rCRE": [[]], "clean_EPE": [3.5], "corrupt_EPE": [[]], "CRE_mean": math.nan}}
     for number, name in enumerate(names):
         cre = [(number + 1) * severity / 10 for severity in range(1, 6)]

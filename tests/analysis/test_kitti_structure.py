@@ -44,8 +44,8 @@ def _mean(values: np.ndarray, groups: np.ndarray, seed: int, symmetric: bool) ->
 
 
 def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[str, tuple[float, float]]:
-    """By grouping ("pairs", "drives"): percent of 95 % intervals of a mean that contain it, and of tests at 5 % that
-    call two equally good models different.
+    """For each grouping ("pairs", "drives"), the percentage of 95 % intervals of a mean that contain it, and of tests
+    at 5 % that call two equally good models different.
 
     Difficulties are log-normal; `shared` of the variance of the logarithm is the drive's.
     """

@@ -225,7 +225,7 @@ def test_models_of_equal_error_have_no_correlation():
 
 
 def _of_pairs(results, pairs):
-    """The same lines, as if measured on so many pairs."""
+    """The lines as if measured on `pairs` pairs."""
     run = SimpleNamespace(summary=SimpleNamespace(samples=pairs))
     return [replace(line, run=run) for line in results]
 

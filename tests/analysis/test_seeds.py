@@ -1,4 +1,4 @@
-"""Where a score varies, the ranking with ties, and the order of models under other conditions."""
+"""The sources of a score's variance, the ranking with ties, and the order of models under other conditions."""
 
 from __future__ import annotations
 

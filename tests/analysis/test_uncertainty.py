@@ -179,7 +179,7 @@ def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
 
 
 def test_an_interval_leans_to_where_the_tail_is():
-    """Of skewed errors the mean may be far higher, and hardly lower: percentile intervals lean the other way."""
+    """The mean of skewed errors may be much higher but hardly lower; percentile intervals lean the other way."""
     found = intervals(_rows(30)).filter(metric="epe", corruption="average").row(0, named=True)
     assert found["high"] - found["estimate"] > found["estimate"] - found["low"]
 

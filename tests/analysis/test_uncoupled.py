@@ -90,7 +90,7 @@ def test_the_median_does_not_follow_one_image():
 
 
 def test_the_partial_correlation_is_that_of_what_the_motion_leaves():
-    """Against residuals of a least-squares fit of ranks, which is what the formula stands for."""
+    """The formula equals the correlation of the residuals of a least-squares fit of ranks."""
     rows = _rows(7, 40)
     corrupted = (
         rows.filter(pl.col("corruption") == "fog").group_by("sample").agg(pl.col("epe_sum").mean()).sort("sample")

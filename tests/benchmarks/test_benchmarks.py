@@ -49,7 +49,7 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
 
 @pytest.fixture
 def only_noc(kitti, tmp_path):
-    """The same pairs with `flow_noc/` alone."""
+    """The same pairs with only `flow_noc/`."""
     root = tmp_path / "noc"
     for folder in ("image_2", "flow_noc"):
         shutil.copytree(kitti / "training" / folder, root / "training" / folder)

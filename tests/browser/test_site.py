@@ -227,7 +227,7 @@ def test_everything_by_keyboard(opened):
 
 
 def test_pointing_at_a_mark_names_it(opened):
-    """At the middle of a bubble, where a dot is drawn over it."""
+    """The model named in the middle of a bubble, where a dot is drawn over it."""
     page = opened("leaderboard", reduced_motion="reduce")
     _kitti(page)
     mark = page.locator("svg.chart .mark[data-label^='RAFT (ID): clean EPE 1.81 px, CRE 6.70 px']")

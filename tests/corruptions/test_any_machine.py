@@ -1,4 +1,4 @@
-"""The same bytes on a processor of 2003 as on this one: every compiled path held to the oldest instructions."""
+"""Corruptions give the same bytes with the instructions of a processor of 2003 as on this one."""
 
 import os
 import platform

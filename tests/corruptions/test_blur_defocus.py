@@ -22,7 +22,7 @@ def opencv_kernel(radius, smoothing):
 
 
 def disk_kernel(radius, smoothing):
-    """The same in numpy, for any radius and smoothing: float64 (n, n), n at least 17."""
+    """The kernel in NumPy, for any radius and smoothing: float64 (n, n), n at least 17."""
     edge = max(int(radius), 8)
     axis = np.arange(-edge, edge + 1)
     disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)

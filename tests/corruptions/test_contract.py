@@ -76,7 +76,7 @@ def test_black_and_white_frames(name, value):
 
 
 class _NotToBeUsed:
-    """In place of a generator: any use of it is an error."""
+    """Takes the place of a generator: any use of it is an error."""
 
     def __getattribute__(self, name):
         raise AssertionError(f"the generator is used: {name}")
@@ -94,7 +94,7 @@ def draws_nothing(name):
 
 
 def test_which_corruptions_draw_nothing():
-    """Of the paper's: these have no random parameter."""
+    """The paper's corruptions without a random parameter."""
     fixed = {name for name in IMAGE_PAIR if draws_nothing(name)}
     assert fixed == {
         "jpeg_compression", "pixelate", "contrast", "saturate", "high_light", "low_light", "gaussian_blur",

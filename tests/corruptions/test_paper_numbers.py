@@ -48,7 +48,7 @@ CODE = {
         (0.55, 0.3, 2.5, 0.85, 12, 12, 0.55),
     ),
 }
-"""Where the paper gives none: the reference code's."""
+"""Parameters that the paper does not give, from the reference code."""
 
 
 @pytest.mark.parametrize("name", [*PAPER, *CODE])

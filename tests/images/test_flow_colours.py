@@ -17,7 +17,7 @@ STRETCHES = (15, 6, 4, 11, 13, 6)
 
 
 def _naive_wheel() -> list[list[int]]:
-    """As the paper's software builds it: six loops, each moving one channel."""
+    """The colour wheel as the paper's software builds it: six loops, each changing one channel."""
     ry, yg, gc, cb, bm, mr = STRETCHES
     wheel = [[255, 255 * i // ry, 0] for i in range(ry)]
     wheel += [[255 - 255 * i // yg, 255, 0] for i in range(yg)]

@@ -81,7 +81,7 @@ def test_a_jpeg_with_something_behind_it_is_a_jpeg(tmp_path: Path) -> None:
 
 
 def test_jpegs_that_others_wrote_are_read() -> None:
-    """Of packages that come with pictures, from many cameras and programs."""
+    """Pictures of installed packages, from many cameras and programs."""
     import matplotlib
     import skimage
 

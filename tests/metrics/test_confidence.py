@@ -67,8 +67,8 @@ def test_rank_correlation_equals_scipy(case):
 
 
 def test_a_random_confidence_scores_what_theory_gives():
-    """Of a random order every rest has the mean error, so the area is that mean less the oracle's mean height; for
-    errors uniform in 0..1, of which the oracle keeps the smallest share p with mean p / 2, that is 1/2 - 1/4."""
+    """In a random order every remainder has the mean error, so the area is that mean minus the oracle's mean height;
+    for errors uniform in 0..1, of which the oracle keeps the smallest share p with mean p / 2, that is 1/2 - 1/4."""
     rng = np.random.default_rng(0)
     errors = (np.arange(100_000) + 0.5) / 100_000
     expected = errors.mean() - sparsification(errors, -errors).by_error.mean()

@@ -9,7 +9,7 @@ import pytest
 from ..shared_data import shared_root
 
 NO_CASE = "none"
-"""Where there is no pack, or no case of this ending, one test remains, which skips with the reason."""
+"""Without a pack, or without a case with this ending, one test remains, which skips with the reason."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

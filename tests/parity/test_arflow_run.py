@@ -21,7 +21,8 @@ PACK = "arflow"
 
 @pytest.fixture
 def checkpoint(pack, tmp_path):
-    """As the authors save it: the weights among what their trainer keeps, from a network on several GPUs."""
+    """A file as the authors save it: the weights among their trainer's other entries, from a network on several
+    GPUs."""
     state = {f"module.{key}": value for key, value in pack.fill(ARFlow()).state_dict().items()}
     torch.save({"epoch": 1000, "state_dict": state}, tmp_path / "pwclite_ar.tar")
     return tmp_path / "pwclite_ar.tar"

@@ -9,7 +9,7 @@ from robustflow.video.flavr import FLAVR
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "flavr"
 TOLERANCE = 2e-5
-"""Of values in 0..1, as the pack's README states."""
+"""Tolerance for values in 0..1, from the pack's README."""
 
 
 def compare(pack, case, expected, n_outputs):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import torch
 
 BIAS, FREE = 0.03, 0.2
-"""Of rule v2, where a keys file leaves them out."""
+"""Defaults of rule v2, for keys files that leave them out."""
 
 
 def weights(keys: Path) -> dict[str, np.ndarray]:

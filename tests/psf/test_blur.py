@@ -36,7 +36,7 @@ def point_field(shift_rows: int = 0) -> PsfField:
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_error_against_exact_kernels_is_below_rounding(severity):
-    """On a photograph, in grey levels, at points all over it."""
+    """Errors on a photograph in grey levels, at points all over it."""
     field, frame = shipped_field(severity), skimage.data.astronaut()
     rng = np.random.default_rng(severity)
     got = blur(frame, field)
@@ -137,7 +137,7 @@ def test_mirrored_images_blur_to_mirrored_images():
 
 
 def test_no_edge_shows_where_tiles_meet():
-    """On a ramp, second differences of the blur stay as small between nodes as elsewhere."""
+    """Second differences of a blurred ramp are as small between nodes as elsewhere."""
     ramp = np.broadcast_to((np.arange(250) // 1)[None, :, None], (180, 250, 3)).astype(np.uint8)
     got = blur(ramp, shipped_field(5))[40:-40, 40:-40]
     assert np.abs(np.diff(got, 2, axis=1)).max() < 0.05

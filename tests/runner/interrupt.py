@@ -6,5 +6,5 @@ import signal
 
 
 def hears_ctrl_c() -> None:
-    """In a process as it starts: take Ctrl-C, also where the tests themselves run in the background, deaf to it."""
+    """Accept Ctrl-C in a starting process, even if the tests run in the background, where it is ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

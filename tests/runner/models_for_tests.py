@@ -94,7 +94,7 @@ class BlackensPairs:
 
 
 def ends_the_program(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """As a script's own reading of arguments does."""
+    """Exits as a script's own argument parser does."""
     raise SystemExit(2)
 
 

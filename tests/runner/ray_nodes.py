@@ -41,7 +41,7 @@ class Nodes:
         return node
 
     def kill(self, node) -> None:
-        """As a power failure does."""
+        """Stops the node as a power failure would."""
         self._cluster.remove_node(node, allow_graceful=False)
         self.alive.remove(node)
 

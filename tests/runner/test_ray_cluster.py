@@ -197,7 +197,7 @@ def _height(folder: Path) -> int:
 
 
 def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
-    """Nothing is left to compute on for a while; who joins late goes on with the rest."""
+    """For a while no node is left; one that joins late continues with the rest."""
     options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         run = other.submit(_run, tmp_path / "run", frames, **options)

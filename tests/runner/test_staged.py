@@ -48,7 +48,7 @@ def _predictions(log):
 
 
 def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypatch):
-    """On two devices, of which one has two feeders."""
+    """A run on two devices, one of which has two feeders."""
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(device="cuda:0,cuda:1"), workers=3)
     assert staged.rows.equals(whole.rows)
@@ -82,7 +82,7 @@ def test_a_clip_reaches_a_multi_frame_model_in_order(clip_folder, tmp_path, mode
 
 
 def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
-    """Of a device that never answers; larger frames have fewer slots."""
+    """A feeder whose device never answers; larger frames have fewer slots."""
     size = (700, 1000)
     driver, theirs = multiprocessing.Pipe()
     device, link = multiprocessing.Pipe()

@@ -250,7 +250,7 @@ def test_order_of_rows_changes_no_byte(rows, averaging, rng: random.Random):
 
 
 def _naive_mean(pairs, averaging):
-    """Of (sum, count) per image."""
+    """The mean from (sum, count) per image."""
     pairs = [(total, n) for total, n in pairs if n]
     if not pairs:
         return None

@@ -26,7 +26,7 @@ from robustflow.training.schedules import rate_of
 from ..parity.weight_rule import digest, weights
 
 STEPS = 200
-"""Of the training that every pack's schedule is for."""
+"""Length of the training for which every pack's schedule is made."""
 
 
 @dataclass(frozen=True)

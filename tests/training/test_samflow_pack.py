@@ -19,7 +19,8 @@ from .pack_steps import STEPS, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
-"""Of both steps, relative; of a gradient, of its largest; of the weights in the end. All from the pack's README."""
+"""Tolerances from the pack's README: of both steps, relative; of a gradient, relative to its largest value; of the
+final weights."""
 NO_GRADIENT = ("k_proj.bias", ".k.bias")
 """Parameters whose true gradient is 0: softmax cancels what is added to every score."""
 

@@ -50,9 +50,9 @@ EACH_STEP = pytest.mark.parametrize(
 _LOSS = {"flowdiffuser": (2e-6, 1e-3)}
 """Relative tolerance of the loss in the first step and in later ones, where it is not (1e-6, 1e-4)."""
 _NORM = {"flowdiffuser": (1e-4, 1e-3)}
-"""Of the norm of all gradients, likewise, where it is not 1e-4."""
+"""Relative tolerance of the norm of all gradients in the first step and in later ones, where it is not 1e-4."""
 _GRADIENT = {"flowdiffuser": 5e-4}
-"""Of the largest value of a gradient, where it is not 1e-3."""
+"""Tolerance of a gradient relative to its largest value, where it is not 1e-3."""
 ROUNDING = 1e-6
 """Gradients of parameters without effect (biases before a norm, or of keys that softmax compares) are rounding."""
 
@@ -295,7 +295,7 @@ def _far_reach(patch, network, batch):
     ],
 )
 def test_flowdiffuser_from_another_start_is_rejected(monkeypatch, mistake, change):
-    """By the change of the loss that the README gives."""
+    """Rejected by the change of the loss that the README gives."""
     network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
     wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
     right = pack_of("flowdiffuser").header["cases"]["things"]["loss"][0]

@@ -139,8 +139,8 @@ def test_gradients_of_the_first_step_are_the_originals(case):
 
 @pytest.mark.parametrize("case", CASES)
 def test_loss_of_the_originals_flows_has_the_originals_gradient_at_every_pixel(case, monkeypatch):
-    """Not of the network's own flows: smoothness has a kink where two neighbouring vectors are equal, and a flow that
-    is rounded differently lies on either side of it."""
+    """Uses given flows instead of the network's: smoothness has a kink where two neighbouring vectors are equal, and a
+    flow that is rounded differently lies on either side of it."""
     arrays, recipe, expected = pack().arrays, recipe_of(case), pack().header["cases"][case]["terms"][0]
     ways = ("forward", "backward")
     flows = [torch.from_numpy(arrays[f"flow_{way}"]).requires_grad_() for way in ways]
@@ -208,7 +208,7 @@ def test_frames_fetched_from_the_crop_are_rejected():
 
 
 def test_photometric_terms_of_visible_pixels_alone_are_rejected():
-    """By the factors that the README gives; its census is divided by twice the number of visible pixels."""
+    """Rejected by the factors that the README gives; its census is divided by twice the number of visible pixels."""
     expected, settings = pack().header["cases"]["paper"]["terms"][0], recipe_of("paper").objective
     wrong = dict.fromkeys(("photometric", "census"), 0.0)
     with torch.no_grad():

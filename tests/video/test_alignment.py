@@ -35,7 +35,7 @@ def ruined(packets, indices) -> list[Packet]:
 
 @pytest.mark.parametrize("amount", [50_000_000, 1_000_000, 100_000, 20_000, 5_000, 2_000])
 def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
-    """Where no frame needs another, whatever was not hit must come out as if nothing had happened, in its place."""
+    """If no frame needs another, every frame that was not hit is decoded as if nothing had happened, in its place."""
     clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, lossless("ultrafast", every_frame=True))
     pictures = clips.pictures(COUNT, HEIGHT, WIDTH)
     stream = corrupted_stream(clip, "bit_error", amount)
@@ -75,7 +75,7 @@ def test_lost_first_picture_shows_the_first_that_decodes(tmp_path):
 
 
 def test_lost_first_idr_of_a_predicted_stream(tmp_path):
-    """Nothing can be shown until the next frame that stands alone; from there on everything is in its place."""
+    """Nothing can be shown until the next intra-coded frame; from there on everything is in its place."""
     ten = Encoding("gop of ten", (*lossless("veryfast").options, ("g", "10")))
     clip = clips.clip(tmp_path / "a.mp4", 30, encoding=ten)
     shown, fill = decode(clip, ruined(read_packets(clip), {0}))

@@ -62,7 +62,7 @@ _SLOW = pytest.mark.slow
     "encoding", [crf(30), pytest.param(abr(200_000), marks=_SLOW), pytest.param(lossless("medium"), marks=_SLOW)]
 )
 def test_memory_that_nobody_wrote_does_not_matter(encoding):
-    """The same stream whatever the allocator hands out: x264's fastest code fails this (see `codec.EXACT`)."""
+    """The stream does not depend on what the allocator returns; x264's fastest code fails this (see `codec.EXACT`)."""
     code = f"""
 import hashlib, sys
 from fractions import Fraction

@@ -37,7 +37,7 @@ def test_rotation_is_applied(tmp_path, rotation, quarter):
 
 @pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])
 def test_frames_by_number_are_turned_too(tmp_path, rotation, quarter):
-    """As a phone writes a film; the frames of a run on it are those that a player shows."""
+    """A film as a phone writes it; a run on it uses the frames that a player shows."""
     image = np.zeros((32, 64, 3), np.uint8)
     image[:8, :16] = 255
     path = video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)
@@ -106,7 +106,7 @@ def test_cut_short(tmp_path, options):
 
 
 def test_damage_inside_is_not_passed_over(tmp_path):
-    """With nothing but garbage in the middle, a picture may be missing; the count is checked."""
+    """If the middle is garbage, pictures may be missing; their number is checked."""
     path = video(tmp_path / "a.mp4", clips.frames(30, 96, 128), options={"movflags": "faststart"})
     data = bytearray(path.read_bytes())
     start = data.find(b"mdat") + 4

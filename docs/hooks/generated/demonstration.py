@@ -90,7 +90,7 @@ def clean_pair(clip: bool) -> tuple[Any, Any, Any, Any]:
 
 @cache
 def _depth() -> Any:
-    """Of the demonstration pair."""
+    """Make the pictures of the demonstration pair."""
     data = load_dataset(KEY)
     return data.depth(data.load(KEY))
 

@@ -39,7 +39,7 @@ def files(measured: Mapping[str, Numbers]) -> dict[str, str | bytes]:
 
 
 def path(family: str) -> str:
-    """Of the page of a family."""
+    """The path of a family's page."""
     return f"{FOLDER}/{family}/index.md"
 
 

@@ -142,7 +142,7 @@ def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | 
 
 
 def _compared(scores: list[AttackScore]) -> list[AttackScore]:
-    """With the gain over noise, and the warnings that follow from several attacks."""
+    """Add the gain over noise, and the warnings that follow from several attacks."""
     by_cell = {(score.attack, score.severity): score.strength for score in scores}
     compared = []
     for score in scores:

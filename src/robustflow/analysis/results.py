@@ -8,4 +8,4 @@ __all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS"]
 
 AVERAGE = "average"
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
-"""In pixels, except the last, which has no unit."""
+"""Metrics in pixels, except the last, which has no unit."""

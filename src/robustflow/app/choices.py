@@ -35,7 +35,7 @@ class Models:
 
     @property
     def names(self) -> list[str]:
-        """In the order they are offered."""
+        """Model names in the order in which the page offers them."""
         return list(self._specs)
 
     @property

@@ -31,7 +31,7 @@ os.kill(int(sys.argv[1]), signal.SIGKILL)
 
 
 def end_after_signal() -> None:
-    """From now on SIGINT and SIGTERM end this process after `SECONDS` at the latest, whatever its threads do.
+    """Make SIGINT and SIGTERM end this process after at most `SECONDS`, whatever its threads do.
 
     The other process ends with this one: nobody holds the other end of its pipe then.
     """

@@ -12,7 +12,7 @@ from typing import Any, cast
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEADER_SECONDS = 10.0
-"""From the first byte, or from the opening of the connection, to the end of the headers."""
+"""Seconds a client has to send its headers, from its first byte or from opening the connection."""
 
 
 class TimedProtocol(H11Protocol):

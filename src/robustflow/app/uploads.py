@@ -23,7 +23,7 @@ from ..video.container import open_video
 from .pairs import OnePair, PairSource, UploadedClip
 
 MAX_BYTES = 64 * 2**20
-"""Of one upload, all files together."""
+"""Size of all files of one upload together."""
 
 MAX_PIXELS = 3840 * 2160
 """Of a frame."""

@@ -31,7 +31,7 @@ MOVED = ("both", "first", "second", "joint")
 _SLACK = 1e-6
 """Relative rounding error up to which float images are inside a ball."""
 _HALVINGS = 30
-"""Of the interval that the factor for 8-bit frames is searched in."""
+"""Halvings of the interval in which the factor for 8-bit frames is searched."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class Ball:
         return self.project(self._whole_length(images))
 
     def _whole_length(self, images: Images) -> Images:
-        """With "rms", the change brought to the ball's surface, before values are cut to 0..1."""
+        """With "rms", scale the change to the ball's surface, before values are cut to 0..1."""
         size = self.size_of(images - self.clean)
         if self.norm != "rms" or size == 0:
             return images

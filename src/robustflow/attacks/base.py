@@ -156,7 +156,8 @@ class Attack(ABC):
 
     @property
     def trains(self) -> str:
-        """On what it is trained before it is tried: a number of samples, or a file that names them; empty for most."""
+        """What it is trained on before it is used: a number of samples, or a file that names them; empty for most
+        attacks."""
         return ""
 
     @property

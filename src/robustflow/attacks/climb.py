@@ -8,7 +8,7 @@ from .problem import Problem
 
 
 def start_of(problem: Problem, rng: Rng, at_random: bool) -> Images:
-    """Where an attack begins: the clean pair, or a random one of the ball.
+    """The pair from which an attack begins: the clean one, or a random one in the ball.
 
     At the clean frames the distance to the clean flow is zero and has no direction, so an attack against that flow
     always begins at random.

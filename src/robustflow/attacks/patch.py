@@ -131,7 +131,7 @@ class Disc:
 
 
 def diameter(problem: Problem) -> int:
-    """Of the largest disc inside the budget, pixels.
+    """The side of the largest disc inside the budget, pixels.
 
     Raises:
         DataError: it is larger than the frames, or smaller than a pixel.

@@ -22,10 +22,10 @@ BOXES = ("change", "clipping")
 _INSIDE = 1e-7
 """How far the change of variables stays away from 0 and 1."""
 _WEIGHT = 2500.0
-"""Of the penalty, over the bound; 1.5 times that for a target that is not zero."""
+"""Weight of the penalty, over the bound; 1.5 times this for a target that is not zero."""
 _SATURATED = 0.05
 _ITERATIONS = 10
-"""Of LBFGS in each step."""
+"""Iterations of LBFGS in each step."""
 
 
 @dataclass(frozen=True, kw_only=True)

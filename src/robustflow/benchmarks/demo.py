@@ -12,7 +12,7 @@ from .base import Benchmark
 from .facts import BenchmarkFacts
 
 DEMO_CLASSES = {"frost": GeneratedFrost}
-"""Of the demo pair's corruptions, those that would otherwise download something."""
+"""The corruptions of the demo pair that would otherwise download something."""
 
 
 class Demo:

@@ -66,7 +66,7 @@ class BenchmarkFacts(Frozen):
 
 
 NON_OCCLUDED: dict[str, Any] = {"ground_truth": "non-occluded"}
-"""In the protocol of a run whose ground truth lacks the pixels that are hidden in frame 2."""
+"""Entry in the protocol of a run whose ground truth lacks the pixels that are hidden in frame 2."""
 
 
 def truth_remark(protocol: Mapping[str, Any]) -> str:

@@ -128,7 +128,7 @@ class FromClips(Protocol):
     """A `PreCorrupted` data set that makes its frames from whole clips on demand."""
 
     def with_variant(self, variant: str) -> Dataset:
-        """The same data with another variant of the corruptions' parameters."""
+        """The same data with a different variant of the corruptions' parameters."""
 
     def clip_records(self) -> list[dict[str, Any]]:
         """The effects of each corruption on a clip so far (bytes changed, frames lost, "warnings"), for the

@@ -14,7 +14,7 @@ _MARKS = {
     "flyingthings3d": ("frames_cleanpass", "frames_finalpass", "train/image_clean"),
     "gopro-fc": ("gopro_fc.json",),
 }
-"""For each benchmark, what is in its folder and in no other's."""
+"""For each benchmark, what only its folder contains."""
 
 
 def benchmark_of_folder(root: Path) -> str | None:

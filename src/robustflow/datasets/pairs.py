@@ -177,7 +177,7 @@ def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
 
 
 def _walk(step: Mapping[Path, Path], frame: Path, most: int) -> list[Path]:
-    """At most so many frames after `frame`, in the direction of `step`."""
+    """Up to `most` frames after `frame`, in the direction of `step`."""
     neighbours: list[Path] = []
     while len(neighbours) < most and frame in step:
         frame = step[frame]

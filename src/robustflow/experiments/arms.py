@@ -42,7 +42,7 @@ def members(family: str) -> list[str]:
 
 
 def arms() -> list[Arm]:
-    """Without corruptions, with all, and with all families but one.
+    """The arms: without corruptions, with all, and with all families but one.
 
     >>> [arm.name for arm in arms()]
     ['plain', 'all', 'no_noise', 'no_weather']

@@ -41,4 +41,4 @@ SECONDARY = tuple(Hypothesis(family, "rcre") for family in LEFT_OUT)
 DATASET = "shapes"
 """The data set that they are tested on."""
 LEVEL = 0.05
-"""Of the two primary tests together."""
+"""Significance level of the two primary tests together."""

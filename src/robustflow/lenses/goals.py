@@ -36,7 +36,7 @@ SPECIFICATIONS = (
     Specification(3, 2, 22.0, 2.0, 0.1588),
     Specification(4, 4, 20.0, 2.0, 0.1939),
 )
-"""Of severities 1 to 5 (RMS radii: the paper, appendix, PSF blur)."""
+"""Specifications of severities 1 to 5 (RMS radii: the paper, appendix, PSF blur)."""
 
 
 def goal_of(severity: int) -> tuple[Specification, Goal]:

@@ -1,4 +1,4 @@
-"""From the free numbers of a lens to the residuals of its merit function, and one damped least-squares step.
+"""Compute the residuals of a lens's merit function from its free numbers, and one damped least-squares step.
 
 The free numbers are the curvatures of the glass surfaces times the focal length, the gaps over the focal length, and
 the distance of the sensor from paraxial focus in mm. The lens is scaled to its focal length before it is judged.

@@ -16,7 +16,7 @@ _PLACE = np.arange(SIZE) - SIZE // 2.0
 
 
 class Moments(NamedTuple):
-    """Of each PSF, in pixels, float64 (64, 3).
+    """Statistics of each PSF, in pixels, float64 (64, 3).
 
     Attributes:
         x, y: centroid from the middle of the window; y grows away from the image centre.

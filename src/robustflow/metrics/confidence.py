@@ -190,7 +190,7 @@ def _curve(errors: Values, key: Values) -> Values:
 
 
 def _ends_of_ties(ordered: Values) -> npt.NDArray[np.int64]:
-    """Where equal values begin and end: 0, ..., their number."""
+    """Indices at which runs of equal values begin, with the total number at the end."""
     changes = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
     return np.concatenate(([0], changes, [ordered.size]))
 

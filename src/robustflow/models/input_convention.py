@@ -25,7 +25,7 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
     "0-255": (_NONE, 1.0),
     "imagenet": (_MEAN, (1 / _STD[0], 1 / _STD[1], 1 / _STD[2])),
 }
-"""By name: what is subtracted from RGB values 0..255, and the factor for the difference."""
+"""By name: the mean that is subtracted from RGB values 0..255, and the factor for the difference."""
 _SMALLEST, _LARGEST = 4, 2**15
 """Range of the sides of a fixed input, in pixels. A smaller number would be one of channels; a larger one needs more
 memory than there is."""

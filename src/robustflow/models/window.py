@@ -51,7 +51,7 @@ class Window(NamedTuple):
         return tuple(offset for offset in wanted if offset in there)
 
     def record(self) -> dict[str, Any]:
-        """For a run's identity."""
+        """The window in a run's identity."""
         return self._asdict()
 
 

@@ -27,7 +27,7 @@ from .verify import verify_read
 LIST = "records.json"
 RECORDS = "records"
 VERSION = 3
-"""Of `records.json`."""
+"""Version of `records.json`."""
 
 
 @dataclass(frozen=True)

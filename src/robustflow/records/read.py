@@ -125,7 +125,7 @@ class Reader:
         return f"run {digest}"
 
     def _check_extent(self) -> None:
-        """At least one corruption of one sample is planned, and not more rows than a record may hold."""
+        """Check that at least one corruption of one sample is planned, and no more rows than a record may hold."""
         selection = self.plan.selection
         if not (self.plan.samples and selection.corruptions and selection.severities):
             raise DataError("manifest.json: samples, corruptions and severities have to have at least 1 entry each")

@@ -93,7 +93,7 @@ def attack_table(run: Run) -> Table | None:
 
 
 def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
-    """At which budget each attack doubles the error, in words."""
+    """Say at which budget each attack doubles the error."""
     known = {name: budget_at_double(scores, name, clean) for name in dict.fromkeys(score.attack for score in scores)}
     each = [f"{name} {budget:.2g}" for name, budget in known.items() if budget is not None]
     return f"The clean error doubles at these budgets, in grey levels: {', '.join(each)}." if each else ""

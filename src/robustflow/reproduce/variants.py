@@ -10,7 +10,7 @@ from ..errors import UsageError, unknown_name
 from ..models.catalog import methods
 
 _RUN_AS = {"DIS": "dis_rgb"}
-"""Where the paper's name is that of another model here: it ran the authors' DIS on colours (docs/dis-rgb.md)."""
+"""Names of the paper that mean a different model here: it ran the authors' DIS on colours (docs/dis-rgb.md)."""
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ def recheck(
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
-    """By how many pixels the mean errors, or the mean changes against the clean flow, of two rows differ."""
+    """The difference in pixels between the mean errors, or the mean changes against the clean flow, of two rows."""
     gaps = [0.0]
     for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all")):
         if made[total] is None or row[total] is None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 Seconds = dict[str, float]
-"""By "load", "corrupt", "attack", "predict", "measure"."""
+"""Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure"."""
 
 
 def no_seconds() -> Seconds:

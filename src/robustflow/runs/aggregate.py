@@ -1,4 +1,4 @@
-"""From rows to means, by the paper's averaging and by pooled pixels.
+"""Average rows, by the paper's rule and over pooled pixels.
 
 The paper averages over the pixels of an image, then images, then severities, then corruptions (section "Robustness
 Metrics"). A run's mean is over the corruptions that were requested; the paper's mean, over its 20 or 24, is given in

@@ -17,7 +17,7 @@ from ..sample import Flow, Frame
 _SHAPES = ((128, 160), (121, 147))
 """An even size, and one that is a multiple of nothing."""
 BATCH_TOLERANCE = 1e-4
-"""By how many pixels a batch may change a flow; see `BatchedFlowModel`."""
+"""Pixels by which a batch may change a flow; see `BatchedFlowModel`."""
 
 
 class ConstantFlow:

@@ -12,7 +12,7 @@ from .data.loader import Batch
 from .recipe import Recipe
 
 DENOISING_STEPS = 1000
-"""Of FlowDiffuser's schedule."""
+"""Steps of FlowDiffuser's noise schedule."""
 
 
 def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:

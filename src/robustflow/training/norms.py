@@ -51,7 +51,7 @@ class GroupedBatchNorm2d(nn.BatchNorm2d):
         self.train(norm.training)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """As `BatchNorm2d`, part by part while it trains."""
+        """Apply the norm, part by part in training mode."""
         if not self.training:
             return super().forward(inputs)
         first, *others = inputs.chunk(self.groups)

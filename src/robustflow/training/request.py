@@ -44,7 +44,7 @@ class DataPlan:
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """When the weights are saved.
+    """How often the weights are saved.
 
     Attributes:
         every: updates between checkpoints, each of which replaces the last.

@@ -1,4 +1,5 @@
-"""From a clip's source to its lossless master and key frames, resumable, in memory that does not grow with length.
+"""Make the lossless master and key frames of a clip from its source, resumable, in memory that does not grow with
+length.
 
 A source is interpolated in segments, each a lossless file of its own that a stopped run keeps; then one encoder makes
 the master from all of them (so it is the same file whether or not there was a stop) and the key frames are written

@@ -52,7 +52,8 @@ def test_a_translated_photograph_is_recovered_to_a_tenth_of_a_pixel(image, point
 @pytest.mark.parametrize("sigma", [1.5, 6])
 @pytest.mark.parametrize("size", [(96, 128), (240, 320), (480, 640), (436, 1024)])
 def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, sigma):
-    """Of frames of 640 px and more it sees an eighth of the size: 0.1 px here is an eightieth of a pixel there."""
+    """Frames of 640 px and more are searched at an eighth of their size: 0.1 px here is an eightieth of a pixel
+    there."""
     height, width = size
     image = texture(5, (height + 40, width + 40), sigma)
     for u, v in ((3.0, -2.0), (5.5, 4.25), (-7.6, 8.3)):

@@ -269,7 +269,7 @@ def test_random_weights_have_no_hash(library):
 
 @pytest.mark.torch
 def test_the_first_import_is_silent(library):
-    """In a process of its own, where the library prints as it is imported."""
+    """Runs in a separate process, because the library prints when it is imported."""
     code = "import robustflow; robustflow.load_model('raft', checkpoint='random', device='cpu')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""

@@ -1,4 +1,5 @@
-"""Where a checkpoint is looked for: a path as it is, a published name in PyTorch's cache before a file called so."""
+"""The places where a checkpoint is searched: a path as given, a published name in PyTorch's cache before a file of that
+name."""
 
 from pathlib import Path
 

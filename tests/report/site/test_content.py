@@ -92,7 +92,7 @@ def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
 
 
 def test_no_winner_where_the_difference_is_none(many_images):
-    """The same errors twice: one would be first by its name alone."""
+    """Equal errors twice: only the name would put one first."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
     assert "A and Bb share the lead (CRE " in said[0]

@@ -23,7 +23,7 @@ __all__ = ["Observation", "Statement", "Verdict", "observations"]
 
 LEAST_FAMILIES = 5
 LEAST_PAIRS = 20
-"""With fewer than these, a statement about models in general has too little evidence."""
+"""Number of models and families below which there is too little evidence for a statement about models in general."""
 
 _OF_RCRE = (9, 10)
 _OBSERVATIONS = (

@@ -69,7 +69,7 @@ class Mean:
         return self.total @ placed, self.count[:, [places.index(place) for place in range(len(column_of))]]
 
     def estimates(self, weights: Array) -> Estimates:
-        """With the influence of each cluster, for weights float64 (B, G)."""
+        """Estimates with the influence of each cluster, for weights float64 (B, G)."""
         return weighted_means(self.total, self.count, self.share, weights)
 
 

@@ -21,7 +21,7 @@ class Glass(NamedTuple):
     """A severity: the pane."""
 
     sigma: float
-    """Of both blurs, pixels."""
+    """Standard deviation of both blurs, pixels."""
     reach: int
     """alpha, pixels: how far a pixel's partner may be."""
     iterations: int

@@ -135,7 +135,8 @@ class _Curve:
         return self.measured[parameter]
 
     def _measure(self, corruption: Corruption, key: str, picture: Frame, ssim: Ssim) -> list[float]:
-        """The same streams for every parameter, so that the curve is smooth; a draw like the first ends the matter."""
+        """The mean SSIM of a parameter. All parameters use the same streams, so that the curve is smooth; a corruption
+        without random choices is drawn once."""
         values: list[float] = []
         first: Frame | None = None
         for draw in range(self._draws):

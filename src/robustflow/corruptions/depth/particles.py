@@ -28,8 +28,7 @@ EXPOSURE = 0.002
 NEAREST = 0.3
 """Metres: nothing is drawn nearer to the camera than this."""
 _LENS_DIAMETER, _FOCUS = 0.002, 10.0
-"""Of the camera, metres: the aperture, and the distance it is focused at; only the blur of near particles depends on
-them."""
+"""The camera's aperture and focus distance, metres, on which only the blur of near particles depends."""
 _PIXEL = 1.0
 """Radius in pixels to which lens and pixel spread a point in focus."""
 _SMALLEST = 6e-4
@@ -69,7 +68,7 @@ class Particles(NamedTuple):
     """Particles in the coordinates of each frame's camera."""
 
     positions: tuple[Points, Points]
-    """At the time of the frame."""
+    """Positions at the time of the frame, metres."""
     velocities: tuple[Points, Points]
     """Relative to the world, m/s."""
     diameters: npt.NDArray[np.float64]
@@ -79,7 +78,7 @@ class Particles(NamedTuple):
     centre: tuple[float, float]
     """See `Camera`."""
     motion: Motion
-    """Of the camera, from frame 1 to frame 2."""
+    """Motion of the camera from frame 1 to frame 2."""
 
 
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:

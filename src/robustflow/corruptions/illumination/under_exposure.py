@@ -6,7 +6,7 @@ from .over_exposure import OverExposure
 
 
 class UnderExposure(OverExposure):
-    """As `OverExposure`, with negative ev (paper, "Under Exposure")."""
+    """Like `OverExposure`, with negative ev (paper, "Under Exposure")."""
 
     name = "under_exposure"
     paper_severities = (-0.4, -0.8, -1.2, -1.6, -2.0)

@@ -86,7 +86,7 @@ def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
-    """From the last pixel of the background on, which has `behind` more before it and `ahead` after it."""
+    """Draw from the last pixel of the background on, which has `behind` more before it and `ahead` after it."""
     depth = pixels[edge]
     for far in range(1, ahead + 1):
         at = edge + far * step
@@ -192,7 +192,7 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 def _put_sharp_behind(
     frame: Any, layers: Any, source: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """As `_put_behind`, for a layer without blur."""
+    """Like `_put_behind`, for a layer without blur."""
     width = layers.shape[1]
     pixels, numbers, places = frame.reshape(-1), layers.reshape(-1), source.reshape(-1)
     left = False

@@ -1,4 +1,4 @@
-"""From real grey levels to bytes."""
+"""Round real grey levels to bytes."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def _row_sums(matrix: Numbers) -> Numbers:
 
 
 def _inverse(m: Numbers) -> Numbers:
-    """By cofactors: libraries of linear algebra differ between machines."""
+    """Invert by cofactors, because libraries of linear algebra differ between machines."""
     next_row, last_row = np.roll(m, -1, axis=0), np.roll(m, 1, axis=0)
     cofactors = np.roll(next_row, -1, axis=1) * np.roll(last_row, 1, axis=1)
     cofactors = cofactors - np.roll(next_row, 1, axis=1) * np.roll(last_row, -1, axis=1)

@@ -1,4 +1,4 @@
-"""From a picture to the light on a sensor's pixels, and from its RAW image back to a picture.
+"""Convert a picture to the light on a sensor's pixels, and a RAW image back to a picture.
 
 A pixel sees one colour, in the pattern RGGB. Demosaicing is that of Malvar, He and Cutler ("High-quality linear
 interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004). Before it, the RAW image is denoised by a

@@ -24,7 +24,7 @@ class FogLevel(NamedTuple):
     strength: float
     """c: how much of the map is added."""
     decay: float
-    """Of the fractal: the higher, the smoother."""
+    """Decay of the fractal: the higher, the smoother."""
 
 
 class Fog(Corruption):

@@ -109,7 +109,7 @@ def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weight
 
 
 class FrostState(NamedTuple):
-    """Where the layer is cut from; the picture itself stays in the cache."""
+    """Where the layer is cut out; the picture itself stays in the cache."""
 
     slot: int
     """Texture, 0 to 4."""

@@ -29,7 +29,7 @@ WHEEL = "imagecorruptions==1.1.2"
 _INSIDE = "imagecorruptions/frost"
 _PIP_SECONDS = 600
 PART = "frost"
-"""Of the user's cache."""
+"""The part of the user's cache that holds the textures."""
 
 TEXTURES: dict[str, str] = {
     "frost1.png": "ff9f907860bd7a835d459e32f9d588062b7f61ee267343cc7222b56753a14755",

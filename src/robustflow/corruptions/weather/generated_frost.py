@@ -39,9 +39,9 @@ class TextureStyle(NamedTuple):
     """Factors of red, green and blue."""
     crystals: int
     length: int
-    """Of a stem, in pixels."""
+    """Length of a stem, in pixels."""
     spacing: int
-    """Between the branches of a stem, in pixels."""
+    """Distance between the branches of a stem, in pixels."""
 
 
 STYLES = (

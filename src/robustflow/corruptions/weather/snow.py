@@ -30,7 +30,7 @@ class SnowLevel(NamedTuple):
     """A severity."""
 
     mean: float
-    """Of the noise that flakes come from, on [0, 1]."""
+    """Mean of the noise that is thresholded into flakes, on [0, 1]."""
     deviation: float
     """Its standard deviation."""
     zoom: float
@@ -38,11 +38,11 @@ class SnowLevel(NamedTuple):
     threshold: float
     """Lower noise makes no flake."""
     radius: int
-    """Of the motion, pixels."""
+    """XX"""
     sigma: float
-    """Of the motion, pixels."""
+    """XX"""
     share: float
-    """Of the image that is kept under the veil."""
+    """Share of the image that is kept under the veil."""
 
 
 class Snow(Corruption):

@@ -36,11 +36,11 @@ class SpatterLevel(NamedTuple):
     """A severity."""
 
     mean: float
-    """Of the noise that drops come from, on [0, 1]."""
+    """Mean of the noise that is thresholded into drops, on [0, 1]."""
     deviation: float
     """Its standard deviation."""
     sigma: float
-    """Of the blur that makes drops of it, pixels."""
+    """Standard deviation of the blur that turns noise into drops, pixels."""
     threshold: float
     """Lower noise makes no drop."""
     strength: float

@@ -76,7 +76,7 @@ class Aggregator(nn.Module):
         self.to_v = nn.Conv2d(128, 128, 1, bias=False)
 
     def attention(self, context: Tensor) -> Tensor:
-        """Once per image: (N, 128, H, W) to (N, H * W, H * W)."""
+        """Attention, computed once per image: (N, 128, H, W) to (N, H * W, H * W)."""
         return context_attention(self.to_qk(context))
 
     def forward(self, attention: Tensor, motion: Tensor) -> Tensor:

@@ -27,7 +27,7 @@ class TorchClipModel:
 
     @property
     def name(self) -> str:
-        """Of the model."""
+        """The model's name."""
         return self._network.name
 
     @property
@@ -37,7 +37,7 @@ class TorchClipModel:
 
     @property
     def device(self) -> torch.device:
-        """Of the network."""
+        """The network's device."""
         return self._network.device
 
     def identity(self) -> dict[str, Any]:

@@ -52,10 +52,10 @@ MODEL_STYLES = (
     Style(OLIVE, "X"),
     Style(NAVY, "p"),
 )
-"""Of models that are not published ones: none has the colour of a kind, so that both can be on one page."""
+"""Styles of models that are not published ones; none has the colour of a kind, so that both can be on one page."""
 
 OTHER = Style("#666666")
-"""Of models beyond `MODEL_STYLES` in a figure that prints names next to its points."""
+"""Style of models beyond `MODEL_STYLES` in a figure that prints names next to its points."""
 
 Ends = tuple[float, float]
 

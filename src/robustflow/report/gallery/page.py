@@ -15,10 +15,10 @@ from .clip import ClipCell
 from .pictures import CorruptedPicture
 
 WIDEST = 480
-"""Pixels a picture is shrunk to, so that a hundred of them stay a few megabytes."""
+"""Width in pixels to which a picture is shrunk, so that a hundred of them take a few megabytes."""
 
 WIDEST_OF_CLIP = 288
-"""The same for a clip, of which there are a thousand."""
+"""The width for a clip, whose page holds a thousand pictures."""
 
 _QUALITY, _QUALITY_OF_CLIP = 80, 50
 ABSENT = "not on this scale"

@@ -158,7 +158,7 @@ def _rank_measured(entries: list[LeaderboardEntry]) -> None:
 
 
 def default_order(entry: LeaderboardEntry) -> tuple[bool, bool, float, str]:
-    """By `START`, then by name; excluded models, which have no rank, last."""
+    """Sort by `START`, then by name; excluded models, which have no rank, come last."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
     return bool(entry.line.excluded), value is None, value or 0.0, entry.model
 

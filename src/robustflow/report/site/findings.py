@@ -25,12 +25,12 @@ class Checked:
 
     @property
     def computed(self) -> list[Observation]:
-        """Those with a verdict."""
+        """The observations with a verdict."""
         return [one for one in self.observations if one.verdict != UNKNOWN]
 
     @property
     def unknown(self) -> list[Observation]:
-        """Those that these results say nothing about."""
+        """The observations about which these results say nothing."""
         return [one for one in self.observations if one.verdict == UNKNOWN]
 
 

@@ -171,7 +171,7 @@ def _drop(root: ElementTree.Element, *tags: str) -> None:
 
 
 def _share_shapes(root: ElementTree.Element) -> None:
-    """Equal shapes are replaced by references to the first."""
+    """Replace equal shapes by references to the first."""
     first: dict[tuple[str | None, ...], str] = {}
     same: dict[str, str] = {}
     for group in list(root.iter()):

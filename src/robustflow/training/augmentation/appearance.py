@@ -31,7 +31,7 @@ class Look(NamedTuple):
 
 
 def draw_look(rng: Rng, settings: Appearance) -> Look:
-    """As ARFlow draws it.
+    """Draw the change as ARFlow does.
 
     >>> draw_look(Rng.of("example"), Appearance()).jitter.order
     ('brightness',)

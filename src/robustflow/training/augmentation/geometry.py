@@ -49,7 +49,7 @@ def draw_geometry(
     flip: bool,
     sparse: bool,
 ) -> Geometry:
-    """As RAFT draws it for dense and for sparse ground truth.
+    """Draw the geometry as RAFT does for dense and for sparse ground truth.
 
     Frames smaller than the crop are always scaled; the original fails on them, and has none.
 

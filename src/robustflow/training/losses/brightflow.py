@@ -22,7 +22,7 @@ RADIUS = 3
 ALPHA = 150.0
 """How much an edge of the image (0..255) lets the flow change: nearly any edge lets it jump."""
 LUMA: Luma = (0.2989, 0.1140, 0.5870)
-"""Of red, green and blue: green and blue are exchanged in the official code."""
+"""Weights of red, green and blue in grey; the official code exchanges green and blue."""
 _EPS = 1e-5
 
 
