@@ -1,4 +1,4 @@
-"""The user's cache: where it is on this platform, and where earlier versions kept it."""
+"""The user's cache: where it is on this platform."""
 
 from __future__ import annotations
 
@@ -19,9 +19,3 @@ def cache_folder(part: str) -> Path:
     """
     named = os.environ.get(CACHE_VARIABLE)
     return (Path(named).expanduser() if named else user_cache_path("robustflow", appauthor=False)) / part
-
-
-def cache_folders(part: str) -> list[Path]:
-    """Where to look for a part of the cache: where it is kept now, and where earlier versions kept it."""
-    roots = [os.environ.get("XDG_CACHE_HOME"), os.environ.get("LOCALAPPDATA"), str(Path.home() / ".cache")]
-    return list(dict.fromkeys([cache_folder(part), *(Path(root) / "robustflow" / part for root in roots if root)]))

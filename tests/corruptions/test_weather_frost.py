@@ -31,7 +31,6 @@ def invented(monkeypatch, tmp_path):
     monkeypatch.setattr(frost_assets, "TEXTURES", hashes)
     monkeypatch.setattr(frost_assets, "find_spec", lambda name: None)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))  # earlier versions kept the real ones there
     monkeypatch.delenv(CACHE_VARIABLE, raising=False)
     monkeypatch.delenv(frost_assets.FOLDER_VARIABLE, raising=False)
     forget()
@@ -220,14 +219,3 @@ def test_the_real_textures():
     frost = Frost()
     corrupted = frost.apply(frame, frost.draw(Rng.of("real"), 5, (64, 96)), 0)
     assert corrupted.std() > 1
-
-
-def test_textures_that_an_earlier_version_fetched_are_found(invented, pip, monkeypatch, tmp_path):
-    monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "elsewhere"))
-    old = tmp_path / "old" / "robustflow" / "frost"
-    old.parent.mkdir(parents=True)
-    content = (invented / "frost1.png").read_bytes()
-    invented.rename(old)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "old"))
-    assert frost_assets.read_texture(0) == content
-    assert not pip.calls

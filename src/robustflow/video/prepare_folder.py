@@ -9,7 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
-from ..cache import cache_folder, cache_folders
+from ..cache import cache_folder
 from ..digest import sha256_of_file
 from ..errors import DataError, UsageError
 from ..layout import folders
@@ -23,7 +23,6 @@ from .prepared import (
     VERSION,
     FolderManifest,
     PreparedClip,
-    is_prepared,
     read_folder,
 )
 from .source import PictureFolder, Source, VideoFile, pictures_in
@@ -116,9 +115,7 @@ def prepare_video(path: Path) -> Path:
     Returns the prepared folder; made on the first call, found on later ones.
     """
     sources = find_sources(path)
-    name = f"{path.stem}-{sha256_of_file(path)[:12]}"
-    kept = (folder / name for folder in cache_folders("clips"))
-    output = next((folder for folder in kept if is_prepared(folder)), cache_folder("clips") / name)
+    output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}"
     prepare_folder(sources, output, Preparation(factor=1))
     return output
 

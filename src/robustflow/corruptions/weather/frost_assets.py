@@ -4,7 +4,7 @@ They belong to the Python package `imagecorruptions` (Apache-2.0) and are not pa
 
 1. the folder named by the environment variable ROBUSTFLOW_FROST_DIR (nothing else is tried where it is set),
 2. an installed `imagecorruptions` or `imagecorruptions-imaug`, which is located but never imported,
-3. the user's cache (see `robustflow.cache`), where it is now or was in earlier versions,
+3. the user's cache (see `robustflow.cache`),
 4. the package's wheel, fetched once through pip without its dependencies into that cache.
 
 Every file is checked against its SHA-256 each time it is read.
@@ -21,7 +21,7 @@ import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from ...cache import cache_folder, cache_folders
+from ...cache import cache_folder
 from ...errors import AssetError
 
 FOLDER_VARIABLE = "ROBUSTFLOW_FROST_DIR"
@@ -56,7 +56,7 @@ def read_texture(slot: int) -> bytes:
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
         return _read_named(Path(named).expanduser(), name)
-    for folder in (*_installed_folders(), *cache_folders(PART)):
+    for folder in (*_installed_folders(), cache_folder(PART)):
         content = _read(folder / name)
         if content is not None and _is_genuine(name, content):
             return content

@@ -38,9 +38,9 @@ class SnowLevel(NamedTuple):
     threshold: float
     """Lower noise makes no flake."""
     radius: int
-    """XX"""
+    """Radius of the motion blur, pixels."""
     sigma: float
-    """XX"""
+    """Standard deviation of the motion blur, pixels."""
     share: float
     """Share of the image that is kept under the veil."""
 
