@@ -1,1 +1,1 @@
-"""`robustflow app`: corrupt a pair and see a model's flow. A web page served on this machine for this machine."""
+"""`robustflow app`: corrupt a pair and see a model's flow. The page is served on and for this machine."""

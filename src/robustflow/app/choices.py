@@ -67,7 +67,7 @@ class Models:
             raise UsageError(f"{name} has no weights: leave the checkpoint empty")
 
     def load(self, name: str, checkpoint: str = "") -> FlowModel:
-        """The model, loaded unless it is the one loaded last; `checkpoint` takes precedence over the one it was offered
+        """The model; loads it unless it was loaded last. `checkpoint` takes precedence over the one it was offered
         with.
 
         Raises:
@@ -91,7 +91,7 @@ class Models:
 
 
 def _for_the_page(message: str) -> str:
-    """An error that names an option of the command line, for a page that has a field in its place.
+    """Adapt an error that names a command-line option to a page that has a field instead.
 
     >>> _for_the_page("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
     "model 'raft' needs its checkpoint: get it, and give its path in the field Checkpoint"
@@ -100,10 +100,10 @@ def _for_the_page(message: str) -> str:
 
 
 def _runs_on_pairs(method: MethodEntry) -> bool:
-    """Whether a method is installed, and takes two frames, which is all that a page has."""
+    """Whether a method is installed and takes two frames."""
     return is_installed(method) and method.frames == 2
 
 
 def _needs_nothing(name: str) -> bool:
-    """Whether a model can be loaded without an option, as one of flows or of a network in files cannot."""
+    """Whether a model can be loaded without an option, unlike flow files or an exported network."""
     return name not in EXPORTED.values() and not needed_options(MODELS.get(name))

@@ -1,4 +1,4 @@
-"""An end for an app whose model does not let it end.
+"""End an app whose model keeps it from ending.
 
 Python's signal handlers run between two of its instructions, and a model that is being loaded or compiled may be inside
 one for minutes, with the interpreter's lock held. The operating system still writes the number of a signal to a file
@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 SECONDS = 8.0
-"""Between Ctrl-C and the end of an app that does not end by itself."""
+"""Seconds between Ctrl-C and the end of an app that does not end by itself."""
 
 _WATCH = f"""
 import os, select, signal, sys
@@ -33,7 +33,7 @@ os.kill(int(sys.argv[1]), signal.SIGKILL)
 def end_after_signal() -> None:
     """Make SIGINT and SIGTERM end this process after at most `SECONDS`, whatever its threads do.
 
-    The other process ends with this one: nobody holds the other end of its pipe then.
+    The other process ends with this one, because the other end of its pipe closes.
     """
     reads, writes = os.pipe()
     os.set_blocking(writes, False)

@@ -1,4 +1,4 @@
-"""Who may send requests to the app: this page of this session, and no one else.
+"""Only this session's page may send requests to the app.
 
 A web server on loopback can be reached by every page that the same browser opens. Three things keep those out: the Host
 header must name this server (a foreign domain may be made to resolve to 127.0.0.1), a POST must come from a page of
@@ -73,7 +73,7 @@ class Guard:
             return _text("requests from other pages are refused", 403)
         given = QueryParams(scope["query_string"]).get("token", "")
         if scope["method"] == "GET" and scope["path"] == "/" and _same(given, self._token):
-            into = RedirectResponse("/", 303)  # the token leaves the address bar and the history
+            into = RedirectResponse("/", 303)  # removes the token from the address bar and the history
             into.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
             return into
         if not _same(_cookie(headers, self._cookie), self._token):

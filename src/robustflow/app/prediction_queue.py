@@ -1,4 +1,4 @@
-"""One worker with one queue: predictions run one at a time in a thread, and only those that are still wanted."""
+"""Run predictions one at a time in a thread, skipping those that are no longer wanted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from ..errors import RobustFlowError, UsageError
 
 WAITING = 8
-"""The most jobs that may wait at once, each of another page."""
+"""Largest number of jobs that may wait at once, one for each page."""
 
 Message = dict[str, Any]
 
@@ -54,7 +54,7 @@ class PredictionQueue:
         threading.Thread(target=self._work, name="predictions", daemon=True).start()
 
     def submit(self, job: QueuedPrediction) -> None:
-        """Take a job; those of the same page before it are outdated.
+        """Add a job; earlier ones of the same page become outdated.
 
         Raises:
             UsageError: too many pages wait already.
@@ -89,7 +89,7 @@ class PredictionQueue:
 
 
 def _dismiss_outdated(job: QueuedPrediction) -> bool:
-    """Tell the page of an outdated job at once, before its turn comes."""
+    """Tell the page of an outdated job at once, without waiting for its turn."""
     if job.outdated.is_set():
         job.tell({"outdated": True})
     return job.outdated.is_set()

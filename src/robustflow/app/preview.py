@@ -49,7 +49,7 @@ class PreviewRequest(Frozen):
     """A page's request.
 
     Attributes:
-        page: a name the page chose for itself.
+        page: a name that the page chose.
         source, index: which pair.
         model: one of those offered.
         checkpoint: its weights, a published name or a file of this machine; "" for those it was offered with.

@@ -36,7 +36,7 @@ class TimedProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def _watch(self) -> None:
-        """Start the time where headers are awaited, and end it where they are there."""
+        """Start the timer when headers are awaited, and stop it when they have arrived."""
         cycle = cast(Any, self.cycle)
         if cycle is not None and not cycle.response_complete:
             self._forget()

@@ -39,7 +39,7 @@ def serve(
     Args:
         given: models to offer before those that are installed; they are loaded on first use.
         host: to listen on; loopback by default.
-        port: to listen on; 8642 by default, and another one if that is taken. 0 takes any.
+        port: to listen on; 8642 by default, or a free one if that is taken. 0 takes any free one.
         browser: whether to open the page.
         say, warn: take one line.
 
@@ -75,7 +75,7 @@ def serve(
         end_after_signal()
         _Server(config, queue).run(sockets=[listening])
     except KeyboardInterrupt:
-        pass  # how this server is meant to end
+        pass  # the intended end of this server
     finally:
         listening.close()
         sources.close()

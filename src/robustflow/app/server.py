@@ -1,4 +1,4 @@
-"""The app's addresses: one page, its three files, what can be chosen, uploads, and previews as a stream of lines."""
+"""The app's routes: the page, its three files, its choices, uploads, and previews as a stream of lines."""
 
 from __future__ import annotations
 

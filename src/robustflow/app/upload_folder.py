@@ -25,7 +25,7 @@ class UploadFolder:
         remove_abandoned()
         self.path = Path(gettempdir()) / f"{PREFIX}{secrets.token_hex(8)}"
         self._lock = FileLock(f"{self.path}{_LOCK}", blocking=False)
-        self._lock.acquire()  # before the folder is there, so that no other app takes it for abandoned
+        self._lock.acquire()  # before the folder exists, so that no other app considers it abandoned
         self.path.mkdir(mode=0o700)
 
     def new(self) -> Path:
@@ -50,4 +50,4 @@ def remove_abandoned() -> None:
                 shutil.rmtree(folder, ignore_errors=True)
                 held.unlink(missing_ok=True)
         except (Timeout, OSError):
-            continue  # its app is running, or another one removes it right now
+            continue  # its app is running, or another app is removing it

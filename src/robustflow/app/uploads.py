@@ -26,7 +26,7 @@ MAX_BYTES = 64 * 2**20
 """Size of all files of one upload together."""
 
 MAX_PIXELS = 3840 * 2160
-"""Of a frame."""
+"""Largest size of a frame in pixels."""
 
 MAX_CLIP_FRAMES = 3000
 
@@ -34,7 +34,7 @@ TRUTH_SUFFIXES = (".flo", ".png", ".pfm")
 
 
 def limited(request: Request, most: int) -> Request:
-    """The request with a body that ends in a refusal once it is longer than `most` bytes, whatever it announced."""
+    """Make reading a request's body fail once it is longer than `most` bytes, whatever length it announced."""
     announced = request.headers.get("content-length", "0")
     if not announced.isdigit() or int(announced) > most:
         raise _too_large(most)
@@ -57,11 +57,11 @@ def _too_large(most: int) -> HTTPException:
 
 
 def source_of(form: FormData, folder: Path) -> PairSource:
-    """What a form with `frame1` and `frame2` (and `truth`), or with `clip`, brings; files are kept in `folder`, which
-    goes when they are no longer needed.
+    """Read a form with `frame1` and `frame2` (and `truth`), or with `clip`; files are kept in `folder`, which is
+    removed when they are no longer needed.
 
     Raises:
-        UsageError: other fields, or a kind of file that is not taken.
+        UsageError: other fields, or a kind of file that is not supported.
         DataError: files that are damaged, too large, or do not fit each other.
     """
     files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
@@ -118,7 +118,7 @@ def _clip(file: UploadFile, folder: Path) -> UploadedClip:
 
 
 def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:
-    """The file under the last part of its name, whatever the browser called it."""
+    """Store the file under the last part of the name that the browser gave."""
     name = PureWindowsPath(PurePosixPath(file.filename or "").name).name
     name = "".join(c for c in name if c.isprintable() and c not in '<>:"|?*')[-80:].lstrip(".") or "unnamed"
     suffix = Path(name).suffix.lower()

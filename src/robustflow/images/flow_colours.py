@@ -1,8 +1,8 @@
 """Flow as colours: hue is the direction, saturation the length (Baker et al., "A Database and Evaluation Methodology
 for Optical Flow", IJCV 2011, Sec. 4.4, with the colour wheel of their software).
 
-Still is white, flow to the right red, down yellow, to the left cyan-blue, up violet. A vector as long as the radius has
-its full colour; longer ones are darkened to three quarters, and unknown flow is black.
+No motion is white, flow to the right red, down yellow, to the left cyan-blue, up violet. A vector as long as the radius
+has its full colour; longer ones are darkened to three quarters, and unknown flow is black.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def colour_wheel() -> npt.NDArray[np.float64]:
 def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
     """A radius that suits a flow: the length that 99 % of its known vectors do not exceed, in pixels; at least 1.
 
-    Otherwise the few outliers that flow on corrupted frames has would leave everything else white.
+    Otherwise a few outliers of flow on corrupted frames would leave everything else white.
 
     >>> flow_radius(np.full((2, 2, 2), (3, 4), np.float32))
     5.0

@@ -1,7 +1,7 @@
-"""Is a picture's file whole? What each format reveals about damage that its decoder ignores.
+"""Check that a picture's file is intact, as far as its format reveals damage that decoders ignore.
 
-PNG and deflated TIFF carry checksums, JPEG a code that breaks, BMP, PPM and WebP a length; any other changed byte is
-just a changed pixel, and nothing in the file shows it. A run's manifest keeps a digest of every file for that reason.
+PNG and deflated TIFF have checksums, JPEG a code that breaks, BMP, PPM and WebP a length; any other changed byte is
+just a changed pixel. A run's manifest keeps a digest of every file for that reason.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..errors import DataError
 
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _INFLATE = 1100
-"""Deflate cannot shrink data by more than 1032:1; a PNG that claims more holds no such picture."""
+"""Deflate cannot shrink data by more than 1032:1, so a PNG that claims more is damaged."""
 
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 """Interlaced passes: first column, first row, step across, step down."""
@@ -33,7 +33,8 @@ class PngHeader(NamedTuple):
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:
-    """The header of a PNG all of whose chunks are present and undamaged, else DataError. Decodes nothing."""
+    """Read a PNG's header and check that all its chunks are present and undamaged, without decoding; raises
+    DataError."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
         raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])

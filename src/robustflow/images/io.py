@@ -55,7 +55,7 @@ def read_image(path: str | Path) -> Frame:
     data = _contents(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # whatever matters about a damaged file is raised, in one line
+            warnings.simplefilter("ignore")  # every problem of a damaged file is raised, in one line
             with _open(path, data) as image:
                 _check_intact(path, data, image)
                 image.load()
@@ -200,7 +200,7 @@ def _open(path: Path, data: bytes) -> Image.Image:
 
 
 def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
-    """Refuse several pictures in one file, and damage that the decoder would pass over."""
+    """Refuse several pictures in one file, and damage that the decoder would ignore."""
     frames = getattr(image, "n_frames", 1)
     if frames > 1 and image.format != "MPO":  # whose first picture is the one to show
         raise DataError(
@@ -219,7 +219,7 @@ def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
 
 
 def _is_deep(image: Image.Image) -> bool:
-    """Whether Pillow would cut the file's channels down to 8 bits, or hold them in wider ones."""
+    """Whether Pillow would reduce the file's channels to 8 bits, or store them in wider ones."""
     if image.mode in ("I", "F") or image.mode.startswith("I;"):
         return True
     tiles = getattr(image, "tile", [])

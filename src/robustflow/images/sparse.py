@@ -1,4 +1,4 @@
-"""Sparse maps made visible: laser scanners measure every few pixels, which a shrunken picture averages away."""
+"""Make sparse maps visible: laser scanners measure one in several pixels, which would vanish in a smaller picture."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from scipy.ndimage import distance_transform_edt
 from ..sample import Frame, Mask
 
 REACH = 2.0
-"""Pixels that a known point grows by, for the eye alone."""
+"""Pixels by which a known point is enlarged, only for display."""
 
 SPARSE = 0.5
-"""Maps with a smaller share of known pixels are sparse; in a dense one, what is unknown is worth seeing."""
+"""Maps with a smaller share of known pixels are sparse; in dense ones the unknown pixels stay visible."""
 
 
 def thickened(picture: Frame, known: Mask) -> Frame:
-    """A picture of a sparse map whose unknown pixels take the colour of a known one within `REACH`; others as they are.
+    """Give unknown pixels of a sparse map the colour of a known one within `REACH`; other pictures are unchanged.
 
     Args:
         picture: RGB uint8 (H, W, 3).

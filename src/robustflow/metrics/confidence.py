@@ -1,4 +1,4 @@
-"""Whether a confidence knows where a flow is wrong: sparsification, AUSE, rank correlation; and the consistency of
+"""How well a confidence predicts where a flow is wrong: sparsification, AUSE, rank correlation; and the consistency of
 a flow with the flow back.
 
 Sparsification removes the least confident pixels first and asks for the mean error of the rest, at 0, 1, ... 99 %
@@ -30,16 +30,16 @@ STEPS = 100
 """Steps of the sparsification curve."""
 
 ALPHA_1 = 0.01
-"""Share of the squared lengths of the two flows up to which they may differ."""
+"""Factor on the squared lengths of the two flows in the tolerance of their difference."""
 ALPHA_2 = 0.5
-"""Squared pixels by which they may differ in any case."""
+"""Constant part of that tolerance, squared pixels."""
 
 Values = npt.NDArray[np.float64]
 _CHUNK = 2**16
 
 
 class Sparsification(NamedTuple):
-    """Mean errors of what is left when 0, 1, ... 99 % of the pixels are removed, in pixels.
+    """Mean errors of the remaining pixels when 0, 1, ... 99 % are removed, in pixels.
 
     Attributes:
         by_confidence: float64 (100,), the least confident removed first.
@@ -119,21 +119,18 @@ def confidence_correlation(error: Any, confidence: Any) -> float | None:
 
 
 def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
-    """How well the flow back undoes a flow.
+    """Measure how well the flow back undoes a flow.
 
     Args:
         flow: float32 (H, W, 2), from frame 1 to frame 2, pixels.
         back: float32 (H, W, 2), from frame 2 to frame 1, pixels.
 
     Returns:
-        The confidence, float64 (H, W): minus the distance in pixels by which the way there and back misses its start;
-        and the pixels that the consistency check rejects, bool (H, W). Where the flow leaves the frame, or one of the
-        two is not finite, nothing confirms it: -inf, rejected.
-
-    >>> flow = np.full((1, 4, 2), (1, 0), np.float32)
-    >>> confidence, rejected = forward_backward(flow, -flow)
-    >>> confidence.tolist(), rejected.tolist()
-    ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
+        The confidence, float64 (H, W): minus the distance in pixels between a pixel and where following both
+        flows ends; and the pixels that the consistency check rejects, bool (H, W). Where the flow leaves the
+        frame, or one of the two is not finite, nothing confirms it: -inf, rejected. >>> flow = np.full((1, 4,
+        2), (1, 0), np.float32) >>> confidence, rejected = forward_backward(flow, -flow) >>>
+        confidence.tolist(), rejected.tolist() ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
     """
     if flow.shape != back.shape or flow.ndim != 3 or flow.shape[2] != 2:
         raise DataError(f"a flow {flow.shape} and the flow back {back.shape} must both be (H, W, 2)")

@@ -110,7 +110,7 @@ def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
 
 
 def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
-    """Maps in C order, refused unless all have the same (H, W): the compiled loops do not check bounds."""
+    """Maps in C order, all of the same (H, W), because the compiled loops do not check bounds."""
     if any(each.shape[:2] != maps[0].shape[:2] for each in maps):
         raise DataError(f"maps differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
     return tuple(np.require(each, requirements=["C", "A"]) for each in maps)

@@ -24,7 +24,7 @@ WAUC_STEPS = 100
 WAUC_PER_PIXEL = 20
 """Thresholds per pixel of error: the largest is WAUC_STEPS / WAUC_PER_PIXEL = 5 px."""
 WAUC_UNIT = WAUC_STEPS * (WAUC_STEPS + 1)
-"""The points of a perfect pixel."""
+"""The WAUC of a perfect pixel, in units of 1 / `WAUC_UNIT`."""
 
 
 @njit(inline="always", cache=True)

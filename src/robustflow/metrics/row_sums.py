@@ -1,4 +1,4 @@
-"""Every sum of a row in one pass over the pixels.
+"""Compute every sum of a row in one pass over the pixels.
 
 Each sum adds its pixels one after the other in row order, in float64, so it is bit for bit what a separate pass would
 give, on every machine. `rows` documents which pixels each sum counts.

@@ -54,7 +54,7 @@ ROW_KEY = ("sample", "corruption", "severity")
 """The key of a row: unique within a run."""
 
 COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
-"""Shares of the pixels, in percent, of which rows have the error of the most confident and of the best."""
+"""Percentages of pixels for which rows hold the error of the most confident and of the best ones."""
 
 _NUMBER: type[pl.DataType] = pl.Float64
 CONFIDENCE: dict[str, type[pl.DataType]] = {
@@ -111,7 +111,7 @@ ROW_SCHEMA |= CONFIDENCE
 """Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
 
 SIGNED = ("confidence_spearman",)
-"""The columns of numbers that may be negative."""
+"""The columns that may be negative."""
 
 _WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
 """The sums of a sample that has no ground truth."""

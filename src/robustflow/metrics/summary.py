@@ -54,8 +54,7 @@ class CorruptionScores(Scores):
     """Means over the severities of one corruption, and the values at each.
 
     Attributes:
-        family: one of the paper's families, in which corruptions stand that exist only as files, too; None for one
-            without.
+        family: one of the paper's families, which also hold corruptions that exist only as files; None for one without.
         severities: the measured severities, ascending.
         by_severity: for each metric a list in the order of `severities`.
     """

@@ -1,4 +1,4 @@
-"""Audit whatever a path holds: a results file, a run's folder, or a record of a run."""
+"""Audit a results file, a run's folder, or a record of a run."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .load import is_record, load_any_run
 
 
 def audit(path: str | Path) -> Audit:
-    """A results file (CSV, see `analysis.results_file.read_results`), a file of FlowBench (JSON; its attacks' budgets),
-    or a run: its folder, or a record of it.
+    """Audit a results file (CSV, see `analysis.results_file.read_results`), a file of FlowBench (JSON; its attacks'
+    budgets), or a run: its folder, or a record of it.
 
     Raises:
         DataError, RunError: it is none of these, or cannot be read.

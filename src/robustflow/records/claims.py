@@ -1,4 +1,4 @@
-"""What a record claims beyond its numbers: which rows it should have, and what its model was trained on."""
+"""Check what a record claims beyond its numbers: its rows, and what its model was trained on."""
 
 from __future__ import annotations
 
@@ -119,8 +119,8 @@ def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
 
 
 def _attack_problems(plan: Manifest) -> list[str]:
-    """Check that attacks are selected once each, together with the noise that they are judged beside. Unknown ones are
-    refused with the manifest."""
+    """Check that attacks are selected once each, together with the random noise they are compared with. Unknown ones
+    are refused with the manifest."""
     attacks = plan.selection.attacks
     if len(set(attacks)) != len(attacks):
         return ["an attack is selected twice"]

@@ -1,7 +1,7 @@
-"""A folder of records that several people add to: what a leaderboard in a git repository is made from.
+"""A folder of records that several people add to, from which a leaderboard in a git repository is made.
 
     FOLDER/records/<first 16 digits of the SHA-256>.robustflow    the records, as they were handed in
-    FOLDER/records.json                                            which they are, one entry a record
+    FOLDER/records.json                                            their list, one entry a record
 
 Only records that verify are stored, and no text of a record becomes a name on disk. The list is sorted and has one
 canonical form, so that changes can be reviewed line by line.

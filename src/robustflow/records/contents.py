@@ -52,7 +52,7 @@ _Model = TypeVar("_Model")
 
 
 def parsed(parse: Callable[[_Given], _Model], given: _Given, name: str) -> _Model:
-    """What a reader of one of the models makes of a file's content.
+    """Read a file's content as one of these models.
 
     Raises:
         DataError: it has another shape; the first mismatch is named.

@@ -41,7 +41,7 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
 
 
 def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
-    """Return paths of runs and records; a folder that is no run is replaced by the runs and records in it, by name.
+    """Return paths of runs and records; a folder that is not a run is replaced by the runs and records in it, by name.
 
     Raises:
         RunError: a folder holds none.
@@ -59,7 +59,7 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
 
 
 def is_record(path: str | Path) -> bool:
-    """Whether a path is a file that begins as a record does (with a zip's first entry, `record.json`)."""
+    """Whether a path is a file that begins like a record (with a zip's first entry, `record.json`)."""
     try:
         with open(path, "rb") as file:
             head = file.read(64)

@@ -1,4 +1,4 @@
-"""What a record is about: which model was measured on which data, and what no check of a file can prove."""
+"""The subject of a record: which model was measured on which data, and what no check of a file can prove."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON from elsewhere: read strictly, and with no text in it that could do more than be displayed."""
+"""Read JSON from elsewhere strictly, and refuse text that could do more than be displayed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import DataError
 from ..text import plain
 
 LONGEST = 2000
-"""The most characters of any text in a record."""
+"""Largest number of characters of a text in a record."""
 
 _DEEPEST = 24
 _PATH = re.compile(r"""(?:^|[\s'"=;,(\[])(?:/[^/\s]+/|~[/\\]|[A-Za-z]:[\\/]|\\\\)""")

@@ -40,7 +40,7 @@ _Outcome = tuple[Literal["ok", "failed"], str]
 
 
 class Check(Frozen):
-    """One line of a verification: what was checked, whether it holds, and a reason or figure in one line."""
+    """One line of a verification: the check, whether it passed, and a reason or figure."""
 
     name: str
     status: Literal["ok", "failed", "not checked"]
@@ -74,7 +74,7 @@ class Verification(Frozen):
         return all(check.status == "ok" for check in self.checks)
 
     def first_failure(self) -> str:
-        """The first check that failed, in words; "" if all passed."""
+        """Describes the first check that failed; "" if all passed."""
         return next((f"{check.name}: {check.message}" for check in self.checks if check.status == "failed"), "")
 
 

@@ -63,7 +63,7 @@ class FolderCache:
 
     def _make(self, entry: Path, make: Callable[[Path], object]) -> None:
         temporary = self.root / f".making-{entry.name}"
-        shutil.rmtree(temporary, ignore_errors=True)  # what a killed process left behind
+        shutil.rmtree(temporary, ignore_errors=True)  # left by a killed process
         try:
             make(temporary)
             (temporary / _DIGEST).write_text(_digest(temporary))
@@ -91,9 +91,9 @@ class FolderCache:
 
     @contextmanager
     def _lock(self, name: str) -> Iterator[None]:
-        """Held by one process at a time; the system releases it when its holder dies."""
+        """Hold a lock; the system releases it when the process that holds it dies."""
         try:
-            # A lock of the operating system's; one that is a mere file would outlive a killed process.
+            # The operating system releases this lock; a mere lock file would outlive a killed process.
             lock = FileLock(self.root / f".{name}", fallback_to_soft=False)
             lock.acquire()
         except OSError as error:

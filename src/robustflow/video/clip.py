@@ -125,7 +125,7 @@ class ClipReader:
             raise IndexError(f"{self.clip.path.name} has frames 0 to {self.clip.count - 1}, not {index}")
         if index in self._recent:
             return self._recent[index]
-        # a seek lands up to a group of pictures (x264: 250) earlier, so going on is cheaper for anything nearer
+        # a seek lands up to a group of pictures (x264: 250) earlier, so reading on is cheaper for nearer frames
         if self._rest is None or not self._next <= index < self._next + 250:
             self._rest, self._next = read_pictures(self.clip, index), index
         for number, picture in self._rest:

@@ -1,8 +1,8 @@
-"""H.264 through PyAV alone: encode pictures to packets, decode packets to pictures by presentation time.
+"""H.264 through PyAV: encode pictures to packets, decode packets to pictures by presentation time.
 
 One thread on both sides. Two decoder threads give different pictures on damaged streams, and x264's rate control
-(ABR) depends on its thread count. A packet carries the display index of its picture, so nothing downstream ever
-counts pictures to know where they belong.
+(ABR) depends on its thread count. A packet carries the display index of its picture, so nothing downstream has to count
+pictures.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Encoding:
 PRESETS = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo",
 )  # fmt: skip
-"""x264's, fastest first."""
+"""x264's presets, fastest first."""
 
 
 def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
@@ -57,9 +57,10 @@ EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", 
 """Options of every lossy encoding, so that equal pictures make equal streams on every machine.
 
 x264's macroblock tree decides how good each part of a picture must be. Its AVX-512 code (core 165) reads memory that
-was never written, so the stream differs from call to call; SSSE3 and later round its sums unlike the C code, and
-SSE2 uses reciprocals that differ between makers of processors. With MMX2 the tree runs in C, and the rest is integer
-arithmetic that is exact at any level. Lossless encoding has no such tree and may use whatever the processor offers.
+was never written, so the stream differs from call to call; SSSE3 and later round its sums differently from the C code,
+and SSE2 uses reciprocals that differ between makers of processors. With MMX2 the tree runs in C, and the rest is
+integer arithmetic that is exact at any level. Lossless encoding has no such tree and may use whatever the processor
+offers.
 """
 
 
@@ -82,7 +83,7 @@ def configure(context: Any, height: int, width: int, fps: Fraction, encoding: En
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"
-    context.flags |= Flags.global_header  # as an MP4 file has it; the header would count in the rate control
+    context.flags |= Flags.global_header  # as in an MP4 file; otherwise the header counts in the rate control
     context.options = dict(encoding.options)
 
 
@@ -124,11 +125,11 @@ class Encoder:
 
 @dataclass
 class DecodeLog:
-    """What a decoder encountered in a damaged stream."""
+    """What a decoder found in a damaged stream."""
 
     refused_packets: int = 0
     strange_pictures: int = 0
-    """Pictures of another size or format than the clip's, or without a time; they count as lost."""
+    """Pictures without a time, or whose size or format differs from the clip's; they count as lost."""
 
 
 class Decoder:

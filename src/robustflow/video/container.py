@@ -67,13 +67,13 @@ def check_stated_length(path: Path, kind: str) -> None:
 
 
 def reason(error: BaseException) -> str:
-    """Why FFmpeg or the system refused, in one line."""
+    """The reason that FFmpeg or the system gave, in one line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0]
 
 
 def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
-    """The elements at the top (EBML header, segment, nothing else of note) tile the file."""
+    """Check that the top-level elements (EBML header, segments) fill the file."""
     position = 0
     for identity, start, length in _elements(file, size):
         if length is None:
@@ -113,7 +113,7 @@ def _elements(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int | None]
 
 
 def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
-    """The RIFF chunks (more than one in files beyond 1 GB) tile the file."""
+    """Check that the RIFF chunks (several in files beyond 1 GB) fill the file."""
     position = 0
     while position < size:
         file.seek(position)
@@ -127,7 +127,7 @@ def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
 
 
 def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
-    """Packets of one length fill the file."""
+    """Check that packets of one length fill the file."""
     start = file.read(1024)
     for length, first in ((188, 0), (192, 4), (204, 0)):
         if all(start[place : place + 1] in (b"G", b"") for place in range(first, 1024, length)):

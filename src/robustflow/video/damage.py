@@ -20,7 +20,7 @@ from .codec import Packet
 
 @dataclass
 class Damage:
-    """What bit errors did to a stream: counts, and the display indices of the frames whose packets were hit."""
+    """The effect of bit errors on a stream: counts, and the display indices of the frames whose packets were hit."""
 
     amount: int
     bytes_total: int = 0
@@ -43,7 +43,7 @@ class NoiseFilter:
         self.state = 0
 
     def __call__(self, data: bytes) -> tuple[bytes, int]:
-        """The damaged bytes, and how many of them differ from before."""
+        """The damaged bytes, and how many of them changed."""
         buffer = np.frombuffer(data, np.uint8).copy()
         state, changed = _apply(buffer, self.state, self.amount)
         self.state = int(state)

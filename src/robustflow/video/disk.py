@@ -24,12 +24,12 @@ PROBE = 8
 """Source frames encoded for the estimate."""
 
 RELEASED_BYTES = 681 * 10**9
-"""What the released GoPro-FC takes to download."""
+"""Size of the released GoPro-FC in bytes."""
 
 
 @dataclass(frozen=True)
 class DiskEstimate:
-    """Bytes: what stays, what is needed on top while the largest clip is made, and what is free there now."""
+    """Bytes that stay, that are needed in addition while the largest clip is made, and that are free now."""
 
     masters: int
     key_frames: int
@@ -56,7 +56,7 @@ def estimate_disk(
 ) -> DiskEstimate:
     """Estimate from the first `PROBE` frames of every clip, interpolated by flow whatever will be used later.
 
-    The probe is encoded fast and begins with a frame that stands alone, so the estimate is on the high side.
+    The probe is encoded with a fast preset and begins with an intra-coded frame, so the estimate is on the high side.
 
     Raises:
         DataError: a clip too short or unreadable.

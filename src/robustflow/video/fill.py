@@ -1,8 +1,8 @@
 """Put decoded pictures at their positions, and fill the positions that remain empty.
 
 Damage can cost a stream any of its frames. Renaming what is left by order of output, as the reference code does,
-shifts every later frame by one per loss; here a picture belongs to its presentation time. A lost frame shows what a
-player shows, the picture before it; before the first decoded picture, that one.
+shifts every later frame by one per loss; here a picture belongs to its presentation time. As in a player, a lost frame
+shows the picture before it, or the first decoded picture if there is none.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..errors import DataError
 from .colour import I420
 
 REORDER = 32
-"""Pictures held back to restore display order; H.264 itself never needs more than 16."""
+"""Pictures buffered to restore display order; H.264 never needs more than 16."""
 
 
 @dataclass
@@ -25,7 +25,7 @@ class Fill:
     Attributes:
         count: frames the clip has.
         lost: runs of lost frames, `(first, last, source)`: frames first..last show decoded frame `source`.
-        dropped: pictures that came out twice, too late, or with a time outside the clip; they are not shown.
+        dropped: pictures that were decoded twice, too late, or with a time outside the clip; they are not shown.
     """
 
     count: int
@@ -39,7 +39,8 @@ class Fill:
 
 
 def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Pictures by ascending index, each index once, with a bounded buffer; what does not fit counts as dropped."""
+    """Yield pictures by ascending index, each index once, with a bounded buffer; those that come too late count as
+    dropped."""
     waiting: list[tuple[int, int, I420]] = []
     last = -1
     for arrival, (index, picture) in enumerate(decoded):

@@ -75,7 +75,7 @@ def _visible(flow: Any, back: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first: Any, second: Any, time: Any) -> Any:
-    """Flow from frame 1 to 2 as it is at `time`, float32 (H, W, 2), and who sees each point: 0 both, 1 or 2."""
+    """The flow from frame 1 to 2 at `time`, float32 (H, W, 2), and which frame sees each point: 0 both, 1 or 2."""
     height, width = forward.shape[:2]
     flow = np.zeros((height, width, 2), np.float32)
     sight = np.zeros((height, width), np.uint8)
@@ -102,7 +102,7 @@ def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first
                         claim += abs(np.float32(here[c]) - np.float32(there[c]))
                     mark = 0
                 else:
-                    claim = np.float32(1e6) + span * np.hypot(u, v)  # a hidden point only where nothing else is
+                    claim = np.float32(1e6) + span * np.hypot(u, v)  # a hidden point only where there is no other
                     mark = 1 + side
                 for dy in range(2):
                     for dx in range(2):
@@ -143,7 +143,8 @@ def _fill_holes(flow: Any, cost: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(first: Any, second: Any, flow: Any, sight: Any, time: Any) -> Any:
-    """Sample both frames along the flow and mix them by time; only one of them where only one sees the point."""
+    """Sample both frames along the flow and blend them by time, or take one of them where only that one sees the
+    point."""
     height, width = flow.shape[:2]
     out = np.empty((height, width, 3), np.uint8)
     for y in range(height):

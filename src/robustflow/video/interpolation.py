@@ -1,4 +1,4 @@
-"""Raise the frame rate of a clip, streaming: what an interpolator is, and how it runs over a clip of any length."""
+"""Raise the frame rate of a clip of any length with an interpolator, streaming."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def windows(frames: Iterable[Frame]) -> Iterator[tuple[Frame, ...]]:
 def fill_gaps(
     around: Iterable[tuple[Frame, ...]], interpolator: Interpolator, factor: int, first: bool = True
 ) -> Iterator[Frame]:
-    """Per window the new frames and the frame after them; before the first window also the one before, if `first`."""
+    """For each window the new frames and the frame after them; with `first`, also the frame before them."""
     for window in around:
         if first:
             yield window[1]

@@ -1,4 +1,4 @@
-"""One prepared clip, open: its key frames as the four corruptions that need the whole clip leave them.
+"""An open prepared clip: its key frames under the four corruptions that need the whole clip.
 
 Object motion blur averages master frames decoded on demand. A video corruption transcodes the master once per severity;
 its key frames are kept in a cache of limited size.
@@ -51,7 +51,7 @@ class OpenClip:
     def transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
         """A key frame after a video corruption, RGB uint8 (H, W, 3); transcodes the clip on first use.
 
-        Warns (`UserWarning`) when it does, where a damage changed nothing or cost frames.
+        Warns (`UserWarning`) then if the damage changed nothing or lost frames.
         """
         position = self.clip.manifest.key_frames.index(index)
         reader = self._variants.get((corruption, parameter))
@@ -75,7 +75,7 @@ class OpenClip:
         master = self.clip.master
         count = len(self.clip.manifest.key_frames)
         reader = ClipReader(ClipFile(folder / FRAMES_FILE, count, master.fps, master.height, master.width), keep=2)
-        reader.picture(position)  # opens the file, which may then be evicted without harm
+        reader.picture(position)  # opens the file, so that evicting it does no harm
         return reader
 
     def _master_frame(self, index: int) -> Frame:
@@ -127,5 +127,5 @@ def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, p
 
 
 def _variant_name(clip: PreparedClip, corruption: str, parameter: int) -> str:
-    """The cache's name for a transcoded clip; another master is another name."""
+    """The cache's name for a transcoded clip, which depends on the master."""
     return f"{clip.name}-{clip.manifest.master_sha256[:12]}-{corruption}-{parameter}"

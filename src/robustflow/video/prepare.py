@@ -39,7 +39,7 @@ from .prepared import (
 from .source import Source
 
 SEGMENT = 64
-"""Gaps between source frames that are interpolated into one segment: the most that is lost when stopped."""
+"""Gaps between source frames that one segment interpolates: the most that is lost when stopped."""
 
 PAIR_FPS = 30
 """Pairs per second where no step is given; the paper's."""
@@ -114,7 +114,7 @@ def prepare_clip(
     """Prepare one clip in `folder`; what an earlier call finished is not repeated.
 
     Raises:
-        DataError: a source that cannot be read to its end, or a folder that holds the clip prepared otherwise.
+        DataError: a source that cannot be read to its end, or a folder that holds the clip with other settings.
     """
     timing = clip_timing(source, preparation)
     interpolator = load_interpolator(

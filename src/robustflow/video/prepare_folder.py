@@ -34,7 +34,7 @@ CAMERA_FPS = Fraction(240)
 
 
 PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
-"""Prepares every clip in the folder of its name below the given one."""
+"""Prepares every clip in a folder of its name below the given one."""
 
 
 def find_sources(data: Path, evenly: bool = False) -> list[Source]:
@@ -85,7 +85,7 @@ def prepare_folder(
         workers: processes, where `prepare_all` is not given.
         cache_limit: bytes of transcoded variants that may be kept later.
         progress: notified of the progress.
-        prepare_all: does the work elsewhere, on a cluster.
+        prepare_all: does the work instead, on a cluster.
 
     Raises:
         DataError: `output` holds other clips already, or a source fails.
@@ -93,7 +93,7 @@ def prepare_folder(
     if workers < 1:
         raise UsageError(f"--workers {workers}: give 1 or more")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
-    for source in sources:  # whatever cannot work is reported before anything is written
+    for source in sources:  # problems are reported before anything is written
         clip_timing(source, preparation)
     manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(manifest.clips)) != len(manifest.clips):

@@ -33,7 +33,7 @@ CACHE_LIMIT = 20 * 10**9
 
 
 ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
-"""Also a folder's name, so that a manifest cannot lead out of its own folder."""
+"""A clip's name, which is also that of a folder, so that a manifest cannot lead out of its own folder."""
 
 
 class ClipManifest(Frozen):

@@ -126,7 +126,7 @@ class VideoReader:
             raise ValueError("no frame can be decoded")
 
     def _holds(self) -> bool:
-        """Whether the packets tell the truth about the first frame and about the end."""
+        """Whether the packets are right about the first frame and about the end."""
         try:
             self._open()
             first = next(self._frames or iter(()), None)
@@ -157,7 +157,7 @@ class VideoReader:
                 try:
                     self._start(index, back)
                     return self._advance(index)
-                except FFmpegError:  # as above: begin a key frame earlier, in the end with the file
+                except FFmpegError:  # as above: begin a key frame earlier, at last with the file's first
                     self._close()
             self._open()
         return self._advance(index)

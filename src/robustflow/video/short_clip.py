@@ -17,7 +17,7 @@ from .container import open_video
 from .variants import corrupted_stream
 
 DEFAULT_RATE = Fraction(30)
-"""Frames per second of pictures, which do not say."""
+"""Frames per second assumed for pictures."""
 
 
 def frame_rate(path: Path) -> Fraction:

@@ -1,4 +1,4 @@
-"""What a clip is made from: a folder of pictures, or a user's video file, checked before any work begins."""
+"""The source of a clip: a folder of pictures, or a user's video file, checked before any work begins."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .upright import upright
 
 
 class Source(Protocol):
-    """Frames of one clip in order, as often as requested."""
+    """The frames of a clip in order, which can be read repeatedly."""
 
     name: str
     count: int
@@ -31,7 +31,7 @@ class Source(Protocol):
         """RGB uint8 (H, W, 3) from frame `start` on, one at a time."""
 
     def describe(self) -> dict[str, Any]:
-        """What it is, for the manifest."""
+        """Describes it for the manifest."""
 
 
 class PictureFolder:
@@ -152,7 +152,7 @@ class VideoFile:
 
 
 def resample_command(path: Path, fps: Fraction | None) -> str:
-    """The command that gives a video a constant frame rate without losing anything of its frames.
+    """The command that gives a video a constant frame rate without loss.
 
     >>> resample_command(Path("holiday.mov"), Fraction(30))
     'ffmpeg -i holiday.mov -vf fps=30 -c:v libx264 -crf 0 -an holiday_constant.mkv'

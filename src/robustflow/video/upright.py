@@ -1,4 +1,4 @@
-"""Decoded pictures the way up that players show them: phones store a turn beside the frames (a display matrix)."""
+"""Turn decoded pictures as players do: phones store a rotation beside the frames (a display matrix)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def upright(picture: Any, path: Path) -> Frame:
     """RGB uint8 (H, W, 3) of a decoded picture, turned as its display matrix asks.
 
     Raises:
-        DataError: turned by something else than quarters.
+        DataError: a rotation by other than multiples of 90 degrees.
     """
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:

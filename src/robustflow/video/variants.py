@@ -1,6 +1,6 @@
-"""The clip as H.264 CRF, H.264 ABR and Bit Error leave it (paper appendix, "Video corruptions").
+"""A clip under H.264 CRF, H.264 ABR and Bit Error (paper appendix, "Video corruptions").
 
-A variant holds the clip's key frames only, as lossless yuv420p in which every frame stands alone. It is made
+A variant holds the clip's key frames only, as lossless, intra-coded yuv420p. It is made
 in one pass over the master, in memory that does not grow with the clip's length.
 """
 
@@ -26,7 +26,7 @@ FRAMES_FILE = "keyframes.mp4"
 
 @dataclass
 class Stream:
-    """A corrupted master: its pictures, and what is known once they have all been read."""
+    """A corrupted master: its pictures, and statistics that are complete once all have been read."""
 
     pictures: Iterator[tuple[int, I420]]
     decoder: Decoder
@@ -86,7 +86,7 @@ def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Pa
 
 
 def warnings_of(record: dict[str, Any]) -> list[str]:
-    """What a person should know about a variant before believing its numbers."""
+    """Warnings about a variant, for the reader of its numbers."""
     where = f"{record['corruption']} (parameter {record['parameter']}) on {record['clip']}"
     if record["corruption"] == "bit_error" and not record["bytes_changed"]:
         return [
