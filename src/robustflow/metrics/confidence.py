@@ -128,9 +128,12 @@ def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
     Returns:
         The confidence, float64 (H, W): minus the distance in pixels between a pixel and where following both
         flows ends; and the pixels that the consistency check rejects, bool (H, W). Where the flow leaves the
-        frame, or one of the two is not finite, nothing confirms it: -inf, rejected. >>> flow = np.full((1, 4,
-        2), (1, 0), np.float32) >>> confidence, rejected = forward_backward(flow, -flow) >>>
-        confidence.tolist(), rejected.tolist() ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
+        frame, or one of the two is not finite, nothing confirms it: -inf, rejected.
+
+    >>> flow = np.full((1, 4, 2), (1, 0), np.float32)
+    >>> confidence, rejected = forward_backward(flow, -flow)
+    >>> confidence.tolist(), rejected.tolist()
+    ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
     """
     if flow.shape != back.shape or flow.ndim != 3 or flow.shape[2] != 2:
         raise DataError(f"a flow {flow.shape} and the flow back {back.shape} must both be (H, W, 2)")
