@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 import robustflow as rf
 from robustflow.datasets import load_dataset
 from robustflow.datasets.shapes.dataset import FlyingShapes
-from robustflow.datasets.shapes.motion import backward, forward
+from robustflow.datasets.shapes.motion import at_time, backward, forward, from_time
 from robustflow.datasets.shapes.outline import inset
-from robustflow.datasets.shapes.render import colours_at, flow_at
+from robustflow.datasets.shapes.render import colours_at, flow_at, render_pair
 from robustflow.datasets.shapes.scene import draw_scene
 from robustflow.datasets.shapes.textures import procedural_textures
 from robustflow.errors import UsageError
@@ -29,46 +29,56 @@ def scene(number):
     return draw_scene(Rng.of("test", number), SHAPE, 1.0, procedural_textures(0, "test"))
 
 
-def depths(scene, points):
-    """How far inside each layer points of frame 1 are, (layers, points)."""
-    return np.array([[inset(outline, x, y) for x, y in points] for outline in scene.outlines])
+def row_times(which, readout, points):
+    """When the rows of points are taken."""
+    return which + readout * ((points[:, 1] + 0.5) / SHAPE[0] - 0.5)
 
 
-@given(st.integers(0, 10**6), st.tuples(st.floats(-50, 150), st.floats(-50, 150)))
-def test_a_motion_and_its_inverse(number, point):
-    for motion in scene(number).motions[-3:]:
-        np.testing.assert_allclose(backward(motion, *forward(motion, *point)), point, atol=1e-9)
-
-
-@pytest.mark.parametrize("number", range(4))
-def test_the_flow_leads_to_the_same_colour_to_rounding(number):
-    drawn = scene(number)
-    points = np.random.default_rng(number).uniform(0, 1, (4000, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
-    flow, occluded = flow_at(drawn, points)
-    difference = np.abs(colours_at(drawn, points, 0) - colours_at(drawn, points + flow, 1)).max(axis=1)
-    inside = depths(drawn, points)
-    sharp = (np.abs(inside) > 0.6).all(axis=0)  # no border of any layer within reach, in frame 1
-    there = np.stack(
+def insets(scene, points, times):
+    """How far inside each layer points are at their times, (layers, points)."""
+    return np.array(
         [
-            [inset(outline, *backward(motion, *target)) for target in points + flow]
-            for outline, motion in zip(drawn.outlines, drawn.motions, strict=True)
+            [inset(outline, *from_time(motion, t, *point)) for point, t in zip(points, times, strict=True)]
+            for outline, motion in zip(scene.outlines, scene.motions, strict=True)
         ]
     )
-    sharp &= (np.abs(there) > 0.6).all(axis=0)
+
+
+@given(st.integers(0, 10**6), st.tuples(st.floats(-50, 150), st.floats(-50, 150)), st.floats(-0.5, 1.5))
+def test_a_motion_and_its_inverse(number, point, time):
+    for motion in scene(number).motions[-3:]:
+        np.testing.assert_allclose(backward(motion, *forward(motion, *point)), point, atol=1e-9)
+        np.testing.assert_allclose(from_time(motion, time, *at_time(motion, time, *point)), point, atol=1e-9)
+        assert at_time(motion, 0.0, *point) == from_time(motion, 0.0, *point) == point
+        assert at_time(motion, 1.0, *point) == forward(motion, *point)
+        assert from_time(motion, 1.0, *point) == backward(motion, *point)
+
+
+@pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0), (0, 0.4), (1, 1.0)])
+def test_the_flow_leads_to_the_same_colour_to_rounding(number, readout):
+    drawn = scene(number)
+    points = np.random.default_rng(number).uniform(0, 1, (4000, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
+    flow, occluded = flow_at(drawn, points, readout)
+    targets = points + flow
+    difference = np.abs(colours_at(drawn, points, 0, readout) - colours_at(drawn, targets, 1, readout)).max(axis=1)
+    here = insets(drawn, points, row_times(0, readout, points))
+    there = insets(drawn, targets, row_times(1, readout, targets))
+    sharp = (np.minimum(np.abs(here), np.abs(there)) > 0.6).all(axis=0)  # no border of any layer within reach
     assert (sharp & ~occluded).mean() > 0.4
     assert difference[sharp & ~occluded].max() < 1e-7
     assert np.abs(flow).max() > 1
 
 
-@pytest.mark.parametrize("number", range(3))
-def test_occlusion_against_points_carried_along(number):
+@pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (2, 0.0), (0, 1.0), (2, 0.6)])
+def test_occlusion_against_points_carried_along(number, readout):
     """Points in and around every layer, four a pixel along each axis, are carried to frame 2; what lies among those of
-    a layer above is covered. The inverse of a motion has no part in it."""
+    a layer above is covered. The inverse of a motion has no part in it, and the row that reads a point is found by
+    iteration."""
     drawn = scene(number)
     rng = np.random.default_rng(number)
     points = rng.uniform(0, 1, (400, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
-    flow, occluded = flow_at(drawn, points)
-    own = (depths(drawn, points) > 0).argmax(axis=0)
+    flow, occluded = flow_at(drawn, points, readout)
+    own = (insets(drawn, points, row_times(0, readout, points)) > 0).argmax(axis=0)
     wide = 30
     grid = np.meshgrid(np.arange(-wide, SHAPE[1] + wide, 0.25), np.arange(-wide, SHAPE[0] + wide, 0.25))
     fine = np.stack(grid, axis=-1).reshape(-1, 2)
@@ -79,7 +89,9 @@ def test_occlusion_against_points_carried_along(number):
         covers = np.array([inset(outline, *point) > 0 for point in near], bool)
         if not covers.any():
             continue
-        moved = np.array([forward(motion, *point) for point in near])
+        moved = start = np.array([forward(motion, *point) for point in near])
+        for _ in range(20):
+            moved = near + row_times(1, readout, moved)[:, None] * (start - near)
         inner, outer = (cKDTree(moved[which]).query(points + flow)[0] for which in (covers, ~covers))
         above = own > layer
         expected |= above & (inner < outer) & (inner < 1)
@@ -91,6 +103,49 @@ def test_occlusion_against_points_carried_along(number):
     assert 0 < expected.mean() < 0.9
 
 
+@pytest.mark.parametrize("readout", [0.2, 1.0])
+def test_a_rolling_shutter_shows_the_same_point_of_the_scene_at_both_ends_of_its_flow(readout):
+    """To 1e-9 pixels, by the inverse of the motion at the times of the two rows."""
+    drawn = scene(5)
+    points = np.random.default_rng(5).uniform(0, 1, (500, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
+    flow, occluded = flow_at(drawn, points, readout)
+    points, targets = points[~occluded], (points + flow)[~occluded]
+    times = row_times(0, readout, points), row_times(1, readout, targets)
+    own = (insets(drawn, points, times[0]) > 0).argmax(axis=0)
+    for point, target, begin, end, layer in zip(points, targets, *times, own, strict=True):
+        motion = drawn.motions[layer]
+        np.testing.assert_allclose(from_time(motion, begin, *point), from_time(motion, end, *target), atol=1e-9)
+
+
+def test_a_rolling_shutter_bends_what_moves_and_a_global_one_takes_all_rows_at_once():
+    drawn = scene(6)
+    (first, second), flow, occluded = render_pair(drawn, 0.5)
+    height, width = SHAPE
+    for row in (0, 31, height - 1):
+        points = np.stack([np.arange(width, dtype=float), np.full(width, float(row))], axis=-1)
+        time = 0.5 * ((row + 0.5) / height - 0.5)
+        for frame, which in ((first, 0), (second, 1)):
+            np.testing.assert_array_equal(frame[row], np.rint(colours_at(drawn, points, which + time)))
+    still, moved = render_pair(drawn), render_pair(drawn, 0.0)
+    assert (first != still[0][0]).mean() > 0.3
+    for one, two in zip((*still[0], *still[1:]), (*moved[0], *moved[1:]), strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert np.abs(flow - still[1]).max() > 0.5
+    assert (occluded != still[2]).any()
+
+
+def test_what_outruns_the_rows_is_occluded_and_its_flow_stays_short():
+    drawn = scene(7)
+    drawn.motions[:, 2:4] = 0.0, 1.3 * SHAPE[0]
+    drawn.motions[:, 22:24] = drawn.motions[:, :2] + drawn.motions[:, 2:4]
+    points = np.random.default_rng(7).uniform(0, 1, (500, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
+    for readout in (0.7, 1 / 1.3, 0.8, 1.0):
+        flow, occluded = flow_at(drawn, points, readout)
+        assert np.abs(flow).max() < 4 * SHAPE[0]
+        rows = (points + flow)[:, 1]
+        assert occluded[(rows < 0) | (rows > SHAPE[0] - 1)].all()
+
+
 def test_a_pair_is_a_function_of_its_options():
     few, many = FlyingShapes(3, "40x50"), FlyingShapes(1000, "40x50")
     for other in (many, pickle.loads(pickle.dumps(few))):
@@ -98,6 +153,7 @@ def test_a_pair_is_a_function_of_its_options():
             np.testing.assert_array_equal(one, two)
     digest = hashlib.sha256(b"".join(frame.tobytes() for frame in few.load("000002").frames)).hexdigest()[:16]
     assert digest == "f16de49dcf4ed3af"
+    assert (few.load("000002").flow != FlyingShapes(3, "40x50", readout=0.3).load("000002").flow).any()
     for other in (FlyingShapes(3, "40x50", seed=1), FlyingShapes(3, "40x50", split="train")):
         assert (few.load("000002").frames[0] != other.load("000002").frames[0]).mean() > 0.5
 
@@ -129,7 +185,7 @@ def test_own_pictures_as_textures(tmp_path):
 @pytest.mark.parametrize(
     "options",
     [{"pairs": 0}, {"pairs": True}, {"size": "8x9"}, {"size": "wide"}, {"split": "val"}, {"motion": -1}, {"seed": 0.5},
-     {"textures": "nowhere"}],
+     {"textures": "nowhere"}, {"readout": 1.1}, {"readout": True}],
 )  # fmt: skip
 def test_options_that_cannot_be_meant(options):
     with pytest.raises(UsageError, match=next(iter(options))):

@@ -23,7 +23,7 @@ _MOST_PAIRS = 10_000_000
 
 
 class FlyingShapes(Samples):
-    """Pairs with exact flow and occlusion. A pair is a function of seed, split, size, motion and textures alone.
+    """Pairs with exact flow and occlusion. A pair is a function of the options after `pairs` alone.
 
     Args:
         pairs: how many; the first ones do not depend on it.
@@ -33,6 +33,8 @@ class FlyingShapes(Samples):
         motion: factor on all translations. At 1 the mean length of the flow is about 5 % of the frame's height, and
             several times that in a few pairs.
         textures: a folder of pictures to take textures from, in place of the procedural ones.
+        readout: of a rolling shutter, 0 to 1: time between the first row of a frame and the last, in intervals between
+            frames. Flow, occlusion and depth are those of the frames that it takes. 0 is a global shutter.
 
     Raises:
         UsageError: one of these out of range, or a folder without pictures.
@@ -63,6 +65,7 @@ class FlyingShapes(Samples):
         split: str = "test",
         motion: float = 1.0,
         textures: str | None = None,
+        readout: float = 0.0,
     ) -> None:
         if type(pairs) is not int or not 1 <= pairs <= _MOST_PAIRS:
             raise UsageError(f"pairs must be a whole number from 1 to {_MOST_PAIRS}, not {pairs!r}")
@@ -72,7 +75,10 @@ class FlyingShapes(Samples):
             raise UsageError(f"split must be test or train, not {split!r}")
         if isinstance(motion, bool) or not isinstance(motion, int | float) or not 0 <= motion <= 10:
             raise UsageError(f"motion must be a number from 0 to 10, not {motion!r}")
+        if isinstance(readout, bool) or not isinstance(readout, int | float) or not 0 <= readout <= 1:
+            raise UsageError(f"readout must be a number from 0 to 1, not {readout!r}")
         self._pairs, self._seed, self._split, self._motion = pairs, seed, split, float(motion)
+        self._readout = float(readout)
         self._shape = parse_size(size, smallest=_SMALLEST, largest=_LARGEST)
         self._textures = None if textures is None else str(textures)
         if self._textures is not None:
@@ -89,13 +95,13 @@ class FlyingShapes(Samples):
 
     def load(self, key: str) -> Sample:
         """See `Dataset.load`."""
-        frames, flow, occluded = render_pair(self._scene(key))
+        frames, flow, occluded = render_pair(self._scene(key), self._readout)
         return Sample(key, frames, flow, np.ones_like(occluded), occluded)
 
     def depth(self, sample: Sample) -> SceneDepth:
         """See `Depths.depth`: exact. The camera, as wide as it sees far, is at rest; the layers move, each in a plane
         of one depth."""
-        first, second = depths_of(self._scene(sample.key))
+        first, second = depths_of(self._scene(sample.key), self._readout)
         height, width = self._shape
         known = np.ones(self._shape, bool)
         camera = Camera((float(width),) * 2, ((width - 1) / 2, (height - 1) / 2), np.eye(3), np.zeros(3))

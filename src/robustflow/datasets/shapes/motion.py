@@ -1,5 +1,8 @@
 """How a layer moves: an affine map and a smooth wave, and its inverse up to rounding. For use inside compiled loops.
 
+Every point of a layer moves in a straight line at constant speed: it is at m + t (T(m) - m) at time t, that is at m in
+frame 1 and at T(m) in frame 2.
+
 A layer's own coordinates are those of frame 1. A point m of it is at T(m) = c + t + A (m - c + d(m)) in frame 2; d is a
 wave of each axis, made of parabolas instead of sines, because only the four operations and the square root give the
 same bits on every machine. Its slope is kept below 1/2, so that T can be inverted everywhere.
@@ -65,6 +68,47 @@ def backward(m: Any, x: Any, y: Any) -> Any:
         determinant = a * d - b * c
         step_x = (d * miss_x - b * miss_y) / determinant
         step_y = (a * miss_y - c * miss_x) / determinant
+        px -= step_x
+        py -= step_y
+        if step_x * step_x + step_y * step_y < _CLOSE:
+            break
+    return px, py
+
+
+@njit(cache=True, nogil=True, inline="always")
+def at_time(m: Any, t: Any, x: Any, y: Any) -> Any:
+    """The position at time `t` of the point (x, y) of frame 1; frame 2 is at time 1."""
+    qx, qy = forward(m, x, y)
+    if t != 1.0:
+        qx, qy = x + t * (qx - x), y + t * (qy - y)
+    return qx, qy
+
+
+@njit(cache=True, nogil=True, inline="always")
+def from_time(m: Any, t: Any, x: Any, y: Any) -> Any:
+    """The point of frame 1 that is at (x, y) at time `t`, up to rounding."""
+    px, py = x, y
+    if t == 1.0:
+        px, py = backward(m, x, y)
+    elif t != 0.0:
+        px, py = _between(m, t, x, y)
+    return px, py
+
+
+@njit(cache=True, nogil=True)
+def _between(m: Any, t: Any, x: Any, y: Any) -> Any:
+    """`from_time` by Newton's method."""
+    px, py = x - t * m[2], y - t * m[3]
+    for _ in range(_STEPS):
+        qx, qy = at_time(m, t, px, py)
+        slope_x = m[12] * _slope(m[13] * px + m[14] * py + m[15])
+        slope_y = m[16] * _slope(m[17] * px + m[18] * py + m[19])
+        xx, xy = 1.0 + slope_x * m[13], slope_x * m[14]
+        yx, yy = slope_y * m[17], 1.0 + slope_y * m[18]
+        a, b = 1.0 + t * (m[4] * xx + m[5] * yx - 1.0), t * (m[4] * xy + m[5] * yy)
+        c, d = t * (m[6] * xx + m[7] * yx), 1.0 + t * (m[6] * xy + m[7] * yy - 1.0)
+        determinant = a * d - b * c
+        step_x, step_y = (d * (qx - x) - b * (qy - y)) / determinant, (a * (qy - y) - c * (qx - x)) / determinant
         px -= step_x
         py -= step_y
         if step_x * step_x + step_y * step_y < _CLOSE:

@@ -1,4 +1,8 @@
-"""A scene as frames, flow and occlusion, in compiled loops over the pixels."""
+"""A scene as frames, flow and occlusion, in compiled loops over the pixels.
+
+With a rolling shutter, row y of frame k (0 or 1) is taken at time k + readout ((y + 1/2) / H - 1/2). The flow leads to
+where the same point of the scene is in the second frame, at the time of its row there.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy.typing as npt
 
 from ...compiled import njit
 from ...sample import DepthMap, Flow, Frame, Mask
-from .motion import backward, forward
+from .motion import at_time, from_time
 from .outline import inset
 from .scene import Scene
 
@@ -17,51 +21,65 @@ _NEAREST, _FARTHEST = 5.0, 100.0
 """Metres of the first layer and of the background."""
 
 
-def render_pair(scene: Scene) -> tuple[tuple[Frame, Frame], Flow, Mask]:
+def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame], Flow, Mask]:
     """Both frames, the flow of the uppermost layer at each pixel of the first, and where that point is hidden in the
     second.
+
+    Args:
+        scene: to render.
+        readout: time between the first row of a frame and the last, in intervals between frames; 0 is a global shutter.
 
     Returns:
         Frames RGB uint8 (H, W, 3), flow float32 (H, W, 2) in pixels, and the occlusion map, bool (H, W): the point is
         covered by a layer above its own, or outside the second frame, that is beyond the centres of its outer pixels.
+        The flow of a point that no row of the second frame reads leads to where it is at the time of the nearest one.
     """
     height, width = scene.shape
     grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
     points = grid.reshape(-1, 2)
-    flow, occluded = flow_at(scene, points)
-    frames = [np.rint(colours_at(scene, points, which)).astype(np.uint8).reshape(height, width, 3) for which in (0, 1)]
-    return (frames[0], frames[1]), flow.astype(np.float32).reshape(height, width, 2), occluded.reshape(height, width)
+    flow, occluded = flow_at(scene, points, readout)
+    first, second = (
+        np.rint(colours_at(scene, points, which, readout)).astype(np.uint8).reshape(height, width, 3)
+        for which in (0, 1)
+    )
+    return (first, second), flow.astype(np.float32).reshape(height, width, 2), occluded.reshape(height, width)
 
 
-def colours_at(scene: Scene, points: npt.NDArray[np.float64], which: int) -> npt.NDArray[np.float64]:
+def colours_at(
+    scene: Scene, points: npt.NDArray[np.float64], which: int, readout: float = 0.0
+) -> npt.NDArray[np.float64]:
     """The colours at any points of frame 0 or 1, also between pixels, before rounding.
 
     Args:
         scene: the scene to render.
         points: (N, 2), (x, y) in pixels.
         which: 0 or 1.
+        readout: see `render_pair`.
 
     Returns:
         float64 (N, 3), 0..255.
     """
     out = np.empty((len(points), 3))
-    _colours(points, which, scene.motions, scene.outlines, scene.fills, scene.chosen, scene.textures, out)
+    layers = scene.motions, scene.outlines, scene.fills, scene.chosen, scene.textures
+    _colours(points, float(which), float(readout), float(scene.shape[0]), *layers, out)
     return out
 
 
-def flow_at(scene: Scene, points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], Mask]:
+def flow_at(
+    scene: Scene, points: npt.NDArray[np.float64], readout: float = 0.0
+) -> tuple[npt.NDArray[np.float64], Mask]:
     """Flow float64 (N, 2) and occlusion bool (N,) at any points (x, y) of frame 1, float64 (N, 2)."""
     flow, occluded = np.empty((len(points), 2)), np.empty(len(points), bool)
-    _flows(points, scene.motions, scene.outlines, *scene.shape, flow, occluded)
+    _flows(points, float(readout), scene.motions, scene.outlines, *map(float, scene.shape), flow, occluded)
     return flow, occluded
 
 
-def depths_of(scene: Scene) -> tuple[DepthMap, DepthMap]:
+def depths_of(scene: Scene, readout: float = 0.0) -> tuple[DepthMap, DepthMap]:
     """The depth of the uppermost layer at each pixel of both frames, float32 (H, W), metres (`layer_depths`)."""
     of_layers = layer_depths(len(scene.motions))
     first, second = (np.empty(scene.shape, np.float32) for _ in range(2))
     for which, out in enumerate((first, second)):
-        _depths(which, scene.motions, scene.outlines, of_layers, out)
+        _depths(float(which), float(readout), scene.motions, scene.outlines, of_layers, out)
     return first, second
 
 
@@ -75,33 +93,45 @@ def layer_depths(count: int) -> npt.NDArray[np.float32]:
     return (1.0 / ((1.0 - place) / _NEAREST + place / _FARTHEST)).astype(np.float32)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _time(which: Any, readout: Any, y: Any, height: Any) -> Any:
+    """When a row of frame 0 or 1 is taken."""
+    return which + readout * ((y + 0.5) / height - 0.5)
+
+
 @njit(cache=True, nogil=True)
-def _covers_near(outline: Any, motion: Any, which: Any, x: Any, y: Any) -> Any:
-    """False if a point is certainly outside a layer: tested by a circle, so that most layers cost next to nothing."""
+def _near(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
+    """False if a point is certainly outside a layer at time `t`: tested by a circle, so that most layers cost next to
+    nothing."""
     if outline[7] < 0.0:
         return True
-    if which == 0:
-        dx, dy, reach = x - outline[0], y - outline[1], motion[20]
-    else:
-        dx, dy, reach = x - motion[22], y - motion[23], motion[21]
+    dx, dy = x - (motion[0] + t * motion[2]), y - (motion[1] + t * motion[3])
+    reach = abs(1.0 - t) * motion[20] + abs(t) * motion[21]
     return dx * dx + dy * dy <= reach * reach
 
 
 @njit(cache=True, nogil=True)
+def _inset_at(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
+    """`inset` of a point at time `t`."""
+    mx, my = from_time(motion, t, x, y)
+    return inset(outline, mx, my)
+
+
+@njit(cache=True, nogil=True)
 def _colours(
-    points: Any, which: Any, motions: Any, outlines: Any, fills: Any, chosen: Any, textures: Any, out: Any
-) -> None:
+    points: Any, which: Any, readout: Any, height: Any,
+    motions: Any, outlines: Any, fills: Any, chosen: Any, textures: Any, out: Any,
+) -> None:  # fmt: skip
     size = textures.shape[1]
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
+        t = _time(which, readout, y, height)
         left = 1.0
         out[i, 0], out[i, 1], out[i, 2] = 0.0, 0.0, 0.0
         for layer in range(motions.shape[0]):
-            if not _covers_near(outlines[layer], motions[layer], which, x, y):
+            if not _near(outlines[layer], motions[layer], t, x, y):
                 continue
-            mx, my = x, y
-            if which == 1:
-                mx, my = backward(motions[layer], x, y)
+            mx, my = from_time(motions[layer], t, x, y)
             inside = inset(outlines[layer], mx, my)
             if inside <= -0.5:
                 continue
@@ -125,36 +155,44 @@ def _colours(
 
 
 @njit(cache=True, nogil=True)
-def _flows(points: Any, motions: Any, outlines: Any, height: Any, width: Any, flow: Any, occluded: Any) -> None:
+def _flows(
+    points: Any, readout: Any, motions: Any, outlines: Any, height: Any, width: Any, flow: Any, occluded: Any
+) -> None:
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
+        t = _time(0.0, readout, y, height)
         top = 0
-        while not (_covers_near(outlines[top], motions[top], 0, x, y) and inset(outlines[top], x, y) > 0.0):
+        while not (
+            _near(outlines[top], motions[top], t, x, y) and _inset_at(outlines[top], motions[top], t, x, y) > 0.0
+        ):
             top += 1
-        qx, qy = forward(motions[top], x, y)
+        mx, my = from_time(motions[top], t, x, y)
+        # The point and the row being read move at constant speeds: they meet once, or beyond the frame.
+        speed = at_time(motions[top], 1.0, mx, my)[1] - my
+        closing = 1.0 - speed * readout / height
+        row = (my + speed * _time(1.0, readout, 0.0, height)) / closing if closing != 0.0 else np.inf
+        meeting = _time(1.0, readout, row, height) if readout > 0.0 else 1.0
+        t = min(max(meeting, 1.0 - 0.5 * readout), 1.0 + 0.5 * readout)
+        qx, qy = at_time(motions[top], t, mx, my)
         flow[i, 0], flow[i, 1] = qx - x, qy - y
-        hidden = not (0.0 <= qx <= width - 1 and 0.0 <= qy <= height - 1)
+        hidden = t != meeting or not (0.0 <= qx <= width - 1 and 0.0 <= qy <= height - 1)
         for layer in range(top):
             if hidden:
                 break
-            if _covers_near(outlines[layer], motions[layer], 1, qx, qy):
-                mx, my = backward(motions[layer], qx, qy)
-                hidden = inset(outlines[layer], mx, my) > 0.0
+            if _near(outlines[layer], motions[layer], t, qx, qy):
+                hidden = _inset_at(outlines[layer], motions[layer], t, qx, qy) > 0.0
         occluded[i] = hidden
 
 
 @njit(cache=True, nogil=True)
-def _depths(which: Any, motions: Any, outlines: Any, of_layers: Any, out: Any) -> None:
+def _depths(which: Any, readout: Any, motions: Any, outlines: Any, of_layers: Any, out: Any) -> None:
     for row in range(out.shape[0]):
+        t = _time(which, readout, float(row), float(out.shape[0]))
         for column in range(out.shape[1]):
-            x, y = float(column), float(row)
             top = 0
-            while True:
-                if _covers_near(outlines[top], motions[top], which, x, y):
-                    mx, my = x, y
-                    if which == 1:
-                        mx, my = backward(motions[top], x, y)
-                    if inset(outlines[top], mx, my) > 0.0:
-                        break
+            x, y = float(column), float(row)
+            while not (
+                _near(outlines[top], motions[top], t, x, y) and _inset_at(outlines[top], motions[top], t, x, y) > 0.0
+            ):
                 top += 1
             out[row, column] = of_layers[top]
