@@ -5,7 +5,7 @@
 One thread; CPU milliseconds for a pair, the mean over the draws of each round, the best of three rounds. Both apply the
 same draws: ours as `train` does; the originals' as RAFT's loader does, with torchvision's colour jitter on Pillow
 images, OpenCV's resize of the whole frame, and NumPy's scattering of sparse points. Results are compared first: the
-frames are equal to the byte.
+frames are equal byte for byte.
 """
 
 from __future__ import annotations

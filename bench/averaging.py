@@ -3,7 +3,7 @@
     python bench/averaging.py [--pairs 9901]
 
 A run is generated: every image-pair corruption at every severity, 101 rows a pair, in shards of the size that `run`
-leaves. A process of its own then computes the means; what it needed before it touched the run is given, too.
+leaves. A separate process then computes the means; the memory that it needed before it touched the run is given, too.
 """
 
 from __future__ import annotations

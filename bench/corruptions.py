@@ -51,7 +51,7 @@ def load_pair(images: list[Path] | None, size: str | None) -> Pair:
 
 
 def best_of(jobs: list[Callable[[], Any]], seconds: float) -> list[float]:
-    """Best milliseconds of each job; they take turns for `seconds` or three rounds, whichever is longer."""
+    """Best milliseconds of each job; they take turns for at least `seconds` and three rounds."""
     for job in jobs:
         job()  # compiles, fills caches
     best, rounds, end = [float("inf")] * len(jobs), 0, time.perf_counter() + seconds

@@ -4,7 +4,7 @@
 
 For each number of corruptions, the set whose means rank the 29 published variants most nearly as the means over all 20:
 the smallest of Kendall's tau of EPE, CRE and RCRE is maximised, greedily and by exchanges. Then a trial for each
-variant: the set is chosen without it, and tau is over all variants. A set that can stand for the full run should
+variant: the set is chosen without it, and tau is over all variants. A set that can replace the full run should
 reach 0.95 in 95 % of these trials. The tables hold means over severities and pairs, so that neither can be chosen from
 them. The set of 15 is `benchmarks/kitti_fc.py:KittiFC.facts.quick`.
 """

@@ -25,7 +25,7 @@ _SCALED = [name for name in ROW_SCHEMA if name.startswith(("epe_sum", "rcre_sum"
 def synthetic_runs(folder: Path, count: int, pairs: int) -> list[Path]:
     """Write `count` run folders over the same `pairs` pairs: every image-pair corruption at every severity.
 
-    Each model has errors of its own: those of DIS on the embedded pair, times a factor for the pair, the model, the
+    Each model has different errors: those of DIS on the embedded pair, times a factor for the pair, the model, the
     corruption and the severity.
     """
     first = evaluate("dis", "demo", output=folder / "template", corruptions=["contrast"], severities=[1])

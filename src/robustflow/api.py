@@ -146,7 +146,7 @@ def evaluate(
             subset (kitti-fc); means over it are marked as estimates. Not with `corruptions` or `severities`.
         attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
             options if there are any (`"pgd:steps=40"`), or your own, `"module.path:Attribute"`, a class or an object;
-            without `corruptions` they run alone. Random noise comes with them, and no mean over corruptions includes
+            without `corruptions` nothing else runs. Random noise comes with them, and no mean over corruptions includes
             them; see `Run.attack_rows`.
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.
@@ -159,7 +159,7 @@ def evaluate(
         common_draws: one draw for all five severities of a pair, so that they differ only in strength.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that do
             not exist for a corruption are left out, and listed in `Result.left_out`.
-        workers: number of processes. By default this process alone, unless `timeout` is given; for a named model that
+        workers: number of processes. By default only this process, unless `timeout` is given; for a named model that
             uses one thread (`dis`, `tiny`, `farneback`) one per processor, up to 8, in runs of 50 cells or more. For a
             model on a GPU (attribute `device`) the processes that corrupt and measure, in addition to one per GPU that
             predicts, by default one per processor; with Ray one per GPU or processor of the cluster.

@@ -79,7 +79,7 @@ def first_misfit(error: ValidationError, whole: str = "the file") -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of an error's message, for a message of ours that quotes it; its class if it has none.
+    """The first line of an error's message, to be quoted in ours; its class if it has none.
 
     >>> first_line(ValueError("bad magic\\nat byte 3")), first_line(EOFError())
     ('bad magic', 'EOFError')

@@ -120,7 +120,7 @@ def test_a_deflated_tiff_of_which_a_byte_changed(tmp_path: Path) -> None:
 def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) -> None:
     others = [Image.fromarray(PICTURE[::-1].copy()), Image.fromarray(PICTURE[:, ::-1].copy())]
     Image.fromarray(PICTURE).save(tmp_path / name, save_all=True, append_images=others, **options)
-    with pytest.raises(DataError, match=r"holds 3 pictures, .* as files of their own"):
+    with pytest.raises(DataError, match=r"holds 3 pictures, .* as separate files"):
         read_image(tmp_path / name)
 
 

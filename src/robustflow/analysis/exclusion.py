@@ -35,7 +35,7 @@ def exclusion_reasons(run: Run) -> list[str]:
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
     if is_still(run.benchmark):
-        return reasons  # zero flow is right, and a flow that ignores the frames is as good as any
+        return reasons  # zero flow is right, so a flow that ignores the frames is as good as any
     return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 

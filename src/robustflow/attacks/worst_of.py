@@ -20,7 +20,7 @@ _PLUS = "+"
 
 @dataclass(frozen=True, kw_only=True)
 class WorstOf(Attack):
-    """Make each attack as it would be made alone, evaluate its 8-bit frames, and keep the pair with the largest error.
+    """Make each attack as usual, evaluate its 8-bit frames, and keep the pair with the largest error.
 
     Options go to every part that has them: `worst_of:apgd+square:queries=100`.
 

@@ -86,7 +86,7 @@ class Benchmark:
     ) -> Benchmark:
         """The same benchmark with fewer (or other) corruptions or severities, or fewer samples (`spread`).
 
-        With attacks and without corruptions, the attacks alone; the random noise of their norms comes with them.
+        With attacks and without corruptions, only the attacks; the random noise of their norms is added.
 
         Raises:
             UsageError: an unknown corruption or attack, a severity outside 1 to 5, a limit below 1.
@@ -149,7 +149,7 @@ class Benchmark:
         if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
             return
         if len(parts) > 1:
-            raise UsageError(f"{name} cannot be made: a corruption of the whole clip is in no stack; name it alone")
+            raise UsageError(f"{name} cannot be made: a corruption of the whole clip cannot be stacked")
         file = self.dataset.files(self.keys[0])[0]
         video = f" --data {file}" if file.suffix.lower() in VIDEO_SUFFIXES else ", which takes a video file as it is"
         raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}")

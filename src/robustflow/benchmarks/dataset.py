@@ -19,7 +19,7 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
     ground truth, only RCRE is measured.
 
     Raises:
-        UsageError: a data set that is a benchmark of its own, an unknown option, or a missing root.
+        UsageError: a data set that is itself a benchmark, an unknown option, or a missing root.
         DataError: the folder does not have the data set's layout, or none of the corrupted frames it comes with.
     """
     dataset, facts = load_dataset(name, data, **options), dataset_facts(name)

@@ -45,7 +45,7 @@ def export(
     severity_scale: str = "paper",
     common_draws: bool = False,
 ) -> Iterator[Written]:
-    """Write the benchmark into `output`, sample by sample; existing files are left alone.
+    """Write the benchmark into `output`, sample by sample; existing files stay as they are.
 
     Args:
         benchmark: whose samples, corruptions and severities to write.

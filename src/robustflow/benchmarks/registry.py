@@ -139,7 +139,7 @@ def _opened(
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
-    """What is known of a benchmark by its name alone, for code that reads manifests and tables and has no data.
+    """The facts of a benchmark by its name, for code that reads manifests and tables and has no data.
 
     A data set's name gives its own title, and that of its still scenes says so. An unregistered name, as in manifests
     from other machines, gives neutral facts: its name as the title, and nothing from the paper; no code is loaded for

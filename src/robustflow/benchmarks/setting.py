@@ -89,7 +89,7 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
     """What `K:part` means for these pairs, and the note that must accompany it."""
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
-        own = "the released KITTI-FC has a split of its own, which K:released names"
+        own = "the released KITTI-FC has a different split, which K:released names"
         return "UNKNOWN", f"whether K:{part} holds evaluated pairs is unknown; {own}"
     if part == _RELEASED:
         return "ID", ""

@@ -27,7 +27,7 @@ from .options import (
 
 def examples(
     run: Annotated[Path, typer.Argument(help="A run's folder.")],
-    sample: Annotated[str | None, typer.Option("--sample", help="Draw this sample alone, as one PNG.")] = None,
+    sample: Annotated[str | None, typer.Option("--sample", help="Draw only this sample, as one PNG.")] = None,
     corruption: Annotated[
         str | None,
         typer.Option(

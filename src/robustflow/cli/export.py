@@ -80,8 +80,8 @@ def export(
     With --format robustspring the run's model predicts RobustSpring's own frames, which --data names (spring/test,
     fog/test, ...), in the layout that its flow_robust_subsampling takes; results.csv says how far the flow moves.
     What card, croissant, every-eval-ever and huggingface write follows from the run alone: 'robustflow verify RECORD
-    --exported FILE' compares it with the run's record. Frames and flows that are already whole are left alone, so a
-    stopped export continues where it stopped.
+    --exported FILE' compares it with the run's record. Frames and flows that are already complete stay as they are, so
+    a stopped export continues where it stopped.
 
     \b
     Example:

@@ -17,7 +17,7 @@ def leaderboard(
         bool, typer.Option("--published/--no-published", help="The paper's results beside them.")
     ] = True,
     only_own: Annotated[
-        bool, typer.Option("--only-own", help="Figures, observations and audit of the sources alone.")
+        bool, typer.Option("--only-own", help="Figures, observations and audit only of the sources.")
     ] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder to write; leaderboard by default.")
@@ -37,12 +37,12 @@ def leaderboard(
 ) -> None:
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
-    Without a source it shows the paper's results. Results measured on other frames form groups of their own and
+    Without a source it shows the paper's results. Results measured on other frames form separate groups and
     are not ranked against each other. A page of more than 24 runs leaves out the example pictures, which are a third of
     its size (robustflow gallery draws them). What is computed from a run is kept in its folder for the next time.
 
     Results files are CSV, or JSON as the paper's reference code (results.json) and FlowBench (metrics_DATASET.json)
-    write it: means without rows, which form groups of their own and say that nothing in them can be verified.
+    write it: means without rows, which form separate groups and say that nothing in them can be verified.
 
     With --add the source is a folder that several people add records to: each is verified and copied into its records/
     (of a run's folder the record is made first), and the page in it is built again from all that are there. A folder of

@@ -295,7 +295,7 @@ def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
 
 
 def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[str, Any], ...]:
-    """The options of a model: `KEY=VALUE` texts, and those that have a command-line option of their own.
+    """The options of a model: `KEY=VALUE` texts, and those that have their own command-line option.
 
     Raises:
         UsageError: as for `keyword_options`, or an option given in both ways.

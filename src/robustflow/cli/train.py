@@ -191,7 +191,7 @@ def _refuse_alone(*options: tuple[str, object]) -> None:
 
 
 def _corruptions(text: str | None) -> list[str]:
-    """Names of corruptions; a family stands for all of its corruptions that apply to a pair of images."""
+    """Names of corruptions; a family means all of its corruptions that apply to a pair of images."""
     from ..corruptions.registry import FAMILIES, IMAGE_PAIR
 
     chosen: list[str] = []

@@ -42,7 +42,7 @@ def load_corruption(
             class or an object (docs/add-your-corruption.md), which is known by its `name` from then on. Nothing is
             imported for a name: `module.path:Attribute` goes through `corruption_name` first.
         variant: "default", "reference", "reference-bgr" (as the published tables were measured: the corruptions were
-            handed BGR frames for RGB) or "paper"; the calibrated scale exists for the default alone.
+            handed BGR frames for RGB) or "paper"; the calibrated scale exists only for the default.
         scale: "paper" (its five severities) or "calibrated" (equal mean SSIM; see docs/severity-scales.md).
         classes: name -> class used in place of the registered one, see `Benchmark.classes`.
 

@@ -1,4 +1,4 @@
-"""Every corruption with a place of its own in tables and figures: the paper's, then those that exist only as files.
+"""Every corruption with its own place in tables and figures: the paper's, then those that exist only as files.
 
 Results are grouped and ordered by these names; what can be computed is in `registry`.
 """

@@ -83,7 +83,7 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
 
 
 def carried(depth: npt.NDArray[Any], flow: Flow, known: Mask) -> DepthMap:
-    """A map of frame 2, from what is known at the pixels of frame 1.
+    """The depth map of frame 2, from values at the pixels of frame 1.
 
     Args:
         depth: (H, W), metres: the depth in frame 2 of what frame 1 shows.

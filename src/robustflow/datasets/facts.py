@@ -34,7 +34,7 @@ class DatasetFacts(Frozen):
             none does, or, without `same_domain`, no model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
         benchmark: the benchmark that reads these files; "" if the data set is evaluated under its own name.
-        corruptions: those that its frames come with, each at severity 1 alone, if they are evaluated under its own
+        corruptions: those that its frames come with, each only at severity 1, if they are evaluated under its own
             name; see `robustflow.corruptions.on_disk`. () if frames are corrupted here.
         folder_options: the options that name a further folder, and so are no part of what a run measured.
 

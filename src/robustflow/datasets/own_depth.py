@@ -35,7 +35,7 @@ class OwnDepth:
         focal: the focal length in pixels; by default the width of the frames, a horizontal field of view of 53 degrees.
 
     Raises:
-        UsageError: no such folder, or a focal length that is none.
+        UsageError: no such folder, or a focal length that is not positive.
     """
 
     def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:

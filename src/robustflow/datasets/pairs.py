@@ -135,7 +135,7 @@ class PairDataset(Samples):
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
-        """The ground truth that networks are trained on: the flow file alone, without maps of hidden or unreliable
+        """The ground truth that networks are trained on: only the flow file, without maps of hidden or unreliable
         pixels, as in the original code; override if the flow needs more than its file."""
         return PairDataset.truth(self, pair)
 

@@ -94,7 +94,7 @@ def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]
 
 
 def dataset_facts(name: str) -> DatasetFacts:
-    """What is known of a data set by its name alone: title, licence, citation, counts, layout.
+    """The facts of a data set by its name: title, licence, citation, counts, layout.
 
     An unregistered name, as in manifests from other machines, gives only a title; no code is loaded for it.
 

@@ -58,7 +58,7 @@ def read_depth_npy(path: Path) -> Values:
     """A NumPy array of real numbers, (H, W).
 
     Raises:
-        DataError: other contents, or another length than the header says.
+        DataError: other contents, or not the length in the header.
     """
     with _readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)

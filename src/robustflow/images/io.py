@@ -69,7 +69,7 @@ def read_image(path: str | Path) -> Frame:
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """(H, W) of the picture `read_image` would return, from the header alone.
+    """(H, W) of the picture that `read_image` would return, from the header.
 
     Raises:
         DataError: no such file, or not a picture.
@@ -149,7 +149,7 @@ def png_bytes(image: Frame) -> bytes:
 
 
 def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
-    """RGB uint8 (H, W, 3) as a JPEG, to be looked at, not measured: noise and fine colour are lost."""
+    """RGB uint8 (H, W, 3) as a JPEG, for display only: noise and fine colour are lost."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
     return buffer.getvalue()
@@ -204,7 +204,7 @@ def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
     frames = getattr(image, "n_frames", 1)
     if frames > 1 and image.format != "MPO":  # whose first picture is the one to show
         raise DataError(
-            f"{path}: holds {frames} pictures, of which only one can be read; save them as files of their own, "
+            f"{path}: holds {frames} pictures, of which only one can be read; save them as separate files, "
             "and give their folder"
         )
     end = 0

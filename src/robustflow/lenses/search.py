@@ -171,7 +171,7 @@ def search(
 
     Args:
         elements: how many glass elements.
-        stop: how many of them stand in front of the stop.
+        stop: how many of them are in front of the stop.
         goal: the blur wanted.
         rng: the stream of every choice.
         budget: counts after which the stages end.

@@ -50,7 +50,7 @@ def check_confidence(kind: str | None, model: AnyModel) -> None:
         raise UsageError("a confidence is measured of models that predict from two frames; leave out --confidence")
     if kind == OF_MODEL and not isinstance(model, ConfidentModel):
         raise UsageError(
-            "this model has no confidence of its own (no predict_with_confidence); give --confidence forward-backward"
+            "this model returns no confidence (no predict_with_confidence); give --confidence forward-backward"
         )
 
 

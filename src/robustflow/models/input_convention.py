@@ -11,7 +11,7 @@ from .option_checks import check_count
 RAFT_SMALLEST = 121
 """Pixels per side. RAFT halves its correlation volume three times and divides by the side of the last one minus one,
 which is 0 up to 120 pixels: NaN. Its authors evaluate nothing that small and only pad to multiples of 8, so such frames
-are refused, whichever implementation runs."""
+are refused by every implementation."""
 
 ORDERS = ("rgb", "bgr")
 _PerChannel = tuple[float, float, float]

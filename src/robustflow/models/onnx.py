@@ -141,7 +141,7 @@ class OnnxModel(PairNetwork):
         }
         try:
             (flow,) = self._session.run([self._output], given)
-        except Exception as error:  # onnxruntime has a class of its own for each kind of failure
+        except Exception as error:  # onnxruntime has a separate class for each kind of failure
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
             raise ModelError(
                 f"the network failed on {what}: {first_line(error)[:200]}; give the multiple of height and width that "
@@ -182,7 +182,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
             )
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
-    except Exception as error:  # onnxruntime has a class of its own for each kind of failure
+    except Exception as error:  # onnxruntime has a separate class for each kind of failure
         raise damaged(path, error) from None
     if device != "cpu" and _CUDA not in session.get_providers():
         raise ModelError(f"onnxruntime cannot use device '{device}' here (its CUDA libraries do not load); give cpu")
@@ -199,7 +199,7 @@ def _parse_device(device: str) -> str:
 
 def _chosen_output(nodes: list[Any], name: str | None) -> str:
     names = [str(node.name) for node in nodes]
-    chosen = names[-1] if name is None else str(name)  # the command line makes a number of a name like 1234
+    chosen = names[-1] if name is None else str(name)  # the command line turns a name like 1234 into a number
     if chosen not in names:
         raise unknown_name("output of the network", chosen, names)
     return chosen

@@ -47,5 +47,5 @@ class PsfField:
 
     @cached_property
     def colours(self) -> tuple[npt.NDArray[np.float32], ...]:
-        """The stack of each colour alone, (64, 1, 61, 61)."""
+        """A stack for each colour, (64, 1, 61, 61)."""
         return tuple(np.ascontiguousarray(self.stack[:, number : number + 1]) for number in range(3))

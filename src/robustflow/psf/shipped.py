@@ -42,7 +42,7 @@ def shipped_field(severity: int) -> PsfField:
 
 
 def halved(field: PsfField) -> npt.NDArray[np.float16]:
-    """What is stored of a field: columns 30 to 60 as float16, (64, 3, 61, 31)."""
+    """The stored part of a field: columns 30 to 60 as float16, (64, 3, 61, 31)."""
     return field.stack[..., _MIDDLE:].astype(np.float16)
 
 

@@ -72,7 +72,7 @@ class Rng:
         return cls(key_of(*parts))
 
     def spawn(self, *parts: str | int) -> Rng:
-        """A stream of its own, independent of how much of this one has been read."""
+        """A separate stream, independent of how much of this one has been read."""
         return Rng(key_of(self.key, *parts))
 
     def bits(self, count: int) -> npt.NDArray[np.uint64]:

@@ -102,7 +102,7 @@ def collected(folder: Path) -> list[Path]:
     """The records of a collection.
 
     Raises:
-        DataError: the list is not one that this version reads, or a file of it is missing or another.
+        DataError: this version cannot read the list, or a file of it is missing or was replaced.
     """
     paths = []
     for entry in _entries(folder):

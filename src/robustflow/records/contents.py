@@ -67,7 +67,7 @@ def check_version(record: dict[str, Any], name: str) -> None:
     """Check that this version can read a `record.json`, before anything else in it is used.
 
     Raises:
-        DataError: another format, or another version of it.
+        DataError: an unknown format, or a different version of it.
     """
     version = record.get("version")
     if record.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:

@@ -33,7 +33,8 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
     """Read the rows back, with the columns and types of `ROW_SCHEMA`.
 
     Raises:
-        DataError: anything that `rows_to_text` does not write: other columns, a cell of another type, or another order.
+        DataError: anything that `rows_to_text` does not write: other columns, a cell of the wrong type, or a different
+            order.
     """
     if not text.startswith(_HEADING):
         raise DataError("rows.csv has other columns than this version writes; use the version that packed it")

@@ -22,7 +22,7 @@ def measure_variants(
 ) -> Iterator[tuple[Runnable, Result] | Missing]:
     """Run, or go on with, what can be run; in the order of the choices, what is missing in its place.
 
-    Random weights of a method stand in for it in both settings and are run once. A variant that fails is missing, with
+    Random weights of a method replace it in both settings and are run once. A variant that fails is missing, with
     the reason; the others are run.
 
     Args:

@@ -57,8 +57,8 @@ def choose(
 ) -> list[Runnable | Missing]:
     """What there is for each variant.
 
-    A file named as the variant is ("raft-ood.pth", or "raft-ood/last.pth" of a training) goes before one of the
-    catalogue, whose setting has to be the variant's: a checkpoint that has seen the evaluated pairs never stands in
+    A file named as the variant is ("raft-ood.pth", or "raft-ood/last.pth" of a training) takes precedence over one of
+    the catalogue, whose setting has to be the variant's: a checkpoint that has seen the evaluated pairs never stands in
     for one that has not. Of several, the one whose training sets are nearest to the paper's.
 
     Args:

@@ -67,7 +67,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
 
 
 def paper_alone(artefact: Artefact, variant: Variant) -> SideBySide:
-    """A variant as the paper measured it, alone."""
+    """A variant with only the paper's values."""
     return SideBySide(variant, _published(artefact, variant, _of_paper(artefact)), {})
 
 

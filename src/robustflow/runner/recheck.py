@@ -1,7 +1,7 @@
 """Check that rows were made from frames that others can reproduce, by recomputing the digests from the data.
 
 A row carries a digest of the frames its model was given. Frames follow from the data, the corruption, its severity, the
-seed and the sample's key alone, so anyone with the data can recompute them without the model.
+seed and the sample's key, so anyone with the data can recompute them without the model.
 """
 
 from __future__ import annotations

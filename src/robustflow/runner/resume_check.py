@@ -33,7 +33,7 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
         plan: of the job.
 
     Raises:
-        RunError: other frames, another ground truth, or another prediction.
+        RunError: different frames, ground truth or predictions.
     """
     kept = kept_clean_rows(folder, plan.benchmark.keys)
     if not kept:

@@ -127,7 +127,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     """Set up a finished run again from its manifest, with the model and the data that `source` names.
 
     Raises:
-        RunError: the model cannot be loaded any more, or what is set up now is not what was run.
+        RunError: the model can no longer be loaded, or differs from what was run.
         UsageError, DataError: the data set is missing.
     """
     identity = run.manifest.identity

@@ -79,7 +79,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     """The model of a run, loaded again.
 
     Raises:
-        RunError: it was a Python object, or what is loaded now is another model than the run's.
+        RunError: it was a Python object, or the model loaded now is not the run's.
         UsageError: the run has flows from files, which say nothing of other frames.
         ModelError: it cannot be loaded.
     """

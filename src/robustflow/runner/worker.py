@@ -134,7 +134,7 @@ class Worker:
 
 
 class NoMotion:
-    """Stands in for a model whose prediction is not needed: the flow is zero everywhere."""
+    """Replaces a model whose prediction is not needed: the flow is zero everywhere."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """Zero flow, float32 (H, W, 2)."""

@@ -1,4 +1,4 @@
-"""A small JSON file stored with a run's rows: it belongs to that run alone, and may come from anyone."""
+"""A small JSON file stored with a run's rows: it belongs to exactly that run, and may come from anyone."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
     if words := differences(runs):
         remarks.append(f"The runs differ: {words}.")
     remarks += [
-        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors are over these alone."
+        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors are only over these."
         for name, run in runs.items()
         if has_gaps(run.summary)
     ]
@@ -264,7 +264,7 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
 
 
 def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
-    """How a run's frames were chosen and made, field by field, from its manifest alone."""
+    """How a run's frames were chosen and made, field by field, from its manifest."""
     frames = run.manifest.identity.frames
     protocol, fields = dict(frames.protocol), dict(frames)
     yield "benchmark", f"benchmark {_title(run)}"

@@ -87,7 +87,7 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
     """Check that a model of this identity is the run's, apart from its weights and how it is executed.
 
     Raises:
-        UsageError: it is another model, or has other settings.
+        UsageError: it is a different model, or has different settings.
     """
     ran = run.manifest.identity.model.settings
     for key in sorted((ran.keys() | model.keys()) - _FREE):

@@ -26,7 +26,7 @@ FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
 
 
 def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
-    """The content of `examples.json`, from the rows alone; None if nothing was measured."""
+    """The content of `examples.json`, from the rows; None if nothing was measured."""
     cells = example_cells(rows)
     if not cells:
         return None

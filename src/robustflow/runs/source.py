@@ -79,7 +79,7 @@ class RunSource:
         kept = {key: value for key, value in self.model.options if key not in given}
         if self.model.name in _OF_FILES or not _registered(self.model.name):
             raise RunError(
-                f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file of its own; "
+                f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file; "
                 "nothing is loaded because a run's folder names it: give --model yourself if you trust it"
             )
         for key, value in kept.items():

@@ -107,7 +107,7 @@ class ShiftedTruth:
 
 
 class BrightnessFlow:
-    """Predicts (mean of frame 1, mean of frame 2) / 16 everywhere: a model whose numbers depend on its frames alone.
+    """Predicts (mean of frame 1, mean of frame 2) / 16 everywhere: a model whose numbers depend only on its frames.
 
     >>> BrightnessFlow().predict(np.full((2, 2, 3), 16, np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
     [1.0, 0.0]

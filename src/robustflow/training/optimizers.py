@@ -14,7 +14,7 @@ def build_optimizer(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer
     """The recipe's optimiser over all trained parameters.
 
     AdamW of the RAFT family decays every parameter, including norms and biases; a recipe with `decay_biases = false`
-    (ARFlow) leaves biases alone.
+    (ARFlow) does not decay biases.
     """
     settings = recipe.optimizer
     learning = [(name, value) for name, value in network.named_parameters() if value.requires_grad]

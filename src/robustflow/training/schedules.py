@@ -1,4 +1,4 @@
-"""Learning rates as functions of the update alone, so that a resumed training needs no state of a schedule."""
+"""Learning rates that depend only on the update, so that a resumed training needs no state of a schedule."""
 
 from __future__ import annotations
 

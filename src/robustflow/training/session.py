@@ -42,7 +42,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         UsageError: parts that do not fit together, or a folder that holds another training.
         DataError: data that are missing or cannot be read, or a folder that cannot be written.
         ModelError: weights that cannot be loaded, or a loss that is not finite.
-        RunError: nothing to resume, or another training.
+        RunError: nothing to resume, or a different training.
     """
     recipe, folder = request.recipe, user_path(request.output)
     parts = [open_part(part, request.data.sources) for part in mix_parts(recipe.mix)]

@@ -1,6 +1,6 @@
 """Put decoded pictures at their positions, and fill the positions that remain empty.
 
-Damage can cost a stream any of its frames. Renaming what is left by order of output, as the reference code does,
+Damage can cost a stream any of its frames. Renaming the remaining ones in order of output, as the reference code does,
 shifts every later frame by one per loss; here a picture belongs to its presentation time. As in a player, a lost frame
 shows the picture before it, or the first decoded picture if there is none.
 """

@@ -83,7 +83,7 @@ def interpolate(frames: Iterable[Frame], interpolator: Interpolator, factor: int
     """Yield the frames from the second to the last but one, with `factor - 1` new ones in every gap.
 
     The clip's first and last frame only serve as neighbours, as in FLAVR's own script: so frame 0 of the result is
-    frame 1 of the source, whichever interpolator is used. Holds four frames.
+    frame 1 of the source, for every interpolator. Holds four frames.
     """
     return fill_gaps(windows(frames), interpolator, factor)
 

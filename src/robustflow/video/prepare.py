@@ -1,7 +1,7 @@
 """Make the lossless master and key frames of a clip from its source, resumable, in memory that does not grow with
 length.
 
-A source is interpolated in segments, each a lossless file of its own that a stopped run keeps; then one encoder makes
+A source is interpolated in segments, each a separate lossless file that a stopped run keeps; then one encoder makes
 the master from all of them (so it is the same file whether or not there was a stop) and the key frames are written
 as they pass; `clip.json` comes last.
 """

@@ -11,7 +11,7 @@ the repository under outputs/validate:
 A later experiment replaces an equal earlier one, as its own reader (flowbench/utils.py) has it. Attacks, adversarial
 weather and 3D corruptions are other questions and are left out. `epe` is a mean over images, in pixels. The
 corruptions are those of the library imagecorruptions, drawn for each frame of a pair apart: they have names in common
-with this project's and are other corruptions, so the lines form a benchmark of their own.
+with this project's and are other corruptions, so the lines form a separate benchmark.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ ZhonghuaYi/optical_flow_robustness_benchmark, commit 445880d, to benchmark_resul
              "CRE_mean": ..., "rCRE_mean": ..., "clean_EPE_mean": ..., "corrupt_EPE_mean": ..., "result": "..."},
      "clean": {"clean_EPE": [1 value], "CRE": [[]], "CRE_mean": NaN, ...}, ...}
 
-On GoPro-FC, which has no ground truth, there is rCRE alone. Values are means over images of means over pixels, of
+On GoPro-FC, which has no ground truth, there is only rCRE. Values are means over images of means over pixels, of
 severities 1 to 5 in this order; "brightness" is what the paper calls high light.
 """
 

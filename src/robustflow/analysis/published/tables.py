@@ -91,7 +91,7 @@ def published_costs() -> dict[str, Cost]:
 
 def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
     """Models that figures and observations of these results leave out: for the paper's results, the learned ones that
-    it leaves out of its own discussion (Sec. 5.2); for any other results none, whatever they are called.
+    it leaves out of its own discussion (Sec. 5.2); for any other results none.
 
     >>> not_discussed(published_results())
     ('FlowDiffuser',)

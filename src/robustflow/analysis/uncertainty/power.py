@@ -46,7 +46,7 @@ with these clusters. `images_needed` and `clusters_needed`: to find `effect` wit
 
 
 def power_of(effect: float, deviation: float, clusters: int, level: float = LEVEL) -> float:
-    """The probability that the paired test finds a difference, whichever model is better.
+    """The probability that the paired test finds a difference, in either direction.
 
     Args:
         effect: the true difference, pixels.

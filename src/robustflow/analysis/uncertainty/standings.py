@@ -17,7 +17,7 @@ STANDINGS_SCHEMA: dict[str, Any] = {
     "best": pl.Int64,
     "worst": pl.Int64,
 }
-"""`rank` is by the values alone; significantly, the model is neither better than `best` nor worse than `worst`."""
+"""`rank` only follows the values; the model is not significantly better than `best` or worse than `worst`."""
 
 STABILITY_SCHEMA: dict[str, Any] = {
     "condition": pl.String,

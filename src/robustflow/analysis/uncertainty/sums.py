@@ -68,7 +68,7 @@ class ClusterSums:
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
-            corruption: a corruption, a family of them, "average" over all that were run, or "clean" (EPE alone).
+            corruption: a corruption, a family of them, "average" over all that were run, or "clean" (only EPE).
             severity: one of the corruption's, or None for the mean over them.
 
         Raises:

@@ -2,7 +2,7 @@
 
 The particles are a Poisson process in space, drawn once for the pair in the part of the world that either frame sees.
 They have one speed for the pair, so that they are in frame 2 where the wind and gravity carried them in
-`FRAME_INTERVAL` seconds; the motion of the camera then adds the parallax. A camera of unknown motion stands still.
+`FRAME_INTERVAL` seconds; the motion of the camera then adds the parallax. A camera with unknown motion is at rest.
 "Down" is the y axis of frame 1.
 """
 

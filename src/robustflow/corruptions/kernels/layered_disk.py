@@ -1,6 +1,6 @@
 """Blur with flat disks whose radius goes with depth: layer by layer, from the nearest to the farthest.
 
-Every layer is blurred alone, its pixels and a mask of them alike, with the running sums of disk.py. What a layer covers
+Every layer and its mask are blurred separately, with the running sums of disk.py. What a layer covers
 of a pixel hides that share of the layers behind it, and the colours that are left are divided by the shares they have:
 a sharp foreground puts none of its colour into a blurred background, and a blurred foreground spreads over a sharp
 background. Background that the frame does not show, but a blurred foreground lets through, is the mirror image of what

@@ -42,7 +42,7 @@ class Noise(Corruption):
         return NoiseState(float(self.parameter(severity)), rng)
 
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        """One frame with noise of its own."""
+        """One frame with its own noise."""
         source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         self.add(source, state.parameter, state.key(index), out)

@@ -49,7 +49,7 @@ class TorchCorruption(torch.nn.Module):
 
         Args:
             inputs: tensors, or a structure that holds them. Gradients do not flow through a corruption.
-            key: names the draw; items of a batch get keys of their own, made from it and their place.
+            key: names the draw; items of a batch get separate keys, made from it and their place.
 
         Returns:
             The same structure (one input: that input; several: a tuple), tensors of the same class, dtype and device.

@@ -102,8 +102,8 @@ class CorruptionTransform:
             key: names the draw. The same seed, key and images give the same bytes.
 
         Returns:
-            What was given, in kind, shape and dtype: new arrays. Pixels are corrupted in 8 bits, so float images
-            come back in steps of 1/255; when the draw is to leave them alone, they come back untouched.
+            New arrays of the same kind, shape and dtype as the input. Pixels are corrupted in 8 bits, so float images
+            come back in steps of 1/255; if nothing is drawn, they come back unchanged.
             Grey images stay grey: they are corrupted as RGB with equal channels, and one channel is taken back where
             the corruption treats colours alike, the luma (BT.601) for saturate, spatter, frost and psf_blur.
 

@@ -107,7 +107,7 @@ def _say(message: str) -> None:
 
 
 def _fetch(folder: Path) -> None:
-    """Fetch the wheel into a folder of its own and move the five files into place, each in one step.
+    """Fetch the wheel into a separate folder and move the five files into place, each in one step.
 
     Several processes may do so at once: each move puts the same verified bytes there.
     """

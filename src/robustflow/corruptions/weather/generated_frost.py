@@ -1,6 +1,6 @@
 """Frost that needs no download, for the benchmark `demo`: fern-like crystals over a cloudy pane instead of photographs.
 
-Five pictures with the mean, the spread and the fineness of the five photographs, drawn from streams of their own: the
+Five pictures with the mean, the spread and the fineness of the five photographs, drawn from separate streams: the
 same bytes on every machine, whatever the seed of a benchmark. They are not the paper's, and numbers measured with them
 are kept apart from those measured with the photographs.
 """
@@ -64,7 +64,7 @@ def generated_texture(slot: int) -> Frame:
     style, rng = STYLES[slot], Rng.of("robustflow", "generated frost", 1, slot)
     clouds = _standardised(plasma_corner(rng.spawn("clouds"), *SHAPE, 1.7).astype(np.float64))
     ice = _crystals(rng.spawn("crystals"), style)
-    ice = _standardised(ice / (1.0 + np.abs(ice)))  # where many lie over each other they do not outshine the rest
+    ice = _standardised(ice / (1.0 + np.abs(ice)))  # where many overlap they are not brighter than the rest
     grey = _standardised(_CLOUDS * clouds + (1.0 - _CLOUDS) * ice) * style.spread + style.mean
     return np.clip(np.rint(grey[..., None] * np.array(style.tint)), 0, 255).astype(np.uint8)
 
@@ -104,7 +104,7 @@ def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
 
 
 def _directions(rng: Rng, count: int) -> npt.NDArray[np.float64]:
-    """Unit vectors (x, y), float64 (count, 2), by square roots alone, which are the same everywhere."""
+    """Unit vectors (x, y), float64 (count, 2), only by square roots, which are the same everywhere."""
     across = np.stack([rng.uniforms(count) - 0.5, rng.uniforms(count) - 0.5], axis=1)
     across[:, 0] += np.where(across[:, 0] < 0, -0.01, 0.01)
     return across / np.sqrt(across[:, :1] * across[:, :1] + across[:, 1:] * across[:, 1:])

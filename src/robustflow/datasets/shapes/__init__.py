@@ -1,1 +1,1 @@
-"""Flying shapes: pairs generated from numbers alone, with exact flow and occlusion, as many as needed."""
+"""Flying shapes: any number of generated pairs with exact flow and occlusion."""

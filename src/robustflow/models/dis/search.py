@@ -4,7 +4,7 @@ A patch T of frame 1 is looked for in frame 2, I: minimise the sum over pixels x
 both less their means per channel. A step is u -= H^-1 sum S (I(x + u) - T(x)), S the slopes of T, H = sum S S^T. The
 slopes stay at T, so H is computed once.
 
-Two identities make a step cheap and change nothing but rounding. With the mean of S taken off it, sum S (I - T) does
+Two identities make a step cheap and only change rounding. With the mean of S subtracted, sum S (I - T) does
 not depend on the means of I and T. And I between pixels is a fixed mix of 4x4 spline coefficients, so sum S I(x + u) is
 the same mix of its values at 4x4 whole displacements of the coefficients; each of those is computed once per patch,
 however many steps come back to it.

@@ -60,7 +60,7 @@ def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
     """The rows of a relative-position table for every pair of patches on a line of `size`.
 
     Args:
-        table: (2 * S - 1, C), S at least `size`; its middle row stands for distance 0.
+        table: (2 * S - 1, C), S at least `size`; its middle row is for distance 0.
         size: patches on the line.
         first: take the first 2 * size - 1 rows, as the fine-tuned SAMFlow-H was trained, else those in the middle.
 

@@ -52,7 +52,7 @@ class WindowVolume:
         n, channels, height, width = self.shape
         rows1 = features1.permute(0, 2, 3, 1).reshape(-1, channels) / channels**0.5
         rows2 = features2.permute(0, 2, 3, 1).reshape(-1, channels)
-        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row stands for everything outside
+        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row is for everything outside
         x, y = self.centre.detach().long().permute(1, 0, 2, 3).flatten(1)
         image = torch.arange(n, device=x.device).repeat_interleave(height * width)
         side = 2 * self.HALF + 1

@@ -9,7 +9,7 @@ configurations come down to one.
 
 SplatFlow (three frames; Wang et al., IJCV 2024) is not among them: it carries features forward by a CUDA kernel that
 cupy compiles, so ptlflow does not even build it without cupy, and it cannot be compared with its library on a CPU.
-Where cupy is, `ptlflow:splatflow` gets the pair alone, its own two-frame mode, which needs no splatting.
+With cupy, `ptlflow:splatflow` only gets the pair: its two-frame mode, which needs no splatting.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class _ClipConvention:
     least: int
     twice: int = 0
     streams: bool = False
-    """It also works with two frames alone."""
+    """It also works with only two frames."""
 
 
 _MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)

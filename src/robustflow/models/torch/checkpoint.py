@@ -133,7 +133,7 @@ def _load(path: Path, file: BinaryIO) -> Any:
             f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
             "authors' file, or save its state_dict alone with torch.save where you trust it"
         ) from None
-    except Exception as error:  # torch has no error class of its own for a file that ends early or contradicts itself
+    except Exception as error:  # torch has no specific error class for a file that ends early or contradicts itself
         raise damaged(path, error) from None
 
 

@@ -56,13 +56,13 @@ def fair_limits(
     values: Iterable[float], least: float = LEAST_PX, *, zero: bool = False, room: float = 0.08
 ) -> tuple[float, float]:
     """Limits of a linear axis that do not make a small difference look large: `least` or a quarter of the largest value
-    apart, whichever is more.
+    apart, the larger of the two.
 
     Args:
         values: everything that is drawn along the axis, with the ends of its intervals.
         least: the shortest span.
         zero: whether 0 is on the axis, as for bars and curves; it is then an end if no value is beyond it.
-        room: what is left free at either end, as a share of the span.
+        room: free space at either end, as a share of the span.
 
     >>> fair_limits([2.5, 2.75], room=0)
     (2.125, 3.125)

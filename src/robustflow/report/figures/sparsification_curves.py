@@ -18,7 +18,7 @@ _COLUMNS = 4
 
 @default_style()
 def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> MarkedFigure:
-    """The mean error of what is left when 0, 10, ... 90 % of the pixels are removed: the least confident first, and
+    """The mean error of the remaining pixels when 0, 10, ... 90 % are removed: the least confident first, and
     dashed the largest errors first. All panels have the same axes.
 
     Args:

@@ -121,7 +121,7 @@ def told_apart(models: Sequence[str], styles: Mapping[str, Style]) -> dict[str, 
 
 
 def model_key(models: Iterable[str], styles: Mapping[str, Style]) -> list[tuple[str, Style, bool]]:
-    """A legend of models; those without a style of their own share a line."""
+    """A legend of models; those without their own style share a line."""
     key = [(model, styles[model], True) for model in dict.fromkeys(models)]
     own = [entry for entry in key if entry[1] != OTHER]
     return [*own, ("other models", OTHER, True)] if len(own) < len(key) else own

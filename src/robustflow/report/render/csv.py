@@ -1,4 +1,4 @@
-"""CSV: one line per model, for spreadsheets; marks and notes in columns of their own."""
+"""CSV: one line per model, for spreadsheets; marks and notes in separate columns."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
     )
     console.print(Text(plain(table.title, None), style="bold"))
     if any(column.prose for column in table.columns):
-        # Sentences are long, and so are their sections' titles: each section is a grid of its own below its title.
+        # Sentences are long, and so are their sections' titles: each section is a separate grid below its title.
         for section in table.sections:
             console.print(Text(f"\n{plain(section.title, None)}", style="italic"))
             console.print(_grid(table, (section,), list(range(len(table.columns))), colour))

@@ -28,7 +28,7 @@ def style() -> Markup:
 
 @cache
 def script() -> Markup:
-    """All scripts after one another, each in a scope of its own."""
+    """All scripts after one another, each in its own scope."""
     own = (asset("robustflow.report.site", name) for name in SCRIPTS)
     return Markup("".join(f"(() => {{\n{text}}})();\n" for text in (*own, slider.script())))
 

@@ -79,7 +79,7 @@ def whole_content(
 
     Args:
         runs: none or more.
-        files: (name of a file, the results read from it). Each is a sample set of its own unless its lines name one.
+        files: (name of a file, the results read from it). Each is a separate sample set unless its lines name one.
         published: whether the paper's results are shown as well.
         only_own: whether the page is about the runs and files, and the paper's results are only shown for comparison.
 

@@ -83,7 +83,7 @@ def entries_of(
     Args:
         results: of any source.
         costs: the paper's, by model: its CREr is shown as printed.
-        detailed: whether each corruption has an interval, or the averages alone.
+        detailed: whether each corruption has an interval, or only the averages.
     """
     slugs = Slugs()
     ranks = cost_ranks(costs) if costs else {}

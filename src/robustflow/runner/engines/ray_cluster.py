@@ -135,7 +135,7 @@ def _last_words() -> Iterator[None]:
     """Within the block, a second process prints a line if this one ends silently: Ray ends its driver, from code that
     Python cannot catch, when one of Ray's processes on this machine is gone."""
     arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
-    # in a session of its own, where Ctrl-C does not reach it
+    # in a separate session, where Ctrl-C does not reach it
     watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
     assert watching.stdin is not None
     try:

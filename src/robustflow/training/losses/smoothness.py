@@ -12,7 +12,7 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
         flow: (N, 2, H, W).
         image: (N, C, H, W), in 0..1.
         alpha: an edge of height g weighs exp(-alpha g).
-        second_order: differences of differences instead, which leave affine motion alone.
+        second_order: differences of differences instead, which are zero for affine motion.
     """
     weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in _steps(image))
     x, y = _steps(flow)
