@@ -63,7 +63,7 @@ def choose_engine(
         raise UsageError(f"no model can answer within a timeout of {timeout:g} s: give more than 0")
     devices = devices_of(model.spec, model.model)
     if address is not None and name != "ray":
-        raise UsageError("--address is only for the ray engine; give --engine ray with it, or leave it out")
+        raise UsageError("--address is for the ray engine; give --engine ray with it, or leave it out")
     if devices and attacks and name in (None, "processes"):
         if name == "processes" or workers is not None or timeout is not None:
             raise UsageError(
