@@ -374,10 +374,17 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
         ({"name": "transfer:tiny:attack=pdg"}, UsageError, "unknown attack 'pdg'"),
         ({"name": "worst_of:pgd+pcfa"}, UsageError, "pgd has norm linf, pcfa has norm rms; .* attacks of one norm"),
         ({"name": "worst_of:pgd:queries=3"}, UsageError, "unknown option of the attacks in worst_of 'queries'"),
+        ({"name": "worst_of:worst_of:pgd"}, UsageError, "name them: worst_of:A"),
+        ({"name": "transfer:tiny:attack=worst_of"}, UsageError, "worst_of:transfer"),
         ({"budget": 0}, UsageError, "more than 0 and at most 255 grey levels"),
+        ({"budget": "8"}, UsageError, "at most 255 grey levels, not '8'"),
+        ({"budget": float("nan")}, UsageError, "at most 255 grey levels, not nan"),
+        ({"severity": 2.5}, UsageError, "severity 2.5 does not exist"),
+        ({"flow": [[1, 2]]}, DataError, r"ground truth is list; expected float32 \(8, 10, 2\)"),
+        ({"flow": np.full((8, 10, 2), np.nan, np.float32)}, DataError, "NaN or infinite at pixels that are valid"),
         ({"budget": 3, "severity": 2}, UsageError, "not both"),
         ({"valid": np.ones((8, 10), bool)}, UsageError, "give the flow, too"),
-        ({"flow": np.zeros((3, 4, 2), np.float32)}, DataError, r"ground truth is \(3, 4, 2\)"),
+        ({"flow": np.zeros((3, 4, 2), np.float32)}, DataError, r"ground truth is float32 \(3, 4, 2\)"),
         ({"flow": np.zeros((8, 10, 2), np.float32), "valid": np.zeros((8, 10), bool)}, UsageError, "no pixel as valid"),
     ],
 )
@@ -389,11 +396,60 @@ def test_what_cannot_be_attacked_is_refused_in_one_line(change, error, message):
     assert "\n" not in str(refused.value)
 
 
-def test_a_flow_outside_the_graph_is_refused():
-    detached = Given(lambda images1, images2: images1[:, :2].detach())
+class Failing(torch.autograd.Function):
+    """A copy whose gradient cannot be computed."""
 
-    with pytest.raises(ModelError, match="without a gradient"):
-        attacked_pair("pgd", detached)
+    @staticmethod
+    def forward(ctx, images):
+        return images.clone()
+
+    @staticmethod
+    def backward(ctx, gradient):
+        raise RuntimeError("no\nbackward")
+
+
+def _out_of_memory(images1, images2):
+    if images1.requires_grad:
+        raise RuntimeError("out of memory\nhere")
+    return images1[:, :2]
+
+
+_LEARNED = torch.nn.Parameter(torch.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda images1, images2: images1[:, :2].detach(), "a flow without a gradient"),
+        (lambda images1, images2: images1[:, :2].detach() + _LEARNED, "does not follow from the images"),
+        (lambda images1, images2: images1[:, :2] if not images1.requires_grad else None, "returned NoneType"),
+        (lambda images1, images2: images1[:, :2] if not images1.requires_grad else (1,), "returned tuple"),
+        (_out_of_memory, "raised RuntimeError on .*in its method differentiable: out of memory"),
+        (
+            lambda images1, images2: Failing.apply(images1)[:, :2],
+            "raised RuntimeError on .*in its method differentiable",
+        ),
+    ],
+)
+def test_a_model_whose_gradient_cannot_be_used_is_refused_in_one_line(function, message):
+    with pytest.raises(ModelError, match=message) as refused:
+        attacked_pair("pgd", Given(function))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["pgd", "apgd", "pcfa", "square"])
+def test_a_flow_that_becomes_nan_is_never_the_best_and_one_that_is_nan_is_no_gain(name):
+    clean = torch.from_numpy(images_of(*random_pair())[:1])
+
+    def nan_elsewhere(images1, images2):
+        return torch.where((images1 - clean).abs() < 1e-3, images1, images1 * np.nan)[:, :2]
+
+    _, moved = attacked_pair(name, Given(nan_elsewhere))
+    _, always = attacked_pair(name, Given(lambda images1, images2: images1[:, :2] * np.nan))
+
+    for attacked in (moved, always):
+        assert np.array_equal(attacked.frames, random_pair())
+        assert "nothing_gained" in attacked.warnings
 
 
 def test_the_room_and_square_need_no_torch():

@@ -154,7 +154,7 @@ def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, 
         ("patch:train=2:file=a.npy", UsageError, "samples to train on or a file, not both"),
         ("patch:train=0", UsageError, "leaves nothing to train on"),
         ("patch:moved=joint", UsageError, "moved of attack patch 'joint'"),
-        ("worst_of:patch:train=3", UsageError, "is trained on samples; run it by itself"),
+        ("worst_of:patch:train=3", UsageError, "is trained on samples; run it by itself, then give file="),
         ("transfer:tiny:attack=universal:train=3", UsageError, "is trained on samples"),
     ],
 )

@@ -212,7 +212,7 @@ def attack_pair(
     clean_loss, here = loss.of(clean_flow, weighted=False), loss.of(after, weighted=False)
     float_loss = problem.loss_at(images) if attack.needs_gradients else None
     doubts |= problem.troubles | _doubts(problem, clean_loss, here, float_loss)
-    if not attack.control and loss.score(here) <= loss.score(clean_loss):
+    if not attack.control and not loss.score(here) > loss.score(clean_loss):
         doubts |= {"nothing_gained"}
         if images is problem.best:  # the clean pair is in every budget, and no worse than what rounding left
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
@@ -268,7 +268,11 @@ def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) 
             raise DataError("an attack takes two RGB uint8 frames (H, W, 3) of one size")
     if valid is not None and flow is None:
         raise UsageError("a mask of valid pixels belongs to a ground truth; give the flow, too")
-    if flow is not None and flow.shape != (*frame1.shape[:2], 2):
-        raise DataError(f"the ground truth is {flow.shape}; expected {(*frame1.shape[:2], 2)}, as the frames")
+    expected = (*frame1.shape[:2], 2)
+    if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
+        what = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
+        raise DataError(f"the ground truth is {what}; expected float32 {expected}, as the frames")
     if valid is not None and (valid.shape != frame1.shape[:2] or valid.dtype != bool):
         raise DataError(f"the mask is {valid.dtype} {valid.shape}; expected bool {frame1.shape[:2]}")
+    if flow is not None and not np.isfinite(flow if valid is None else flow[valid]).all():
+        raise DataError("the ground truth is NaN or infinite at pixels that are valid; leave them out of the mask")

@@ -66,8 +66,9 @@ class Ball:
             if value not in choice:
                 raise UsageError(f"unknown {what} '{value}' of an attack: choose from {', '.join(choice)}")
         most, unit = (100, "% of the pixels") if self.norm == "area" else (WHITE, "grey levels")
-        if not 0 < self.budget <= most:
-            raise UsageError(f"a budget is more than 0 and at most {most} {unit}, not {self.budget}")
+        number = isinstance(self.budget, int | float | np.number) and not isinstance(self.budget, bool)
+        if not number or not 0 < self.budget <= most:
+            raise UsageError(f"a budget is more than 0 and at most {most} {unit}, not {self.budget!r}")
 
     @cached_property
     def clean(self) -> Images:

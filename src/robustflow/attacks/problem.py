@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError, UsageError
-from ..models.base import AnyModel, Differentiable, FlowModel, model_identity, predict_checked
+from ..models.base import AnyModel, Differentiable, FlowModel, model_identity, naming_errors, predict_checked
 from ..random.rng import Rng
 from ..sample import Flow, Frame, Mask
 from .ball import Ball
 from .images import Images, frames_of, images_of
 from .loss import Loss
+
+_RETURNED = "the model's method differentiable returned"
+_EXPECTED = "expected a tensor (1, 2, H, W) computed from the images inside PyTorch's graph"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +131,10 @@ class Problem:
         there = _as_flow(flow)
         loss, slopes = self.loss.slope(there)
         above = torch.from_numpy(np.ascontiguousarray(slopes.transpose(2, 0, 1)))[None].to(flow)
-        with self.reproducible():
-            (pulled,) = torch.autograd.grad(flow, tensor, above)
+        with self.reproducible(), naming_errors(self._where):
+            (pulled,) = torch.autograd.grad(flow, tensor, above, allow_unused=True)
+        if pulled is None:
+            raise ModelError(f"{_RETURNED} a flow that does not follow from the images; {_EXPECTED}")
         gradient: Images = pulled.cpu().numpy()
         if not np.isfinite(gradient).all():
             self.troubles.add("gradient_not_finite")
@@ -144,16 +149,19 @@ class Problem:
 
         assert isinstance(self.model, Differentiable)
         tensor = torch.from_numpy(images.copy()).requires_grad_(gradient)
-        with self.reproducible(), torch.set_grad_enabled(gradient):
+        with self.reproducible(), torch.set_grad_enabled(gradient), naming_errors(self._where):
             flow = self.model.differentiable(tensor[:1], tensor[1:])
         expected = (1, 2, *images.shape[2:])
+        if not isinstance(flow, torch.Tensor):
+            raise ModelError(f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
         if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
             what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
-            raise ModelError(
-                f"the model's method differentiable returned {what}; expected a tensor {expected} computed from the "
-                "images inside PyTorch's graph"
-            )
+            raise ModelError(f"{_RETURNED} {what}; {_EXPECTED}, here {expected}")
         return flow, tensor
+
+    @property
+    def _where(self) -> str:
+        return f"sample '{self.pair.key}', an attacked pair, in its method differentiable"
 
     def reproducible(self) -> Any:
         """A context in which PyTorch gives the same numbers again, whatever the number of threads outside."""

@@ -49,6 +49,10 @@ class Transfer(Attack):
         inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
         if isinstance(inner, Transfer):
             raise UsageError("a transfer of a transfer is that of the inner one; name its model alone")
+        if inner.name == "worst_of":
+            raise UsageError(
+                "attack transfer: give the parts of worst_of, worst_of:transfer+..., and not worst_of itself"
+            )
         if inner.trains:
             raise UsageError(
                 f"attack transfer: {inner.name} is trained on samples; run it, then give file= what it kept"

@@ -49,7 +49,11 @@ class WorstOf(Attack):
             for name, each in zip(names, known, strict=True)
         ]
         if trained := [part.name for part in parts if part.trains]:
-            raise UsageError(f"attack worst_of: {trained[0]} is trained on samples; run it by itself")
+            raise UsageError(
+                f"attack worst_of: {trained[0]} is trained on samples; run it by itself, then give file= what it kept"
+            )
+        if any(isinstance(part, WorstOf) for part in parts):
+            raise UsageError("a worst_of of worst_of is that of all parts; name them: worst_of:A+B+C")
         norms = {part.norm for part in parts}
         if len(norms) != 1:
             raise UsageError(

@@ -213,8 +213,8 @@ def naming_errors(where: str) -> Iterator[None]:
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             raise
         raise ModelError(
-            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{traceback_hint(error)}; "
-            "give --debug for the full traceback"
+            f"the model raised {type(error).__name__} on {where}: {' '.join(str(error).split()) or 'no message'}"
+            f"{traceback_hint(error)}; give --debug for the full traceback"
         ) from error
     finally:
         if os.getpid() != process:
