@@ -1,0 +1,196 @@
+"""Where the seconds of the README's first command go, `robustflow run --model dis` on the embedded pair.
+
+    python bench/first_command.py [--model tiny] [--rounds 1] [--top 12] [--against ../other/src]
+
+Runs the command cold (nothing compiled, no cache of any library) and warm (the same caches again), in a temporary
+folder; no cache of the user is read or written. Every process of the command, the workers too, counts the processor
+time that its main thread spends in each part, less the parts within it: imports by package, reading or compiling each
+numba function, every corruption, the model, measuring, pictures, pages. A column per process follows the sum.
+
+On a busy machine wall-clock times say little: compare processor times, and two versions by alternating runs
+(`--against`, a folder that contains `robustflow`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+REPORTS = "FIRST_COMMAND_REPORTS"
+"""Environment variable: the folder for the reports of the processes."""
+
+PARTS: dict[str, dict[str, str]] = {
+    "numba.core.dispatcher": {"Dispatcher.compile": "numba: compile {0.py_func.__module__}.{0.py_func.__qualname__}"},
+    "numba.core.caching": {"FunctionCache.load_overload": "numba: read {0._py_func.__module__}.{0._py_func.__name__}"},
+    "robustflow.runner.setup": {"set_up": "set up", "open_benchmark": "set up"},
+    "robustflow.runner.named_model": {"name_model": "model: load"},
+    "robustflow.runner.frame_stage": {
+        "FrameStage.load": "sample",
+        "FrameStage._corrupted": "corruption: {2}",
+        "keep_picture": "pictures: slider",
+    },
+    "robustflow.psf.shipped": {"shipped_field": "lens tables"},
+    "robustflow.psf.blur": {"KernelCache.get": "lens tables"},
+    "robustflow.runner.predict_stage": {"PredictStage.predict": "model: predict"},
+    "robustflow.runner.measure_stage": {"MeasureStage.row": "measure", "MeasureStage.digest": "measure"},
+    "robustflow.runs.store": {"RunFolder.write_rows": "write rows", "RunFolder.pack": "write rows"},
+    "robustflow.runner.cost": {"keep_cost": "cost of the model"},
+    "robustflow.runner.displacement": {"keep_displacement": "displacements"},
+    "robustflow.runner.panel": {"draw_panel": "pictures: panels"},
+    "robustflow.runner.examples": {"write_examples": "pictures: rest"},
+    "robustflow.report.site.write": {"write_report": "page"},
+    "robustflow.cli.tables": {"print_result": "table"},
+}
+"""What is timed: module -> function -> its name in the report, a format of the function's arguments."""
+
+
+class Probe:
+    """Processor seconds of this process's main thread by part, written to a file as they grow."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = folder / f"{os.getpid()}.json"
+        self._parts: dict[str, float] = {}
+        self._inner = [0.0]
+        self._written = 0.0
+
+    def timed(self, function: Callable[..., Any], name: Callable[..., str]) -> Callable[..., Any]:
+        """The function, counted under the name that `name` makes from its arguments."""
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            start = time.thread_time()
+            self._inner.append(0.0)
+            try:
+                return function(*arguments, **options)
+            finally:
+                spent = time.thread_time() - start
+                part = name(*arguments)
+                self._parts[part] = self._parts.get(part, 0.0) + spent - self._inner.pop()
+                self._inner[-1] += spent
+                if len(self._inner) == 1:
+                    self._write()
+
+        return call
+
+    def _write(self) -> None:
+        now = time.process_time()
+        if now - self._written > 0.02:  # a worker is ended by a signal: it has no later moment to write
+            self._written = now
+            self._file.write_text(json.dumps({"parts": self._parts, "total": now}))
+
+    def start(self) -> None:
+        """Count imports from now on, and the functions of `PARTS` as soon as their modules are imported."""
+        from importlib import machinery
+
+        for loader in (machinery.SourceFileLoader, machinery.ExtensionFileLoader):
+            loader.exec_module = self._counting(loader.exec_module)  # type: ignore[method-assign]
+        machinery.ExtensionFileLoader.create_module = self.timed(  # type: ignore[method-assign]
+            machinery.ExtensionFileLoader.create_module, lambda loader, spec: f"import {spec.name.partition('.')[0]}"
+        )
+
+    def _counting(self, load: Callable[..., Any]) -> Callable[..., Any]:
+        timed = self.timed(load, lambda loader, module: f"import {module.__name__.partition('.')[0]}")
+
+        def load_counted(loader: Any, module: Any) -> None:
+            timed(loader, module)
+            for path, name in PARTS.get(module.__name__, {}).items():
+                *owner, attribute = path.split(".")
+                holder = getattr(module, owner[0]) if owner else module
+                setattr(holder, attribute, self.timed(getattr(holder, attribute), name.format))
+
+        return load_counted
+
+
+def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, float, list[dict[str, Any]]]:
+    """Run the command with its caches in `folder`: wall-clock and processor seconds, and the processes' reports."""
+    import resource
+    import shutil
+    import subprocess
+
+    shutil.rmtree(folder / "run", ignore_errors=True)
+    reports.mkdir(parents=True)
+    hook = folder / "hook"
+    hook.mkdir(parents=True, exist_ok=True)
+    (hook / "sitecustomize.py").write_text(Path(__file__).read_text())
+    caches = {"XDG_CACHE_HOME": "cache", "MPLCONFIGDIR": "matplotlib", "NUMBA_CACHE_DIR": "numba"}
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")} | {
+        "PYTHONPATH": f"{hook}{os.pathsep}{source}",
+        REPORTS: str(reports),
+        "ROBUSTFLOW_CACHE": str(folder / "cache"),
+        **{name: str(folder / part) for name, part in caches.items()},
+    }
+    command = [sys.executable, "-m", "robustflow", "run", "--model", model, "--output", str(folder / "run")]
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        sys.exit(f"the command failed:\n{done.stderr}")
+    cpu = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return wall, cpu, [json.loads(path.read_text()) for path in sorted(reports.glob("*.json"))]
+
+
+def print_parts(processes: list[dict[str, Any]], top: int) -> None:
+    """Print the parts of all processes, the largest first; those beyond `top` of a kind as one line."""
+    parts: dict[str, list[float]] = {}
+    for number, process in enumerate(processes):
+        rest = process["total"] - sum(process["parts"].values())
+        for name, spent in (process["parts"] | {"the rest: start, threads of libraries": rest}).items():
+            parts.setdefault(name, [0.0] * len(processes))[number] += spent
+    kinds: dict[str, list[tuple[str, list[float]]]] = {}
+    for name, spent in parts.items():
+        kinds.setdefault("import" if name.startswith("import ") else name.partition(":")[0], []).append((name, spent))
+    sums = {
+        kind: [sum(each) for each in zip(*(spent for _, spent in lines), strict=True)] for kind, lines in kinds.items()
+    }
+    for kind in sorted(kinds, key=lambda kind: -sum(sums[kind])):
+        print(_line(kind, sums[kind]))
+        if len(kinds[kind]) > 1:
+            lines = sorted(kinds[kind], key=lambda line: -sum(line[1]))
+            for name, spent in lines[:top]:
+                print(_line(f"    {name}", spent))
+
+
+def _line(name: str, spent: list[float]) -> str:
+    return f"{name:<44}{sum(spent):7.2f}  " + "".join(f"{each:7.2f}" for each in spent)
+
+
+def main() -> None:
+    """Parse, run, print."""
+    import argparse
+    import tempfile
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", default="dis")
+    parser.add_argument("--rounds", type=int, default=1, help="warm runs of each version")
+    parser.add_argument(
+        "--top", type=int, default=12, help="parts of a kind to print (packages, functions, corruptions)"
+    )
+    parser.add_argument(
+        "--against", type=Path, help="folder with another version's `robustflow`, run by turns with this one"
+    )
+    options = parser.parse_args()
+    sources = {"here": Path(__file__).resolve().parents[1] / "src"}
+    if options.against is not None:
+        sources = {"against": options.against.resolve()} | sources
+    with tempfile.TemporaryDirectory(prefix="first-command-") as scratch:
+        for number, kind in enumerate(["cold"] + ["warm"] * options.rounds):
+            for name, source in sources.items():
+                folder = Path(scratch) / name
+                wall, cpu, processes = run(options.model, source, folder, folder / f"reports{number}")
+                label = f"{kind}, {name}: " if len(sources) > 1 else f"{kind}: "
+                print(
+                    f"{label}{wall:.1f} s wall clock, {cpu:.1f} s of processor time in {len(processes)} processes",
+                    flush=True,
+                )
+                if name == "here" and number in (0, options.rounds):
+                    print_parts(processes, options.top)
+
+
+if __name__ == "sitecustomize" and REPORTS in os.environ:
+    Probe(Path(os.environ[REPORTS])).start()
+elif __name__ == "__main__":
+    main()
