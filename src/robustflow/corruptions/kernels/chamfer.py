@@ -23,8 +23,9 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
     [[20000, 20000, 10000, 0]]
     """
     distance = np.where(edges > 0, 0, limit * _STRAIGHT).astype(np.int32)
-    _sweep(distance, limit * _STRAIGHT)
-    _sweep(distance[::-1, ::-1], limit * _STRAIGHT)
+    for _ in range(2):  # from the upper left, then from the lower right
+        _sweep(distance, limit * _STRAIGHT)
+        distance = np.ascontiguousarray(distance[::-1, ::-1])  # of one layout, so that the loops are compiled once
     return distance
 
 

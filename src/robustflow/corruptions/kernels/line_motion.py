@@ -49,16 +49,19 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
 def move_frame(frame: Frame, kernel: LineKernel) -> Frame:
     """Smear an image along a line: uint8 (H, W, C) in, a new uint8 array out, rounded once."""
     height, width, channels = frame.shape
-    source = contiguous(frame).reshape(height, width * channels)
-    out = np.empty_like(source)
-    _move(source, channels, 8, kernel.offsets, *_extent(kernel), kernel.weights, out)
-    return out.reshape(frame.shape)
+    rows = contiguous(frame).reshape(height, width * channels)
+    return _moved(np.left_shift(rows, 8, dtype=np.uint16), channels, kernel).reshape(frame.shape)
 
 
 def move_plane(plane: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
     """Smear one channel given in 1/256 grey levels: uint16 (H, W), at most 65280, in; uint8 (H, W) out."""
-    out = np.empty(plane.shape, np.uint8)
-    _move(plane, 1, 0, kernel.offsets, *_extent(kernel), kernel.weights, out)
+    return _moved(np.ascontiguousarray(plane), 1, kernel)
+
+
+def _moved(rows: npt.NDArray[np.uint16], step: int, kernel: LineKernel) -> npt.NDArray[np.uint8]:
+    """Smear rows of pixels, in 1/256 grey levels, whose neighbours of a channel are `step` apart."""
+    out = np.empty(rows.shape, np.uint8)
+    _move(rows, step, kernel.offsets, *_extent(kernel), kernel.weights, out)
     return out
 
 
@@ -69,16 +72,16 @@ def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _pad(row: Any, step: int, shift: int, before: int, out: Any) -> None:
-    """The row in 1/256 grey levels (v << shift), its edge pixels repeated on both sides."""
+def _pad(row: Any, step: int, before: int, out: Any) -> None:
+    """The row, its edge pixels repeated on both sides."""
     n = row.size
     for i in range(before):
-        out[i] = np.uint16(row[i % step] << shift)
+        out[i] = row[i % step]
     middle = out[before : before + n]
     for i in range(n):
-        middle[i] = np.uint16(row[i] << shift)
+        middle[i] = row[i]
     for i in range(out.size - before - n):
-        out[before + n + i] = np.uint16(row[n - step + i % step] << shift)
+        out[before + n + i] = row[n - step + i % step]
 
 
 @njit(cache=True, nogil=True)
@@ -102,7 +105,6 @@ def _add_four_taps(total: Any, a: Any, b: Any, c: Any, d: Any, w: Any) -> None:
 def _move(
     source: Any,
     step: int,
-    shift: int,
     offsets: Any,
     top: int,
     bottom: int,
@@ -118,10 +120,10 @@ def _move(
     rows = np.empty((window, before + n + after), np.uint16)
     total = np.empty(n, np.uint16)
     for y in range(top, bottom):
-        _pad(source[min(max(y, 0), height - 1)], step, shift, before, rows[y % window])
+        _pad(source[min(max(y, 0), height - 1)], step, before, rows[y % window])
     bias = np.uint16(128 + taps // 2)
     for y in range(height):
-        _pad(source[min(max(y + bottom, 0), height - 1)], step, shift, before, rows[(y + bottom) % window])
+        _pad(source[min(max(y + bottom, 0), height - 1)], step, before, rows[(y + bottom) % window])
         total[:] = bias
         k = 0
         while k + 4 <= taps:

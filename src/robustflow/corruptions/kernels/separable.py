@@ -53,24 +53,29 @@ def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
         offset: added before rounding half to even; `FLOOR` for truncation.
     """
     height, width, channels = frame.shape
-    source = contiguous(frame).reshape(height, width * channels)
-    out = np.empty_like(source)
-    _blur_to_uint8(source, channels, gaussian_weights(sigma), np.float32(offset), out)
-    return out.reshape(frame.shape)
+    blurred = _blurred(contiguous(frame).reshape(height, width * channels), channels, sigma)
+    out = np.empty(frame.shape, np.uint8)
+    _round(blurred.reshape(-1), np.float32(offset), out.reshape(-1))
+    return out
 
 
 def gaussian_plane(plane: npt.NDArray[Any], sigma: float) -> Plane:
     """Blur one channel: uint8, int16 or float32 (H, W) in, float32 (H, W) out, unrounded."""
-    out = np.empty(plane.shape, np.float32)
-    # Of one type, and with the step as an argument, so that the loops are compiled once.
-    _blur_to_float(np.ascontiguousarray(plane, np.float32), 1, gaussian_weights(sigma), out)
+    return _blurred(plane, 1, sigma)
+
+
+def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
+    """Blur rows of pixels whose neighbours of a channel are `step` apart."""
+    out = np.empty(rows.shape, np.float32)
+    # Always float32, and with the step as an argument, so that the loops are compiled once.
+    _blur_to_float(np.ascontiguousarray(rows, np.float32), step, gaussian_weights(sigma), out)
     return out
 
 
 @njit(cache=True, nogil=True)
 def _add_pair(total: Any, a: Any, b: Any, w: Any) -> None:
     for i in range(total.size):
-        total[i] += w * (np.float32(a[i]) + np.float32(b[i]))
+        total[i] += w * (a[i] + b[i])
 
 
 @njit(cache=True, nogil=True)
@@ -78,8 +83,8 @@ def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2:
     """Four taps per pass over `total`: a quarter of its loads and stores."""
     w0, w1, w2, w3 = w[0], w[1], w[2], w[3]
     for i in range(total.size):
-        first = w0 * (np.float32(a0[i]) + np.float32(b0[i])) + w1 * (np.float32(a1[i]) + np.float32(b1[i]))
-        second = w2 * (np.float32(a2[i]) + np.float32(b2[i])) + w3 * (np.float32(a3[i]) + np.float32(b3[i]))
+        first = w0 * (a0[i] + b0[i]) + w1 * (a1[i] + b1[i])
+        second = w2 * (a2[i] + b2[i]) + w3 * (a3[i] + b3[i])
         total[i] += first + second
 
 
@@ -90,7 +95,7 @@ def _down_columns(source: Any, y: int, weights: Any, out: Any) -> None:
     row = source[y]
     w0 = weights[0]
     for i in range(out.size):
-        out[i] = w0 * np.float32(row[i])
+        out[i] = w0 * row[i]
     k = 1
     while k + 4 <= weights.size:
         _add_four_pairs(
@@ -162,15 +167,6 @@ def _blur_to_float(source: Any, step: int, weights: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _blur_to_uint8(source: Any, step: int, weights: Any, offset: Any, out: Any) -> None:
-    height, n = source.shape
-    pad = (weights.size - 1) * step
-    padded = np.empty(n + 2 * pad, np.float32)
-    blurred = np.empty(n, np.float32)
-    for y in range(height):
-        _down_columns(source, y, weights, padded[pad : pad + n])
-        _repeat_edges(padded, step, pad)
-        _along_row(padded, step, weights, blurred)
-        row = out[y]
-        for i in range(n):
-            row[i] = np.uint8(np.rint(min(max(blurred[i] + offset, np.float32(0)), np.float32(255))))
+def _round(values: Any, offset: Any, out: Any) -> None:
+    for i in range(out.size):
+        out[i] = np.uint8(np.rint(min(max(values[i] + offset, np.float32(0)), np.float32(255))))
