@@ -78,7 +78,9 @@ def severity_curves(
                 panel.fill_between(
                     known["severity"], known["low"], known["high"], color=style.colour, alpha=0.15, linewidth=0
                 )
-        panel.set_title(name_text(long_label(corruption)), fontsize=8.5)
+        panel.set_title(name_text(long_label(corruption)), fontsize=8.5, y=1)  # measured otherwise, as are labels
+        panel.xaxis.set_label_coords(0.5, 0)
+        panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)
         panel.set_xlim(0.7, 5.3)
         panel.tick_params(labelsize=7.5)

@@ -44,9 +44,10 @@ def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, for
         row, column = divmod(index, columns)
         left, top = _GAP_IN + column * (width + _GAP_IN), _CAPTION_IN + row * step + _CAPTION_IN
         picture = clean * 0 + 236 if frame is None else frame
-        axes = add_picture(figure, left, top, width, width * ratio, picture, words, 8.5)
+        add_picture(figure, left, top, width, width * ratio, picture, words, 8.5)
         if frame is None:
-            axes.text(0.5, 0.5, "not on this scale", transform=axes.transAxes, ha="center", va="center", fontsize=9)
+            middle = (left + width / 2) / _WIDTH_IN, 1 - (top + width * ratio / 2) / height
+            figure.text(*middle, "not on this scale", ha="center", va="center", fontsize=9)
     file = io.BytesIO()
     figure.savefig(file, format=form, metadata={"CreationDate": None} if form == "pdf" else None)
     return file.getvalue()
