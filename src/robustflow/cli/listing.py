@@ -189,7 +189,9 @@ def _datasets() -> list[str]:
         facts = dataset_facts(name)
         count = f"{facts.pairs:,} pair{'s' if facts.pairs != 1 else ''}, " if facts.pairs else ""
         lines.append(f"{name}: {facts.title}. {facts.description}".rstrip())
-        lines.append(f"    {count}ground truth: {facts.ground_truth}, further frames: {facts.clips}")
+        lines.append(
+            f"    {count}ground truth: {facts.ground_truth}, further frames: {facts.clips}, depth: {facts.depth}"
+        )
         lines += [f"    {what}: {text}" for what, text in _stated(facts)]
     return lines
 

@@ -9,13 +9,14 @@ two.
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..compiled import njit
-from ..errors import DataError
+from ..errors import DataError, first_line
 from ..sample import Camera, DepthMap, Flow, Mask, SceneDepth
 
 _NEAREST, _FARTHEST = 0.1, 10_000.0
@@ -38,12 +39,7 @@ def scene_depth(
     """
     maps, masks = [], []
     for number, values in enumerate((first, second), 1):
-        if values.shape != shape:
-            size = "x".join(map(str, values.shape[::-1]))
-            raise DataError(
-                f"{what}: the depth of frame {number} is {size}, the frames are {shape[1]}x{shape[0]}; give a map for "
-                "every pixel"
-            )
+        check_size(values, shape, f"{what}: the depth of frame {number}")
         map_, measured = completed(values, f"{what}, frame {number}")
         maps.append(map_)
         masks.append(measured)
@@ -55,6 +51,57 @@ def scene_depth(
             stacklevel=2,
         )
     return SceneDepth((maps[0], maps[1]), (masks[0], masks[1]), camera)
+
+
+def check_size(values: npt.NDArray[Any], shape: tuple[int, int], what: str) -> None:
+    """Raise a DataError unless a map has the size of the frames."""
+    if values.shape != shape:
+        size = "x".join(map(str, values.shape[::-1]))
+        raise DataError(f"{what} is {size}, the frames are {shape[1]}x{shape[0]}; give a map for every pixel")
+
+
+def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float64]:
+    """`scale` / disparity in metres, float64; 0 where there is no disparity above 0.
+
+    >>> depth_of(np.array([[2.0, 0.0, np.nan, -1.0]]), 10.0).tolist()
+    [[5.0, 0.0, 0.0, 0.0]]
+    """
+    out = np.zeros(disparity.shape)
+    known = np.isfinite(disparity) & (disparity > 0)
+    out[known] = scale / disparity[known].astype(np.float64)
+    return out
+
+
+def present(files: list[Path], title: str, parts: str) -> list[Path]:
+    """These files, which the depth of a data set is read from.
+
+    Raises:
+        DataError: one is missing; `parts` of the data set have it.
+    """
+    for path in files:
+        if not path.is_file():
+            raise DataError(
+                f"{path}: missing, and the depth of {title} is read from it; unpack {parts} there, or give your own "
+                "maps with --depth DIR"
+            )
+    return files
+
+
+def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
+    """Lines of `columns` finite numbers, as camera files have them: float64 (N, columns).
+
+    Raises:
+        DataError: no such file, or other contents.
+    """
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+        table = np.array([[float(word) for word in line.split()] for line in lines if line.strip()], np.float64)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or first_line(error)
+        raise DataError(f"{path}: cannot be read as numbers ({why}); restore the file") from error
+    if table.ndim != 2 or table.shape[1] != columns or not np.isfinite(table).all():
+        raise DataError(f"{path}: not {columns} numbers in every line; restore the file")
+    return table
 
 
 def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[DepthMap, Mask]:

@@ -27,6 +27,7 @@ class DatasetFacts(Frozen):
         pairs: how many pairs the complete data set has when it is opened without options; None if that varies.
         clips: whether there are frames before and after its pairs, for multi-frame models: "always", "never", or a
             condition.
+        depth: where the depth of its pairs comes from, for corruptions in three dimensions: "none", or in some words.
         licence: the terms its distributors state; check them before use.
         citation: authors, title, venue, year.
         layout: the folders that its root must hold.
@@ -47,6 +48,7 @@ class DatasetFacts(Frozen):
     ground_truth: GroundTruth = "dense"
     pairs: int | None = Field(default=None, ge=1)
     clips: str = Field(default="never", max_length=80)
+    depth: str = Field(default="none", max_length=80)
     licence: str = Field(default="not stated", max_length=200)
     citation: str = Field(default="none", max_length=400)
     layout: str = Field(default="", max_length=400)

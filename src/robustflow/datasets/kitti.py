@@ -3,6 +3,8 @@
     training/image_2/000010_10.png  000010_11.png     (2012: colored_0, or image_0 in grey)
     training/flow_occ/000010_10.png                   all pixels, including those that leave the view
     training/flow_noc/000010_10.png                   non-occluded pixels only
+    training/disp_occ_0/000010_10.png  disp_occ_1     2015, for its depth: disparity in both frames, 256ths of a pixel,
+    training/calib_cam_to_cam/000010.txt              at the pixels of frame 1; and the cameras
 
 `flow_occ` is the ground truth, and a pixel with flow in it but none in `flow_noc` is occluded. A folder that holds only
 `flow_noc` is read with that as ground truth and without occlusion maps, and says so (`non_occluded`): errors on visible
@@ -25,7 +27,11 @@ from typing import Any
 
 from ..errors import DataError
 from ..flowio import read_flow
+from ..flowio.depth import read_depth_png
 from ..layout import choice, following, locate, partner
+from ..sample import Camera, Sample, SceneDepth
+from .camera_motion import with_motion
+from .depth import carried, check_size, depth_of, present, scene_depth
 from .facts import DatasetFacts
 from .kitti_drives import drive_groups
 from .pairs import PairDataset, PairFiles, Truth
@@ -85,6 +91,7 @@ class Kitti2015(KittiSequences):
         description="Driving with moving cars, about 1242x375.",
         ground_truth="sparse",
         pairs=200,
+        depth="disparity and calibration",
         clips="with the multi-view extension",
         licence="CC BY-NC-SA 3.0",
         citation="Menze and Geiger, Object Scene Flow for Autonomous Vehicles, CVPR 2015",
@@ -96,6 +103,28 @@ class Kitti2015(KittiSequences):
     def __init__(self, root: str | Path) -> None:
         folder = locate("KITTI 2015", root, ["image_2"], ("", "training"), "image_2/ and flow_occ/")
         super().__init__(kitti_pairs(folder, "image_2", self.name), folder)
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`: f B / disparity, with f and B of the rectified colour cameras. `disp_occ_1` has the
+        disparity in frame 2 of the pixels of frame 1, which the true flow moves there. The motion of the camera is
+        fitted to depth and flow (`camera_motion`)."""
+        first, second, calibration = self.depth_files(sample.key)
+        camera, scale = _calibration(calibration)
+        now, then = (depth_of(read_depth_png(path), 256 * scale) for path in (first, second))
+        for values, path in ((now, first), (then, second)):
+            check_size(values, sample.shape, f"{path}: the disparity")
+        assert sample.flow is not None
+        assert sample.valid is not None
+        camera = with_motion(camera, now, sample.flow, sample.valid & (now > 0))
+        moved = carried(then, sample.flow, sample.valid & (then > 0))
+        return scene_depth(now, moved, camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        flow = self.pair(key).frames[0].name
+        files = [self.folder / kind / flow for kind in ("disp_occ_0", "disp_occ_1")]
+        files.append(self.folder / "calib_cam_to_cam" / f"{key}.txt")
+        return present(files, "KITTI 2015", "data_scene_flow and data_scene_flow_calib")
 
 
 class Kitti2012(KittiSequences):
@@ -165,6 +194,21 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]
             stacklevel=3,
         )
     return pairs
+
+
+def _calibration(path: Path) -> tuple[Camera, float]:
+    """The left colour camera, and focal length times baseline to the right one, pixels times metres."""
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+        entries = {name: values for name, _, values in (line.partition(":") for line in lines)}
+        left, right = ([float(word) for word in entries[f"P_rect_{number}"].split()] for number in ("02", "03"))
+        (fx, _, cx, at_left, _, fy, cy, *_), (at_right, *_) = left, right[3:]
+    except (OSError, ValueError, KeyError) as error:
+        raise DataError(f"{path}: no calibration with P_rect_02 and P_rect_03; restore the file") from error
+    scale = at_left - at_right
+    if not all(0 < value < 1e6 for value in (fx, fy, scale)):
+        raise DataError(f"{path}: a focal length or baseline that is not above 0; restore the file")
+    return Camera((fx, fy), (cx, cy)), scale
 
 
 def _firsts(folder: Path) -> list[str]:

@@ -43,6 +43,7 @@ class Motorcycle(Samples):
         title="Middlebury 2014 Motorcycle",
         description="One real stereo pair, 741x500, which scikit-image ships; flow is minus its disparity.",
         pairs=1,
+        depth="its disparity",
         licence="distributed with scikit-image; see its notice on the Middlebury stereo data",
         citation="Scharstein et al., High-Resolution Stereo Datasets with Subpixel-Accurate Ground Truth, GCPR 2014",
         layout="no root needed",

@@ -4,6 +4,8 @@
     training/flow/alley_1/frame_0001.flo            one fewer than frames
     training/occlusions/alley_1/frame_0001.png      white: occluded
     training/invalid/alley_1/frame_0001.png         white: no reliable flow
+    training/depth/alley_1/frame_0001.dpt           for depth: metres
+    training/camdata_left/alley_1/frame_0001.cam    for depth: the camera
 
 Source: Butler et al., ECCV 2012.
 """
@@ -14,13 +16,16 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..flowio import read_flow
+from ..flowio.depth import read_camera, read_dpt
 from ..images.io import read_mask
 from ..layout import consecutive, folders, locate, numbered, partner
-from ..sample import Mask
+from ..sample import Camera, Mask, Sample, SceneDepth
+from .camera_motion import relative_motion
+from .depth import present, scene_depth
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
-_MAPS = ("flow", "occlusions", "invalid", "flow_viz")
+_MAPS = ("flow", "occlusions", "invalid", "flow_viz", "depth", "depth_viz", "camdata_left")
 
 
 class Sintel(PairDataset):
@@ -38,6 +43,7 @@ class Sintel(PairDataset):
         title="MPI-Sintel",
         description="23 scenes of an animated film, 1024x436, in a clean and a final rendering.",
         pairs=1041,
+        depth="exact, with its depth package",
         clips="always",
         licence="film CC BY 3.0; data for research, see the distributor's terms",
         citation="Butler et al., A Naturalistic Open Source Movie for Optical Flow Evaluation, ECCV 2012",
@@ -68,6 +74,23 @@ class Sintel(PairDataset):
             valid &= ~_fitting(pair.invalid, valid.shape)
             flow[~valid] = 0
         return Truth(flow, valid, None if pair.occlusion is None else _fitting(pair.occlusion, valid.shape))
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`: exact, with the camera of each frame."""
+        *maps, first, second = self.depth_files(sample.key)
+        lenses, poses = zip(*(read_camera(path) for path in (first, second)), strict=True)
+        (fx, fy, cx, cy), moved = ((float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])) for k in lenses)
+        camera = Camera((fx, fy), (cx, cy), *relative_motion(*poses), moved)
+        now, then = (read_dpt(path) for path in maps)
+        return scene_depth(now, then, camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        frames = self.pair(key).frames
+        training, scene = frames[0].parents[2], frames[0].parent.name
+        kinds = (("depth", ".dpt"), ("camdata_left", ".cam"))
+        files = [training / kind / scene / f"{frame.stem}{suffix}" for kind, suffix in kinds for frame in frames]
+        return present(files, "MPI-Sintel", "MPI-Sintel-depth-training")
 
 
 def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:

@@ -3,6 +3,8 @@
     train/0001/frame_left/frame_left_0001.png ...
     train/0001/flow_FW_left/flow_FW_left_0001.flo5 ...      from this frame to the next
     train/0001/flow_BW_left/flow_BW_left_0002.flo5 ...      from this frame to the one before
+    train/0001/disp1_left/disp1_left_0001.dsp5 ...          for depth: disparity, in pixels of the frames
+    train/0001/cam_data/intrinsics.txt                      for depth: fx fy cx cy of each frame
 
 Vectors are in pixels of the frames, four for each pixel; the benchmark's own reader takes every second one in both
 directions, and so does this one. The optional maps (sky, detail, matching) are not read. Source: Mehl et al., CVPR
@@ -16,9 +18,16 @@ from pathlib import Path
 from ..errors import DataError
 from ..extras import require
 from ..flowio import read_flow
+from ..flowio.depth import read_dsp5
 from ..layout import choice, consecutive, folders, locate, numbered, partner
+from ..sample import Camera, Sample, SceneDepth
+from .camera_motion import with_motion
+from .depth import check_size, depth_of, present, scene_depth, table_of
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
+
+_BASELINE = 0.065
+"""Metres between the two cameras."""
 
 
 class Spring(PairDataset):
@@ -37,6 +46,7 @@ class Spring(PairDataset):
         title="Spring",
         description="37 sequences of an animated film, 1920x1080, with detailed ground truth.",
         pairs=4963,
+        depth="disparity and intrinsics",
         clips="always",
         licence="CC BY 4.0",
         citation="Mehl et al., Spring: A High-Resolution High-Detail Dataset and Benchmark, CVPR 2023",
@@ -63,6 +73,35 @@ class Spring(PairDataset):
         if flow.shape[0] % 2 or flow.shape[1] % 2:
             raise DataError(f"{pair.flow}: {flow.shape[1]}x{flow.shape[0]} vectors; Spring has two per pixel and side")
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
+
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`: fx times 0.065 m / disparity, every second value as of the flow. The motion of the camera
+        is fitted to depth and true flow (`camera_motion`)."""
+        *maps, intrinsics = self.depth_files(sample.key)
+        table = table_of(intrinsics, 4)
+        depths, lenses = [], []
+        for path in maps:
+            place = int(path.stem[-4:]) - 1
+            if place >= len(table) or not (table[place, :2] > 0).all():
+                raise DataError(f"{intrinsics}: no focal lengths above 0 for frame {place + 1}; restore the file")
+            fx, fy, cx, cy = table[place].tolist()
+            lenses.append((fx, fy, cx, cy))
+            depths.append(depth_of(read_dsp5(path)[::2, ::2], fx * _BASELINE))
+            check_size(depths[-1], sample.shape, f"{path}: every second value of the disparity")
+        (fx, fy, cx, cy), second = lenses
+        camera = Camera((fx, fy), (cx, cy), second=second)
+        if sample.flow is not None and sample.valid is not None:
+            camera = with_motion(camera, depths[0], sample.flow, sample.valid & (depths[0] > 0))
+        return scene_depth(depths[0], depths[1], camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        frames = self.pair(key).frames
+        sequence = frames[0].parent.parent
+        names = [frame.stem.replace("frame_", "disp1_") for frame in frames]
+        maps = [sequence / name.rpartition("_")[0] / f"{name}.dsp5" for name in names]
+        files = [*maps, sequence / "cam_data" / "intrinsics.txt"]
+        return present(files, "Spring", "disp1_left/, disp1_right/ and cam_data/")
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
         """The same."""

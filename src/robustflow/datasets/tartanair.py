@@ -4,6 +4,8 @@
     abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...      float32 (H, W, 2), pixels
     abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is visible in
                                                                     the next frame too
+    abandonedfactory/Easy/P000/depth_left/000000_left_depth.npy     for depth: float32 (H, W), metres
+    abandonedfactory/Easy/P000/pose_left.txt                        for depth: tx ty tz qx qy qz qw of each frame
 
 Also with an environment's own folder inside, as its archives unpack (abandonedfactory/abandonedfactory/Easy).
 Source: Wang et al., IROS 2020.
@@ -18,11 +20,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DataError
+from ..flowio.depth import read_depth_npy
 from ..layout import choice, folders, following, locate, numbered, partner
+from ..sample import Camera, Sample, SceneDepth
+from .camera_motion import relative_motion
+from .depth import present, scene_depth, table_of
 from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
 _DIFFICULTIES = ("Easy", "Hard")
+_FOCAL, _CENTRE = 320.0, (320.0, 240.0)
 _EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
 
 
@@ -41,6 +48,7 @@ class TartanAir(PairDataset):
         title="TartanAir",
         description="369 flights through 18 rendered environments, 640x480.",
         pairs=306268,
+        depth="exact",
         clips="always",
         licence="CC BY 4.0",
         citation="Wang et al., TartanAir: A Dataset to Push the Limits of Visual SLAM, IROS 2020",
@@ -72,6 +80,26 @@ class TartanAir(PairDataset):
         flow = np.where(valid[..., None], flow, 0).astype(np.float32)
         return Truth(flow, valid, mask != 0)
 
+    def depth(self, sample: Sample) -> SceneDepth:
+        """See `Depths.depth`: exact. Poses are of the camera in a world of north, east and down; x of the camera is
+        forward, y right and z down there."""
+        *maps, poses = self.depth_files(sample.key)
+        table = table_of(poses, 7)
+        places = [int(path.name[:6]) for path in maps]
+        if max(places) >= len(table):
+            raise DataError(f"{poses}: {len(table)} poses, none of frame {max(places)}; restore the file")
+        motion = relative_motion(*(_world_to_camera(table[place].tolist(), poses) for place in places))
+        camera = Camera((_FOCAL, _FOCAL), _CENTRE, *motion)
+        now, then = (read_depth_npy(path) for path in maps)
+        return scene_depth(now, then, camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+
+    def depth_files(self, key: str) -> list[Path]:
+        """See `Depths.depth_files`."""
+        frames = self.pair(key).frames
+        flight = frames[0].parent.parent
+        maps = [flight / "depth_left" / f"{frame.stem}_depth.npy" for frame in frames]
+        return present([*maps, flight / "pose_left.txt"], "TartanAir", "depth_left/ and pose_left.txt of the flights")
+
     def training_truth(self, pair: PairFiles) -> Truth | None:
         """The same."""
         return self.truth(pair)
@@ -98,6 +126,20 @@ def _flight(flight: Path, group: str) -> dict[str, PairFiles]:
         mask = partner(flows / f"{name}_mask.npy", first)
         pairs[f"{group}/{first.name[:6]}"] = PairFiles((first, second), flow, occlusion=mask, group=group)
     return pairs
+
+
+def _world_to_camera(pose: list[float], path: Path) -> npt.NDArray[np.float64]:
+    """From the world to the camera with x right, y down and z forward, (3, 4); of tx ty tz and a quaternion qx qy qz
+    qw, which turn and then move the camera with x forward, y right and z down."""
+    tx, ty, tz, x, y, z, w = pose
+    squared = x * x + y * y + z * z + w * w
+    if not 0.5 < squared < 2:
+        raise DataError(f"{path}: a quaternion of length {squared**0.5:.3g}; restore the file")
+    s = 2 / squared
+    right = (s * (x * y - z * w), 1 - s * (x * x + z * z), s * (y * z + x * w))
+    down = (s * (x * z + y * w), s * (y * z - x * w), 1 - s * (x * x + y * y))
+    forward = (1 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w))
+    return np.array([[*axis, -(axis[0] * tx + axis[1] * ty + axis[2] * tz)] for axis in (right, down, forward)])
 
 
 def _array(path: Path) -> npt.NDArray[Any]:

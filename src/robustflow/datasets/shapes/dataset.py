@@ -52,6 +52,7 @@ class FlyingShapes(Samples):
         description="Textured layers that move over a moving background, generated from a seed with exact flow; as "
         "many pairs as you want.",
         licence="made by this package; no terms",
+        depth="exact",
         citation="after Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",
         layout="no root needed",
         training_set="shapes",

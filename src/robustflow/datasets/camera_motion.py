@@ -1,0 +1,153 @@
+"""The camera's motion between two frames: from its place in both, or from the depth of the first and the true flow.
+
+The latter is robust least squares on the distances in pixels between where a motion takes the points and where the
+flow says they are: Gauss-Newton with weights (c^2 / (c^2 + r^2))^2, c falling from 64 px to 1 px, so that what moves by
+itself loses its weight. Only the four operations and the square root, in a fixed order: the same bits on every machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..compiled import njit
+from ..sample import Camera, Flow, Mask
+
+_MOST, _LEAST = 20_000, 50
+"""Points that are used at most, and needed at least."""
+_SCALES = (*(64.0 / 2**step for step in range(7)), *(1.0,) * 12)
+"""c of each step, pixels."""
+
+
+Matrix = npt.NDArray[np.float64]
+
+
+def relative_motion(first: Matrix, second: Matrix) -> tuple[Matrix, Matrix]:
+    """Rotation (3, 3) and translation (3,) between two frames, see `Camera`.
+
+    Args:
+        first, second: float64 (3, 4), which take the world to the camera of each frame.
+
+    >>> first, second = np.eye(3, 4), np.eye(3, 4)
+    >>> first[0, 3], second[0, 3] = 2.0, 5.0
+    >>> relative_motion(first, second)[1].tolist()
+    [3.0, 0.0, 0.0]
+    """
+    one, other = first.tolist(), second.tolist()
+    rotation = [[sum(a * b for a, b in zip(row[:3], column[:3], strict=True)) for column in one] for row in other]
+    translation = [
+        row[3] - sum(a * column[3] for a, column in zip(turned, one, strict=True))
+        for row, turned in zip(other, rotation, strict=True)
+    ]
+    return np.array(rotation), np.array(translation)
+
+
+def with_motion(camera: Camera, depth: npt.NDArray[Any], flow: Flow, known: Mask) -> Camera:
+    """A camera with the motion that explains most of the flow; as it is where too few points are known.
+
+    Args:
+        camera: of both frames.
+        depth: (H, W), metres, of frame 1.
+        flow: float32 (H, W, 2), pixels.
+        known: bool (H, W), where both are.
+
+    >>> rows, columns = np.mgrid[:24, :32]
+    >>> depth = 4.0 + (7 * rows + 5 * columns) % 13
+    >>> flow = np.dstack([40 * 0.5 / depth, 0 * depth]).astype(np.float32)
+    >>> fitted = with_motion(Camera((40.0, 40.0), (15.5, 11.5)), depth, flow, depth > 0)
+    >>> (fitted.translation.round(4) + 0).tolist()
+    [0.5, 0.0, 0.0]
+    """
+    rows, columns = np.nonzero(known)
+    step = -(-len(rows) // _MOST)
+    rows, columns = rows[::step] if step else rows, columns[::step] if step else columns
+    if len(rows) < _LEAST:
+        return camera
+    fx, fy, cx, cy = camera.intrinsics(0)
+    metres = depth[rows, columns].astype(np.float64)
+    points = np.stack([(columns - cx) / fx * metres, (rows - cy) / fy * metres, metres], axis=1)
+    targets = np.stack([columns, rows], axis=1) + flow[rows, columns].astype(np.float64)
+    rotation, translation = np.eye(3), np.zeros(3)
+    lens = np.array(camera.intrinsics(1), np.float64)
+    if not _fit(points, targets, lens, np.array(_SCALES), rotation, translation):
+        return camera
+    return replace(camera, rotation=rotation, translation=translation)
+
+
+@njit(cache=True, nogil=True)
+def _fit(points: Any, targets: Any, lens: Any, scales: Any, rotation: Any, translation: Any) -> Any:
+    """Fill in the motion; False if it is not determined."""
+    fx, fy, cx, cy = lens
+    normal = np.empty((6, 7))
+    row = np.empty((2, 6))
+    for scale in scales:
+        normal[:] = 0.0
+        for i in range(points.shape[0]):
+            a, b, c = points[i]
+            x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
+            y = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
+            z = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
+            px, py, pz = x + translation[0], y + translation[1], z + translation[2]
+            if pz < 1e-3:
+                continue
+            u, v = px / pz, py / pz
+            miss_u, miss_v = targets[i, 0] - (fx * u + cx), targets[i, 1] - (fy * v + cy)
+            share = scale * scale / (scale * scale + miss_u * miss_u + miss_v * miss_v)
+            weight = share * share
+            # columns: a small rotation about x, y, z of the turned point, then the translation
+            gx, gy = fx / pz, fy / pz
+            row[0, 0], row[0, 1], row[0, 2] = -gx * u * y, gx * (z + u * x), -gx * y
+            row[0, 3], row[0, 4], row[0, 5] = gx, 0.0, -gx * u
+            row[1, 0], row[1, 1], row[1, 2] = -gy * (z + v * y), gy * v * x, gy * x
+            row[1, 3], row[1, 4], row[1, 5] = 0.0, gy, -gy * v
+            for m in range(6):
+                first, second = weight * row[0, m], weight * row[1, m]
+                for n in range(m, 6):
+                    normal[m, n] += first * row[0, n] + second * row[1, n]
+                normal[m, 6] += first * miss_u + second * miss_v
+        for m in range(6):
+            for n in range(m):
+                normal[m, n] = normal[n, m]
+        if not _solve(normal):
+            return False
+        _turn(rotation, normal[0, 6], normal[1, 6], normal[2, 6])
+        for m in range(3):
+            translation[m] += normal[3 + m, 6]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _solve(system: Any) -> Any:
+    """Solve a symmetric positive system (6, 7) in place, the solution in its last column; False if it is singular."""
+    largest = 0.0
+    for m in range(6):
+        largest = max(largest, system[m, m])
+    for m in range(6):
+        if not system[m, m] > 1e-13 * largest:
+            return False
+        for below in range(6):
+            if below != m:
+                factor = system[below, m] / system[m, m]
+                for n in range(m, 7):
+                    system[below, n] -= factor * system[m, n]
+    for m in range(6):
+        system[m, 6] /= system[m, m]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _turn(rotation: Any, wx: Any, wy: Any, wz: Any) -> None:
+    """Turn by a small rotation vector: Cayley's map, which is a rotation without sines."""
+    a, b, c = 0.5 * wx, 0.5 * wy, 0.5 * wz
+    gain = 2.0 / (1.0 + a * a + b * b + c * c)
+    step = np.empty((3, 3))
+    step[0, 0], step[0, 1], step[0, 2] = 1 - gain * (b * b + c * c), gain * (a * b - c), gain * (a * c + b)
+    step[1, 0], step[1, 1], step[1, 2] = gain * (a * b + c), 1 - gain * (a * a + c * c), gain * (b * c - a)
+    step[2, 0], step[2, 1], step[2, 2] = gain * (a * c - b), gain * (b * c + a), 1 - gain * (a * a + b * b)
+    before = rotation.copy()
+    for m in range(3):
+        for n in range(3):
+            rotation[m, n] = step[m, 0] * before[0, n] + step[m, 1] * before[1, n] + step[m, 2] * before[2, n]

@@ -1,0 +1,282 @@
+"""Depth and cameras from the files of data sets, in their own formats: a scene of planes before a moving camera."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.datasets import load_dataset
+from robustflow.datasets.camera_motion import relative_motion, with_motion
+from robustflow.errors import DataError
+from robustflow.flowio import write_flow
+from robustflow.sample import Camera
+
+from .layouts import picture
+
+HEIGHT, WIDTH = 48, 64
+FOCAL = 60.0
+CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+
+
+def turned(*angles):
+    """A rotation about x, y and z."""
+    out = np.eye(3)
+    for axis, angle in enumerate(angles):
+        a, b = [number for number in range(3) if number != axis]
+        step = np.eye(3)
+        step[a, a] = step[b, b] = np.cos(angle)
+        step[a, b], step[b, a] = -np.sin(angle), np.sin(angle)
+        out = step @ out
+    return out
+
+
+def world(rotation, translation, lens=(FOCAL, FOCAL, *CENTRE), second=None):
+    """A tilted plane with a block before it, and its flow: depth of frame 1, depth of its points in frame 2, flow."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    depth = 1 / (0.02 + 0.001 * rows + 0.0005 * columns)
+    depth[10:25, 20:40] = 6.0
+    fx, fy, cx, cy = lens
+    points = np.stack([(columns - cx) / fx * depth, (rows - cy) / fy * depth, depth])
+    moved = np.tensordot(rotation, points, 1) + np.reshape(translation, (3, 1, 1))
+    fx, fy, cx, cy = second or lens
+    flow = np.stack([fx * moved[0] / moved[2] + cx - columns, fy * moved[1] / moved[2] + cy - rows], axis=2)
+    return SimpleNamespace(depth=depth, then=moved[2], flow=flow.astype(np.float32))
+
+
+MOTION = turned(0.004, -0.01, 0.006), np.array([0.12, -0.03, -0.4])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    angles=st.tuples(*[st.floats(-0.06, 0.06)] * 3),
+    moved=st.tuples(*[st.floats(-0.8, 0.8)] * 3),
+    seed=st.integers(0, 2**32),
+)
+def test_the_cameras_motion_is_found_among_things_that_move_by_themselves(angles, moved, seed):
+    rotation, translation = turned(*angles), np.array(moved)
+    scene, rng = world(rotation, translation), np.random.default_rng(seed)
+    flow = scene.flow + rng.normal(0, 0.02, scene.flow.shape).astype(np.float32)
+    flow[30:45, 5:30] += 9  # a car
+    known = rng.random(scene.depth.shape) < 0.4
+    fitted = with_motion(Camera((FOCAL, FOCAL), CENTRE), scene.depth, flow, known)
+    np.testing.assert_allclose(fitted.rotation, rotation, atol=2e-3)
+    np.testing.assert_allclose(fitted.translation, translation, atol=3e-2)
+    np.testing.assert_allclose(fitted.rotation @ fitted.rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_a_motion_that_few_points_show_stays_unknown():
+    scene = world(*MOTION)
+    known = np.zeros(scene.depth.shape, bool)
+    known[::12, ::12] = True
+    assert with_motion(Camera((FOCAL, FOCAL), CENTRE), scene.depth, scene.flow, known).rotation is None
+    flat = with_motion(Camera((FOCAL, FOCAL), CENTRE), 0 * scene.depth, scene.flow, scene.depth > 0)
+    assert flat.rotation is None
+
+
+def test_relative_motion_takes_points_of_the_first_camera_to_the_second():
+    rng = np.random.default_rng(0)
+    first, second = (np.column_stack([turned(*rng.normal(0, 1, 3)), rng.normal(0, 5, 3)]) for _ in range(2))
+    rotation, translation = relative_motion(first, second)
+    point = rng.normal(0, 3, 3)
+    seen = [pose[:, :3] @ point + pose[:, 3] for pose in (first, second)]
+    np.testing.assert_allclose(rotation @ seen[0] + translation, seen[1], atol=1e-12)
+
+
+def check_frames(depth, scene, atol=0.02):
+    """The first map is the scene's; the second one that of its points where the flow takes them."""
+    measured = depth.measured[0]
+    np.testing.assert_allclose(depth.maps[0][measured], scene.depth[measured], rtol=atol)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    there = np.rint(np.dstack([columns, rows]) + scene.flow).astype(int)
+    inside = ((there >= 0) & (there < (WIDTH, HEIGHT))).all(axis=2) & (scene.depth != 6)
+    second, wanted = depth.maps[1][there[inside][:, 1], there[inside][:, 0]], scene.then[inside]
+    assert (np.abs(second / wanted - 1) < 0.05).mean() > 0.85
+
+
+def kitti(root, scene, baseline=0.54):
+    """A pair of KITTI 2015 with disparity, as its PNG files hold it, and calibration."""
+    training = root / "training"
+    for number in (10, 11):
+        picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
+    known = np.ones((HEIGHT, WIDTH), bool)
+    known[:5] = known[:, ::3] = False  # the sky, and between the lines of the scanner
+    (training / "flow_occ").mkdir()
+    write_flow(training / "flow_occ" / "000010_10.png", scene.flow, known)
+    for name, metres in (("disp_occ_0", scene.depth), ("disp_occ_1", scene.then)):
+        disparity = np.where(known, FOCAL * baseline / metres, 0)
+        (training / name).mkdir()
+        assert cv2.imwrite(str(training / name / "000010_10.png"), np.rint(256 * disparity).astype(np.uint16))
+    right = f"{FOCAL} 0 {CENTRE[0]} {44.9 - FOCAL * baseline} 0 {FOCAL} {CENTRE[1]} 0.2 0 0 1 0.003"
+    left = f"{FOCAL} 0 {CENTRE[0]} 44.9 0 {FOCAL} {CENTRE[1]} 0.2 0 0 1 0.003"
+    (training / "calib_cam_to_cam").mkdir()
+    calibration = f"calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nP_rect_02: {left}\nP_rect_03: {right}\n"
+    (training / "calib_cam_to_cam" / "000010.txt").write_text(calibration)
+    return training
+
+
+def test_kitti_has_depth_by_disparity_and_calibration_and_a_fitted_camera(tmp_path):
+    scene = world(*MOTION)
+    training = kitti(tmp_path, scene, baseline=20.0)  # more than 0.54 m, as 64 pixels resolve little
+    data = load_dataset("kitti2015", tmp_path)
+    sample = data.load("000010")
+    depth = data.depth(sample)
+    np.testing.assert_array_equal(depth.measured[0], sample.valid)
+    check_frames(depth, scene)
+    np.testing.assert_allclose(depth.camera.intrinsics(1), (FOCAL, FOCAL, *CENTRE))
+    np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=2e-3)
+    np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=0.03)
+    files = data.depth_files("000010")
+    assert [path.relative_to(training).as_posix() for path in files] == [
+        "disp_occ_0/000010_10.png", "disp_occ_1/000010_10.png", "calib_cam_to_cam/000010.txt"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "P_rect_02: 1 2 3\nP_rect_03: 1\n", "P_rect_02: a b", "\xff", "P_rect_02: 1 0 0 nan 0 1 0 0 0 0 1 0\n" * 2],
+)
+def test_a_damaged_calibration_of_kitti_is_refused(tmp_path, text):
+    training = kitti(tmp_path, world(*MOTION))
+    (training / "calib_cam_to_cam" / "000010.txt").write_text(text, encoding="latin-1")
+    data = load_dataset("kitti2015", tmp_path)
+    with pytest.raises(DataError, match=r"calib_cam_to_cam/000010\.txt: .*restore the file"):
+        data.depth(data.load("000010"))
+
+
+def sintel(root, scene, first, second, zoom=1.0):
+    """A pair of MPI-Sintel with the files of its depth package."""
+    training = root / "training"
+    tag = np.float32(202021.25).tobytes()
+    for number, metres, pose, focal in ((1, scene.depth, first, FOCAL), (2, scene.then, second, zoom * FOCAL)):
+        picture(training / "clean" / "alley_1" / f"frame_{number:04d}.png", HEIGHT, WIDTH)
+        for kind in ("depth", "camdata_left"):
+            (training / kind / "alley_1").mkdir(parents=True, exist_ok=True)
+        size = np.array([WIDTH, HEIGHT], "<i4").tobytes()
+        values = tag + size + metres.astype("<f4").tobytes()
+        (training / "depth" / "alley_1" / f"frame_{number:04d}.dpt").write_bytes(values)
+        intrinsics = np.array([[focal, 0, CENTRE[0]], [0, focal, CENTRE[1]], [0, 0, 1]])
+        values = tag + intrinsics.astype("<f8").tobytes() + pose.astype("<f8").tobytes()
+        (training / "camdata_left" / "alley_1" / f"frame_{number:04d}.cam").write_bytes(values)
+    (training / "flow" / "alley_1").mkdir(parents=True)
+    write_flow(training / "flow" / "alley_1" / "frame_0001.flo", scene.flow)
+    return training
+
+
+def test_sintel_has_the_depth_and_the_cameras_of_its_files(tmp_path):
+    first = np.column_stack([turned(0.3, -1, 2), [4.0, 5.0, 6.0]])
+    second = np.column_stack([MOTION[0] @ first[:, :3], MOTION[0] @ first[:, 3] + MOTION[1]])
+    scene = world(*MOTION)
+    training = sintel(tmp_path, scene, first, second, zoom=1.25)
+    data = load_dataset("sintel", tmp_path)
+    assert data.keys() == ["alley_1/frame_0001"]  # its new folders are no passes
+    depth = data.depth(data.load("alley_1/frame_0001"))
+    np.testing.assert_array_equal(depth.maps[0], scene.depth.astype(np.float32))
+    np.testing.assert_array_equal(depth.maps[1], scene.then.astype(np.float32))
+    np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=1e-12)
+    np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=1e-12)
+    assert depth.camera.intrinsics(0)[:2] == (FOCAL, FOCAL)
+    assert depth.camera.intrinsics(1)[:2] == (1.25 * FOCAL, 1.25 * FOCAL)
+    for path in sorted((training / "depth").rglob("*.dpt")) + sorted(training.rglob("*.cam")):
+        whole = path.read_bytes()
+        for damaged in (whole[:-1], b"", whole[:10], b"HEIP" + whole[4:], whole + b"x"):
+            path.write_bytes(damaged)
+            with pytest.raises(DataError, match=path.name):
+                data.depth(data.load("alley_1/frame_0001"))
+        path.write_bytes(whole)
+    (training / "depth" / "alley_1" / "frame_0002.dpt").unlink()
+    with pytest.raises(DataError, match=r"frame_0002\.dpt: missing, and the depth of MPI-Sintel .*--depth DIR"):
+        data.depth_files("alley_1/frame_0001")
+
+
+def ned(rotation, place):
+    """The line of a pose: a quaternion of what turns x forward, y right, z down; from a camera-to-world rotation of x
+    right, y down, z forward."""
+    axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+    turn = rotation @ axes.T
+    w = np.sqrt(max(0, 1 + np.trace(turn))) / 2
+    x, y, z = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
+    return [*place, x / (4 * w), y / (4 * w), z / (4 * w), w]
+
+
+def test_tartanair_has_the_depth_and_the_poses_of_its_files(tmp_path):
+    lens = (320.0, 320.0, 320.0, 240.0)
+    scene = world(*MOTION, lens)
+    flight = tmp_path / "office" / "Easy" / "P000"
+    axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+    to_world, place = axes @ turned(0.1, 0.4, -0.2), np.array([3.0, -8.0, 1.5])
+    other_to_world = to_world @ MOTION[0].T
+    other = place - other_to_world @ MOTION[1]
+    np.savetxt(flight.joinpath("pose_left.txt") if flight.mkdir(parents=True) else flight / "pose_left.txt",
+               [ned(to_world, place), ned(other_to_world, other)])  # fmt: skip
+    for kind in ("flow", "depth_left"):
+        (flight / kind).mkdir()
+    for number, metres in enumerate((scene.depth, scene.then)):
+        picture(flight / "image_left" / f"{number:06d}_left.png", HEIGHT, WIDTH)
+        np.save(flight / "depth_left" / f"{number:06d}_left_depth.npy", metres.astype(np.float32))
+    np.save(flight / "flow" / "000000_000001_flow.npy", scene.flow)
+    np.save(flight / "flow" / "000000_000001_mask.npy", np.zeros((HEIGHT, WIDTH), np.uint8))
+    data = load_dataset("tartanair", tmp_path)
+    depth = data.depth(data.load("office/Easy/P000/000000"))
+    np.testing.assert_array_equal(depth.maps[1], scene.then.astype(np.float32))
+    np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=1e-9)
+    np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=1e-9)
+    assert depth.camera.intrinsics(1) == lens
+    for text in ("", "1 2 3\n", "1 2 3 0 0 0 0\n" * 2, "1 2 3 0 0 0 1\n", "nan 2 3 0 0 0 1\n" * 2, "\xff"):
+        (flight / "pose_left.txt").write_text(text, encoding="latin-1")
+        with pytest.raises(DataError, match=r"pose_left\.txt"):
+            data.depth(data.load("office/Easy/P000/000000"))
+
+
+@pytest.mark.parametrize("direction", ["FW", "BW"])
+def test_spring_has_the_depth_of_its_disparity_and_a_fitted_camera(tmp_path, direction):
+    h5py = pytest.importorskip("h5py")
+    sequence = tmp_path / "train" / "0004"
+    scene = world(*MOTION)
+    maps = {1: scene.depth, 2: scene.then} if direction == "FW" else {2: scene.depth, 1: scene.then}
+    (sequence / "cam_data").mkdir(parents=True)
+    np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]] * 2)
+    (sequence / "disp1_left").mkdir()
+    for number, metres in maps.items():
+        picture(sequence / "frame_left" / f"frame_left_{number:04d}.png", HEIGHT, WIDTH)
+        disparity = (FOCAL * 0.065 / metres).repeat(2, axis=0).repeat(2, axis=1)
+        disparity[::2, 6] = np.nan
+        disparity[1::2] = disparity[:, 1::2] = 99  # values that the benchmark does not read
+        with h5py.File(sequence / "disp1_left" / f"disp1_left_{number:04d}.dsp5", "w") as file:
+            file.create_dataset("disparity", data=disparity.astype(np.float32), compression="gzip")
+    name = f"flow_{direction}_left"
+    (sequence / name).mkdir()
+    first = 1 if direction == "FW" else 2
+    write_flow(sequence / name / f"{name}_{first:04d}.flo5", scene.flow.repeat(2, axis=0).repeat(2, axis=1))
+    data = load_dataset("spring", tmp_path, direction=direction)
+    depth = data.depth(data.load(data.keys()[0]))
+    measured = depth.measured[0]
+    assert not measured[:, 3].any()
+    assert measured.mean() == 1 - 1 / WIDTH
+    np.testing.assert_allclose(depth.maps[0][measured], scene.depth[measured], rtol=1e-5)
+    np.testing.assert_allclose(depth.maps[1][measured], scene.then[measured], rtol=1e-5)
+    np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=1e-5)
+    np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=1e-4)
+    np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]])
+    with pytest.raises(DataError, match="for frame 2"):
+        data.depth(data.load(data.keys()[0]))
+    np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]] * 2)
+    (sequence / "disp1_left" / "disp1_left_0001.dsp5").write_bytes(b"no HDF5")
+    with pytest.raises(DataError, match="not a readable HDF5 file"):
+        data.depth(data.load(data.keys()[0]))
+
+
+@pytest.mark.parametrize("name", ["kitti2015", "sintel"])
+def test_a_folder_without_the_files_of_depth_says_which_to_unpack(tmp_path, name):
+    scene = world(*MOTION)
+    pose = np.eye(3, 4)
+    training = kitti(tmp_path, scene) if name == "kitti2015" else sintel(tmp_path, scene, pose, pose)
+    for folder in ("disp_occ_0", "depth"):
+        if (training / folder).exists():
+            (training / folder).rename(tmp_path / "elsewhere")
+    data = load_dataset(name, tmp_path)
+    data.load(data.keys()[0])
+    with pytest.raises(DataError, match=r"missing, and the depth of .* is read from it; unpack .* --depth DIR"):
+        data.depth_files(data.keys()[0])
