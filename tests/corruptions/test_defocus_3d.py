@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.depth.defocus_3d import FarFocus, Lens, NearFocus
+from robustflow.corruptions.depth.defocus_3d import FarFocus, NearFocus, ThinLens
 from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.random.rng import Rng
 
@@ -46,7 +46,9 @@ def test_the_radius_is_that_of_a_thin_lens(distance, focus, stop):
     length, pitch = 0.008, 4.65e-6  # metres
     disk = length**2 / stop * abs(distance - focus) / (distance * (focus - length)) / pitch
     frame, depth = picture(30, 40), np.full((30, 40), distance, np.float32)
-    state = drawn(NearFocus, 1, depth)._replace(lens=Lens(focus, length**2 / stop / (focus - length) / pitch / 2, 25.0))
+    state = drawn(NearFocus, 1, depth)._replace(
+        lens=ThinLens(focus, length**2 / stop / (focus - length) / pitch / 2, 25.0)
+    )
     expected = min(disk / 2, 25.0)
     # a disk takes in the pixels whose centres it covers: near a step of that, either side is right
     sides = [convolve_disk(frame, expected * factor, 0.0) for factor in (1 - 1e-5, 1 + 1e-5)]

@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.ndimage import convolve
 
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.sensor.camera import Camera, bytes_of_linear, draw_camera, linear_of_bytes
+from robustflow.corruptions.sensor.camera import CameraColours, bytes_of_linear, draw_camera, linear_of_bytes
 from robustflow.corruptions.sensor.exposure import BLACK, WHITE, Sensor, digitised, exposed, sensor_at
 from robustflow.corruptions.sensor.mosaic import KNEE, developed, light_on_sensor
 from robustflow.random.rng import Rng
@@ -119,7 +119,7 @@ def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, mo
 
 def test_demosaicing_is_that_of_malvar_he_and_cutler():
     """Against their 5x5 kernels by SciPy, on a mosaic of a camera that leaves colours as they are."""
-    camera = Camera(np.eye(3), np.eye(3), np.ones(3))
+    camera = CameraColours(np.eye(3), np.eye(3), np.ones(3))
     raw = np.random.default_rng(0).integers(BLACK, BLACK + SPAN // 2, (26, 33)).astype(np.uint16)
     light = (raw.astype(np.float64) - BLACK) / SPAN
     green = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8

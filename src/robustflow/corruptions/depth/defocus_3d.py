@@ -24,7 +24,7 @@ _FINEST, _STEPS = 1.0, 6
 """Layers differ in radius by a pixel, or by this part of the largest radius, if that is more."""
 
 
-class Lens(NamedTuple):
+class ThinLens(NamedTuple):
     """A thin lens: a point at depth Z has a disk of radius `infinity * |Z - focus| / Z`.
 
     That is (f^2 / N) |Z - F| / (Z (F - f)) / pitch / 2 with `infinity` for the factors that do not depend on Z.
@@ -41,7 +41,7 @@ class Lens(NamedTuple):
 class DefocusState(NamedTuple):
     """The lens, and the scene before it."""
 
-    lens: Lens
+    lens: ThinLens
     depth: tuple[DepthMap, DepthMap]
     """Of both frames, metres."""
 
@@ -55,7 +55,7 @@ class Defocus3d(DepthCorruption):
     """
 
     @abstractmethod
-    def lens(self, radius: float, near: float, far: float) -> Lens:
+    def lens(self, radius: float, near: float, far: float) -> ThinLens:
         """The lens that blurs what it is not focused on by `radius` pixels."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
@@ -81,9 +81,9 @@ class NearFocus(Defocus3d):
     family = "depth"
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
-    def lens(self, radius: float, near: float, far: float) -> Lens:
+    def lens(self, radius: float, near: float, far: float) -> ThinLens:
         """Focused on `near`; blurs `far` by `radius`."""
-        return Lens(near, radius * far / (far - near) if far > near else 0.0, _LARGEST * radius)
+        return ThinLens(near, radius * far / (far - near) if far > near else 0.0, _LARGEST * radius)
 
 
 class FarFocus(Defocus3d):
@@ -98,12 +98,12 @@ class FarFocus(Defocus3d):
     family = "depth"
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
-    def lens(self, radius: float, near: float, far: float) -> Lens:
+    def lens(self, radius: float, near: float, far: float) -> ThinLens:
         """Focused on `far`; blurs `near` by `radius`."""
-        return Lens(far, radius * near / (far - near) if far > near else 0.0, _LARGEST * radius)
+        return ThinLens(far, radius * near / (far - near) if far > near else 0.0, _LARGEST * radius)
 
 
-def _layers(depth: DepthMap, lens: Lens) -> tuple[npt.NDArray[np.uint8], list[float]]:
+def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], list[float]]:
     """(each pixel's layer, the radius of each layer).
 
     The first layer's radius is that of the nearest pixels, the last one's that of the farthest.

@@ -40,7 +40,7 @@ LEVELS = 1 << 14
 """Steps of the table from linear light to bytes: at least ten for each byte."""
 
 
-class Camera(NamedTuple):
+class CameraColours(NamedTuple):
     """What a pair shares.
 
     Attributes:
@@ -54,7 +54,7 @@ class Camera(NamedTuple):
     gains: Numbers
 
 
-def draw_camera(rng: Rng) -> Camera:
+def draw_camera(rng: Rng) -> CameraColours:
     """A camera: a random mean of four, with random white balance and brightness."""
     weights = [rng.uniform() + 1e-8 for _ in _CAMERAS]
     mean = np.zeros((3, 3))
@@ -65,7 +65,7 @@ def draw_camera(rng: Rng) -> Camera:
     response /= _row_sums(response)
     brightness = float(np.clip(_BRIGHTNESS + _BRIGHTNESS_SPREAD * rng.normals(1)[0], *_BRIGHTNESS_LIMITS))
     red, blue = rng.uniform(*_RED), rng.uniform(*_BLUE)
-    return Camera(response, _inverse(response), np.array([brightness / red, brightness, brightness / blue]))
+    return CameraColours(response, _inverse(response), np.array([brightness / red, brightness, brightness / blue]))
 
 
 def _row_sums(matrix: Numbers) -> Numbers:

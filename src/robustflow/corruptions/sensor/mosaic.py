@@ -16,7 +16,7 @@ from ...compiled import njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 from ..kernels.borders import mirrored
-from .camera import Camera, bytes_of_linear, linear_of_bytes
+from .camera import CameraColours, bytes_of_linear, linear_of_bytes
 from .exposure import BLACK, WHITE, Light, Raw, Sensor
 
 KNEE = 0.9
@@ -27,7 +27,7 @@ _WIDTH = 12.0
 """Square of the difference from which a neighbour has no weight, in variances of the noise of one pixel."""
 
 
-def light_on_sensor(frame: Frame, camera: Camera) -> Light:
+def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
     """The light on each pixel, float32 (H, W), as a share of a full pixel; of an RGB uint8 frame (H, W, 3)."""
     source = contiguous(frame)
     out = np.empty(source.shape[:2], np.float32)
@@ -35,7 +35,7 @@ def light_on_sensor(frame: Frame, camera: Camera) -> Light:
     return out
 
 
-def developed(raw: Raw, camera: Camera, denoise: Sensor | None) -> Frame:
+def developed(raw: Raw, camera: CameraColours, denoise: Sensor | None) -> Frame:
     """The picture of a RAW image.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from .camera import Camera, draw_camera
+from .camera import CameraColours, draw_camera
 from .exposure import Sensor, exposed, sensor_at
 from .mosaic import developed, light_on_sensor
 
@@ -18,7 +18,7 @@ from .mosaic import developed, light_on_sensor
 class RawState:
     """What a pair shares: the camera and how noisy its sensor is. `stream` names the streams of its frames."""
 
-    camera: Camera
+    camera: CameraColours
     sensor: Sensor
     stream: Rng
 
