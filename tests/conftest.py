@@ -33,12 +33,14 @@ def shared():
 
 @pytest.fixture(scope="session", autouse=True)
 def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """Runs draw no `report.html`, and blank example panels, but in `with real_pictures():`; a page and two panels take
-    ten times as long as a small run."""
+    """Runs draw no `report.html`, and blank example panels, and pages lack the embedded pair, but in
+    `with real_pictures():`; a page and two panels take ten times as long as a small run, that pair a hundred times."""
     from robustflow import api  # not in the process that only deals tests out
+    from robustflow.report.site import embedded
     from robustflow.runner import panel
 
     real = {(api, "write_report"): api.write_report, (panel, "draw_panel"): panel.draw_panel}
+    real[embedded, "embedded_slider"] = embedded.embedded_slider
 
     @contextmanager
     def drawn() -> Iterator[None]:
@@ -49,6 +51,7 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "write_report", lambda *_: None)
+        patch.setattr(embedded, "embedded_slider", lambda: None)
         patch.setattr(panel, "draw_panel", lambda _, form="png": _blank(form))
         yield drawn
 

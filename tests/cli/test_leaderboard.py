@@ -22,12 +22,7 @@ def run(tmp_path_factory, real_pictures):
         return evaluate("dis", "demo", output=folder, examples=True, corruptions=["contrast"], severities=[1, 5]).path
 
 
-def test_the_published_results_alone(robustflow, monkeypatch):
-    import robustflow.report.site.embedded as embedded
-
-    monkeypatch.setattr(
-        embedded, "embedded_slider", lambda: None
-    )  # twenty corruptions of the embedded pair take seconds
+def test_the_published_results_alone(robustflow):
     code, out, _ = robustflow("leaderboard", "-o", "site")
     assert code == 0
     assert out.split() == ["site/index.html"]
@@ -49,10 +44,8 @@ def test_runs_and_files_beside_them(robustflow, run):
 
 
 def test_a_page_of_many_runs_leaves_the_example_pictures_out(robustflow, run, monkeypatch):
-    import robustflow.report.site.embedded as embedded
-
     asked = []
-    monkeypatch.setattr(embedded, "embedded_slider", lambda: asked.append(1))
+    monkeypatch.setattr("robustflow.report.site.embedded.embedded_slider", lambda: asked.append(1))
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
     for number in range(3):
         folder = shutil.copytree(run, Path(f"many/{number}"))

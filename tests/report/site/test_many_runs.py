@@ -37,6 +37,12 @@ def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):
     assert "The 8 of 9 runs with the lowest error are drawn." in curves.caption
 
 
+@pytest.fixture(autouse=True)
+def _real_pictures(real_pictures):
+    with real_pictures():
+        yield
+
+
 @pytest.fixture
 def drawn(tmp_path, monkeypatch):
     """How often the embedded pair was drawn, under two of its corruptions; in a cache of its own."""
