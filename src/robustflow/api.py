@@ -124,6 +124,7 @@ def evaluate(
     timeout: float | None = None,
     allow_invalid: bool = False,
     confidence: str | None = None,
+    draws: int = 1,
     examples: bool = False,
     progress: Progress | bool | None = None,
 ) -> Result:
@@ -172,6 +173,9 @@ def evaluate(
         confidence: measure whether the model knows where it is wrong (docs/confidence.md): by "forward-backward"
             consistency, which costs one more prediction a cell, or as the "model" itself says
             (`predict_with_confidence`).
+        draws: how often each corruption is drawn, with `seed` and the following ones; with 2 or more, rows and means
+            also have the spread: the standard deviation of the flow over the draws, in pixels. Errors are those of the
+            first draw.
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
             report, which also gets the histogram of displacements if there is ground truth; a few predictions are
             repeated for it. If the examples cannot be drawn, a warning says why.
@@ -214,6 +218,7 @@ def evaluate(
         severity_scale=severity_scale,
         allow_invalid=allow_invalid,
         confidence=confidence,
+        draws=draws,
         common_draws=common_draws,
         name=name,
     )

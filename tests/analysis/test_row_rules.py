@@ -99,6 +99,7 @@ _CHANGES = {
         {"pred_magnitude_sum": pl.lit(0.0), "epe_sum": 0.9 * pl.col("magnitude_sum")},
     ),
     "the flow moved more on the valid pixels than on all": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
+    "the clean frames have a spread, though they are not drawn": (_CLEAN, {"spread_sum": pl.lit(1e-300)}),
     "the flow on the clean frames differs from itself": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
     "it has numbers of an attack and is none": (_FOG, {"attack_linf": pl.lit(1.0)}),
     "a confidence knows its errors better than the errors themselves": (

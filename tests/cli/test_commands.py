@@ -312,6 +312,22 @@ def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):
         np.testing.assert_array_equal(cv2.imread(f"out/impulse_noise_4/{path.name}")[..., ::-1], frame)
 
 
+def test_seeds_of_a_still_run_are_draws_in_one_folder(robustflow, tmp_path):
+    _frames(tmp_path / "frames")
+    command = ("run", "-m", "farneback", "--data", "frames", "--still", "-c", "contrast,impulse_noise", "-s", "2")
+    code, out, err = robustflow(*command, "--seeds", "2", "-o", "run", "--no-examples")
+    assert code == 0, err
+    assert Path("run/manifest.json").is_file()
+    lines = {line.split()[1]: line.split() for line in out.splitlines() if line.startswith("│")}
+    place = next(line for line in out.splitlines() if "spread" in line and "EPE" in line).replace("┃", "│").split("│")
+    place = [word.strip() for word in place].index("spread")
+    cells = {name: " ".join(line).split("│")[place].strip() for name, line in lines.items()}
+    assert cells["contrast"] == "0.00", "it draws nothing"
+    assert float(cells["impulse_noise"]) > 0
+    assert "standard deviation over 2 draws" in out
+    assert robustflow(*command, "-o", "run", "--seeds", "0")[0] != 0
+
+
 def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(robustflow, monkeypatch):
     from robustflow.corruptions import machine_check
 

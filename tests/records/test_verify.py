@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
 from robustflow.digest import digest_of_value
-from robustflow.metrics.rows import CONFIDENCE, ROW_SCHEMA
+from robustflow.metrics.rows import ON_REQUEST, ROW_SCHEMA
 from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
 from robustflow.records.verify import VERIFICATION_CHECKS, verify
@@ -150,7 +150,7 @@ def test_what_a_verified_record_is_about(run, packed):
         if kind is not pl.String
         and not name.endswith(("_noc", "_occ"))
         and not name.startswith("attack_")
-        and name not in CONFIDENCE
+        and name not in ON_REQUEST
     ],
 )
 @pytest.mark.parametrize("where", [_FOG, pl.col("corruption") == "clean"])

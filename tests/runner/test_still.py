@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
+import polars as pl
 import pytest
 
 import robustflow as rf
 from robustflow.analysis.exclusion import exclusion_reasons
 from robustflow.analysis.still import phantom_motion
 from robustflow.datasets.still import Still
-from robustflow.errors import RunError, UsageError
+from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.images.io import read_image
 from robustflow.models import ModelSpec
 from robustflow.runner.panel import Panel, draw_panel
 from robustflow.runner.recheck import recheck
 from robustflow.runs.comparable import sample_set
-from robustflow.testing import TexturePairs
+from robustflow.testing import BrightnessFlow, TexturePairs
 
 from .conftest import FRAMES
 
@@ -142,6 +145,108 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
 def test_a_model_trained_on_the_frames_has_seen_them_when_they_are_still():
     training = rf.models.provenance.Training(("kitti2015",), "declared")
     assert rf.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
+
+
+class Pairs(BrightnessFlow):
+    """Keeps every flow that it predicts."""
+
+    def __init__(self):
+        self.flows = []
+
+    def predict(self, frame1, frame2):
+        self.flows.append(np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32))
+        return self.flows[-1].copy()
+
+
+class Clips:
+    """The same for a multi-frame model, whose flow depends on all its frames."""
+
+    window = (1, 1)
+
+    def __init__(self):
+        self.flows = []
+
+    def predict_clip(self, frames, index):
+        rest = np.mean([frame[..., 0] for frame in frames], axis=0)
+        self.flows.append(np.stack([frames[index][..., 0], rest], axis=2).astype(np.float32))
+        return self.flows[-1].copy()
+
+
+@pytest.mark.parametrize("kind", [Pairs, Clips])
+def test_spread_over_draws_is_that_of_the_flows_of_each_seed(kind, clip_folder, tmp_path):
+    drawn = still_run(kind(), clip_folder, tmp_path / "drawn", draws=3, limit=2, seed=5)
+    models, runs = [kind(), kind(), kind()], []
+    for seed, model in enumerate(models, 5):
+        runs.append(still_run(model, clip_folder, tmp_path / f"{seed}", limit=2, seed=seed))
+    assert drawn.rows.drop("spread_sum").equals(runs[0].rows.drop("spread_sum")), "errors are those of the first draw"
+    noisy = drawn.rows.filter(corruption="impulse_noise")
+    for number, spread_sum in enumerate(noisy["spread_sum"]):
+        each = np.array([model.flows[2 * number + 1] for model in models], np.float64)
+        assert spread_sum == pytest.approx(np.sqrt(each.var(axis=0, ddof=1).sum(axis=-1)).sum(), rel=1e-6)
+    assert drawn.rows.filter(corruption="clean")["spread_sum"].to_list() == [0.0, 0.0]
+    assert drawn.summary.spread == pytest.approx((noisy["spread_sum"] / noisy["n_all"]).mean(), rel=1e-12)
+    assert drawn.summary.spread > 0
+    assert "the flow's standard deviation over 3 draws is" in phantom_motion(drawn)
+    assert runs[0].summary.spread is None
+    if kind is Pairs:
+        forged = drawn.rows.with_columns(spread_sum=pl.col("spread_sum") * 1.1)
+        for rows, expected in ((drawn.rows, nullcontext()), (forged, pytest.raises(RunError, match="error differs"))):
+            with expected:
+                recheck(drawn.manifest.identity, rows, clip_folder, model=Pairs(), count=4)
+
+
+def test_draws_that_are_equal_are_asked_once_and_have_no_spread(clip_folder, tmp_path):
+    class Counting(BrightnessFlow):
+        asked = 0
+
+        def predict(self, frame1, frame2):
+            Counting.asked += 1
+            return super().predict(frame1, frame2)
+
+    run = still_run(Counting(), clip_folder, tmp_path / "run", draws=4, corruptions=["contrast"], limit=1)
+    assert Counting.asked == 2, "clean and contrast, which draws nothing"
+    assert run.rows["spread_sum"].to_list() == [0.0, 0.0]
+
+
+def test_engines_and_halves_draw_the_same_spread(clip_folder, tmp_path):
+    def run(folder, device="", **options):
+        spec = ModelSpec("tests.runner.test_confidence:Sure", (("device", device),) if device else ())
+        return still_run(spec, clip_folder, folder, **{"draws": 2, "limit": 2, "severities": [1, 4], **options})
+
+    one = run(tmp_path / "one")
+    assert one.rows["spread_sum"].null_count() == 0
+    halved = tmp_path / "halved"
+    run(halved, severities=[4], workers=2)
+    assert run(halved).rows.equals(one.rows)
+    staged = run(tmp_path / "staged", "cuda:0", engine="processes", workers=1, batch_size=2)
+    assert staged.rows.equals(one.rows)
+    with pytest.raises(RunError, match="draws"):
+        run(tmp_path / "one", draws=1)
+
+
+def test_draws_that_cannot_be_measured_are_refused_in_one_line(clip_folder, tmp_path):
+    class Lost(BrightnessFlow):
+        asked = 0
+
+        def predict(self, frame1, frame2):
+            Lost.asked += 1
+            flow = super().predict(frame1, frame2)
+            flow[0, 0] = np.nan if Lost.asked == 3 else 0
+            return flow
+
+    refused = [
+        ({"draws": 0}, UsageError, "0 draws: give 1 or more"),
+        ({"draws": 2, "confidence": "forward-backward"}, UsageError, "either a confidence or the spread"),
+        (
+            {"draws": 2, "model": Lost()},
+            ModelError,
+            "NaN or infinite on .* 2, in a further draw",
+        ),
+    ]
+    for options, error, words in refused:
+        with pytest.raises(error, match=words) as raised:
+            still_run(options.pop("model", "dis"), clip_folder, tmp_path / "run", limit=1, workers=1, **options)
+        assert "\n" not in str(raised.value)
 
 
 def test_the_panel_of_a_still_scene_can_be_drawn_without_any_motion(real_pictures):

@@ -26,4 +26,7 @@ def phantom_motion(run: Run) -> str:
     most = max(known, key=lambda name: known[name])
     if len(known) > 1 and known[most] > min(known.values()):
         sentence += f", most under {inside(long_label(most))} ({known[most]:.3f} px)"
+    if run.summary.spread is not None:
+        draws = run.manifest.identity.measuring.draws
+        sentence += f"; the flow's standard deviation over {draws} draws is {run.summary.spread:.3f} px"
     return sentence

@@ -80,7 +80,8 @@ def run(
         int,
         typer.Option(
             "--seeds",
-            help="Number of runs, with this seed and the following ones, a folder each; see compare.",
+            help="Number of runs, with this seed and the following ones, a folder each; see compare. With --still one "
+            "run, with the standard deviation of the flow over the draws.",
             rich_help_panel=WHAT,
         ),
     ] = 1,
@@ -189,7 +190,7 @@ def run(
       robustflow run --model raft --device cuda --engine ray --address auto --benchmark kitti-fc --data /shared/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
-      robustflow run --model dis --data clip.mp4 --still
+      robustflow run --model dis --data clip.mp4 --still --seeds 3
       robustflow run --model dis --confidence forward-backward
       robustflow run --model tiny --attacks apgd,square --severities 1,3
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
@@ -204,6 +205,7 @@ def run(
         raise UsageError("--name is for one model; leave it out, or run the models one by one")
     if seeds < 1:
         raise UsageError(f"--seeds {seeds}: give 1 or more")
+    runs = 1 if still else seeds
     specs = [ModelSpec(each, options) for each in model]
     for spec in specs:
         spec.preflight()  # checked before the imports below, which take seconds
@@ -218,8 +220,8 @@ def run(
     try:
         for spec in specs:
             of_model = output if output is None or len(model) == 1 else output / file_name(spec.name)
-            for number in range(seed, seed + seeds):
-                folder = of_model if of_model is None or seeds == 1 else of_model / f"seed{number}"
+            for number in range(seed, seed + runs):
+                folder = of_model if of_model is None or runs == 1 else of_model / f"seed{number}"
                 with progress:
                     result = evaluate(
                         spec,
@@ -246,11 +248,12 @@ def run(
                         timeout=timeout,
                         allow_invalid=allow_invalid,
                         confidence=confidence,
+                        draws=seeds // runs,
                         examples=examples,
                         progress=progress,
                     )
                 if not as_json:
-                    print_result(result, with_seed=seeds > 1)
+                    print_result(result, with_seed=runs > 1)
                 results.append(result)
     except KeyboardInterrupt:
         typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)

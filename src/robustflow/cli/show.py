@@ -12,7 +12,7 @@ def show(
         str,
         typer.Option(
             "--metric",
-            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage; less tied to accuracy: "
+            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, spread; less tied to accuracy: "
             "log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
         ),
     ] = "all",

@@ -196,6 +196,8 @@ def _overview(result: Run, whose: str) -> Table:
     ]
     if has_gaps(summary):
         shown.append("coverage")
+    if summary.spread is not None:
+        shown.append("spread")
     for metric in shown:
         table.add_column(METRIC_LABELS.get(metric, metric), justify="right")
     at_each = "epe" if "epe" in shown else "rcre"

@@ -26,6 +26,8 @@ prediction are finite (all of them, for a sound model).
   `n_valid` (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean
   error in pixels of the most confident, or the best, 90, 80, ... 10 %. `rejected_count` = pixels of `n_all` that the
   forward-backward check rejects. All are null in a run without a confidence, and what it does not have.
+- `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`,
+  pixels; null in a run of one draw.
 - `n_invalid` = pixels whose own prediction is not finite, of height x width.
 """
 
@@ -43,7 +45,7 @@ from .error_maps import flow_array
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
-ROW_SCHEMA_VERSION = 6
+ROW_SCHEMA_VERSION = 7
 """Incremented when a column is added, dropped, or changes its meaning; part of a run's identity. Rows of other versions
 are not read."""
 
@@ -57,13 +59,14 @@ COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
 """Percentages of pixels for which rows hold the error of the most confident and of the best ones."""
 
 _NUMBER: type[pl.DataType] = pl.Float64
-CONFIDENCE: dict[str, type[pl.DataType]] = {
+ON_REQUEST: dict[str, type[pl.DataType]] = {
     "ause": _NUMBER,
     "confidence_spearman": _NUMBER,
     "rejected_count": pl.Int64,
     **{f"{curve}_at_{share}": _NUMBER for curve in ("error", "oracle") for share in COVERAGES},
+    "spread_sum": _NUMBER,
 }
-"""The columns that only runs with a confidence fill."""
+"""The columns that only runs with a confidence, or with several draws, fill."""
 
 ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "sample": pl.String,
@@ -107,7 +110,7 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
         ("fl_count", pl.Int64),
     )
 }
-ROW_SCHEMA |= CONFIDENCE
+ROW_SCHEMA |= ON_REQUEST
 """Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
 
 SIGNED = ("confidence_spearman",)

@@ -14,9 +14,9 @@ Averaging = Literal["image", "pixel"]
 """`image`: the paper's, mean over the pixels of an image, then over images. `pixel`: over the pixels of all
 images at once. Means over severities, then over corruptions, follow in both."""
 
-METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage")
+METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage", "spread")
 
-SUMMARY_VERSION = 3
+SUMMARY_VERSION = 4
 """Incremented when a field is added or changes its meaning; one of another version is written again, or refused."""
 
 
@@ -35,6 +35,8 @@ class Scores(FrozenFinite):
         wauc: weighted area under the inlier curve, percent (100 is best).
         coverage: share of the pixels with ground truth (of all pixels, without ground truth) included in the means, 0
             to 1: the others were not predicted, here or on the clean frames.
+        spread: standard deviation of the flow over the draws of the corruption, pixels, over all pixels; None in a run
+            of one draw.
     """
 
     epe: float | None = None
@@ -48,6 +50,7 @@ class Scores(FrozenFinite):
     px5: float | None = None
     wauc: float | None = None
     coverage: float | None = None
+    spread: float | None = None
 
 
 class CorruptionScores(Scores):

@@ -1,11 +1,13 @@
 """Predictions with a confidence: for any model the flow back, or the confidence that the model itself returns.
 
-An answer is a flow with further channels: (H, W, 4) with the flow back, (H, W, 3) with the model's confidence. Engines
-pass answers on as they pass flows; they are split where they are measured.
+An answer is a flow with further channels: (H, W, 4) with the flow back, (H, W, 3) with the model's confidence or with
+the spread of the flow over several draws of a corruption. Engines pass answers on as they pass flows; they are split
+where they are measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -52,6 +54,20 @@ def check_confidence(kind: str | None, model: AnyModel) -> None:
         raise UsageError(
             "this model returns no confidence (no predict_with_confidence); give --confidence forward-backward"
         )
+
+
+def with_spread(flows: Sequence[Flow]) -> Answer:
+    """The first of some flows together with their standard deviation at each pixel: the root of the mean squared
+    distance from the mean flow, with n - 1.
+
+    >>> flow = np.zeros((1, 1, 2), np.float32)
+    >>> with_spread([flow, flow + np.float32([6, 8])])[0, 0].tolist()
+    [0.0, 0.0, 7.071067810058594]
+    """
+    each = np.stack(flows).astype(np.float64)
+    away = ((each - each.mean(axis=0)) ** 2).sum(axis=(0, 3))
+    spread = np.sqrt(away / (len(flows) - 1)).astype(np.float32)
+    return np.concatenate([flows[0], spread[..., None]], axis=2)
 
 
 def with_back(flow: Flow, back: Flow) -> Answer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
@@ -11,6 +12,7 @@ from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..errors import DataError
 from ..metrics.regions import Regions
+from ..metrics.rows import CLEAN
 from ..models.window import place_of_pair
 from ..runs.plan import Cell, RunOptions
 from ..sample import Frame, Sample, SceneDepth
@@ -76,13 +78,13 @@ class FrameStage:
             return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
-        """The frames of a sample under a corruption, in the order of the sample."""
-        frames = self._corrupted(sample, name, severity)
+        """The frames of a sample under the first draw of a corruption, in the order of the sample."""
+        frames = self._corrupted(sample, name, severity, self._options.seed)
         if self._options.pictures is not None:
             keep_picture(self._options.pictures, frames, sample.frames, name, severity)
         return frames
 
-    def _corrupted(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
+    def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
         with timed(self._seconds, "corrupt"):
             paper = self._options.severity_scale == "paper"  # frames corrupted beforehand have the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
@@ -93,7 +95,7 @@ class FrameStage:
                     name, self._options.variant, self._options.severity_scale, self._options.classes
                 )
             corruption = self._corruptions[name]
-            seed, common = self._options.seed, self._options.common_draws
+            common = self._options.common_draws
             if self._context is not None:
                 return self._context.corrupt(sample, corruption, severity, seed, common)
             depth = self._depth(sample) if corruption.needs_depth else None
@@ -110,9 +112,15 @@ class FrameStage:
             self._last_depth = sample.key, self._options.depth.depth(sample)
         return self._last_depth[1]
 
-    def request(self, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
-        """The request for the flow of these frames, in the order that the model expects."""
+    def request(self, sample: Sample, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
+        """The request for the flow of the frames of a cell, in the order that the model expects, and of those of the
+        further draws of its corruption. Clean frames and attacks have one draw, which is repeated."""
+        key, name, severity = cell
+        draws = [frames]
+        for seed in range(self._options.seed + 1, self._options.seed + self._options.draws):
+            draws.append(frames if name == CLEAN else self._corrupted(sample, name, severity, seed))
         if self._context is None:
-            return PredictionRequest(cell, frames)
-        key = cell[0]
-        return PredictionRequest(cell, self._context.in_order(key, frames), place_of_pair(self._context.offsets(key)))
+            return PredictionRequest(cell, tuple(chain.from_iterable(draws)), draws=len(draws))
+        ordered = [self._context.in_order(key, each) for each in draws]
+        place = place_of_pair(self._context.offsets(key))
+        return PredictionRequest(cell, tuple(chain.from_iterable(ordered)), place, len(draws))

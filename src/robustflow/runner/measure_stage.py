@@ -6,12 +6,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import ModelError
+from ..metrics.error_maps import error_sum
 from ..metrics.rows import CLEAN, measure
 from ..models.base import describe_cell
 from ..models.confidence import Answer, flow_of
 from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import Cell, RunOptions
+from ..sample import Flow, Mask
 from .clean_row_check import check_same_data, check_same_model
 from .confidence_columns import confidence_columns
 from .frame_stage import Loaded
@@ -37,6 +41,7 @@ class MeasureStage:
         seconds: Seconds,
     ) -> None:
         self._allow_invalid = options.allow_invalid
+        self._draws = options.draws
         self._clean_path = clean_path
         self._kept = kept
         self._seconds = seconds
@@ -86,7 +91,10 @@ class MeasureStage:
                 severity=severity,
                 frames_digest=digest,
             )
-            row |= confidence_columns(answer, clean_flow, loaded.sample)
+            if self._draws > 1:
+                row |= _spread(answer, clean_flow, cell)
+            else:
+                row |= confidence_columns(answer, clean_flow, loaded.sample)
         if row["n_invalid"] and not self._allow_invalid:
             raise ModelError(
                 f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {describe_cell(*cell)}; fix "
@@ -106,3 +114,17 @@ class MeasureStage:
             now = self.row(loaded, clean, clean, digest, (loaded.sample.key, CLEAN, 0))
             check_same_data(before, now)
             check_same_model(before, now)
+
+
+def _spread(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, Any]:
+    """The column of the spread over the draws; none for an attack, which has one."""
+    if answer.shape[2] == 2:
+        return {}
+    usable: Mask = np.logical_and(np.isfinite(answer[..., :2]).all(axis=2), np.isfinite(clean_flow).all(axis=2))
+    spread = answer[..., 2].astype(np.float64)
+    if not np.isfinite(spread[usable]).all():
+        raise ModelError(
+            f"the model returned pixels that are NaN or infinite on {describe_cell(*cell)}, in a further draw; fix the "
+            "model, or leave out --seeds"
+        )
+    return {"spread_sum": error_sum(spread, usable).total}

@@ -27,6 +27,7 @@ from ..models.confidence import (
     ConfidentModel,
     predict_with_confidence_checked,
     with_back,
+    with_spread,
 )
 from ..sample import Flow, Frame
 from .seconds import Seconds, timed
@@ -43,11 +44,13 @@ class PredictionRequest:
         cell: (sample key, corruption, severity).
         frames: RGB uint8 (H, W, 3) each: the pair, or the clip in the order of time.
         index: of frame 1 in the clip; None for a model that is given pairs.
+        draws: how many pairs or clips the frames are, one after the other: the draws of one corruption.
     """
 
     cell: Cell
     frames: tuple[Frame, ...]
     index: int | None = None
+    draws: int = 1
 
 
 class PredictStage:
@@ -81,7 +84,9 @@ class PredictStage:
         """
         with timed(self._seconds, "predict"):
             self._on_predict(describe_cells([request.cell for request in requests]))
-            if self._confidence == OF_MODEL:
+            if requests[0].draws > 1:
+                answers = list(map(self._over_draws, requests))
+            elif self._confidence == OF_MODEL:
                 assert isinstance(self._model, ConfidentModel)
                 answers = [
                     predict_with_confidence_checked(self._model, one.frames, describe_cell(*one.cell))
@@ -93,6 +98,17 @@ class PredictStage:
                 answers = list(map(with_back, answers, self._flows_back(requests, answers)))
             self._on_predict(None)
             return answers
+
+    def _over_draws(self, request: PredictionRequest) -> Answer:
+        """The flow of the first draw, with the spread over all; a draw with the frames of the first is not asked."""
+        count = len(request.frames) // request.draws
+        draws = [request.frames[start : start + count] for start in range(0, len(request.frames), count)]
+        first = self._one(replace(request, frames=draws[0]))
+        flows = [
+            first if all(map(np.array_equal, frames, draws[0])) else self._one(replace(request, frames=frames))
+            for frames in draws[1:]
+        ]
+        return with_spread([first, *flows])
 
     def _flows(self, requests: Sequence[PredictionRequest]) -> list[Flow]:
         if len(requests) > 1 and requests[0].index is None and isinstance(self._model, BatchedFlowModel):

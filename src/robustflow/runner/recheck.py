@@ -71,7 +71,7 @@ def recheck(
     predictor: AnyModel = NoMotion()
     if model is not None:
         predictor = name_model(model).model
-        run_options = replace(run_options, window=window_on(predictor, dataset))
+        run_options = replace(run_options, window=window_on(predictor, dataset), draws=identity.measuring.draws)
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
     known = set(dataset.keys())
@@ -104,9 +104,9 @@ def recheck(
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
-    """The difference in pixels between the mean errors, or the mean changes against the clean flow, of two rows."""
+    """The difference in pixels of the mean errors, the changes against the clean flow, or the spreads of two rows."""
     gaps = [0.0]
-    for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all")):
+    for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all"), ("spread_sum", "n_all")):
         if made[total] is None or row[total] is None:
             gaps.append(0.0 if made[total] is row[total] else math.inf)
         elif made[count] and row[count]:

@@ -62,6 +62,7 @@ def set_up(
     allow_invalid: bool = False,
     common_draws: bool = False,
     confidence: str | None = None,
+    draws: int = 1,
     name: str | None = None,
 ) -> Setup:
     """Set up a run from a request: it is checked as a whole and the model is loaded, but nothing is computed.
@@ -69,7 +70,7 @@ def set_up(
     Args:
         model: see `robustflow.evaluate`.
         benchmark: from `open_benchmark`, restricted to what should run.
-        seed, variant, severity_scale, allow_invalid, common_draws, confidence, name: see `robustflow.evaluate`.
+        seed, variant, severity_scale, allow_invalid, common_draws, confidence, draws, name: see `robustflow.evaluate`.
 
     Raises:
         UsageError: parts that do not fit together, or nothing to run.
@@ -87,6 +88,7 @@ def set_up(
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("flows from files are those of moving pairs; leave out --still, or name a model that predicts")
     check_confidence(confidence, named.model)
+    _check_draws(draws, benchmark, confidence)
     attack_sources = check_attacks(benchmark, seed, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
@@ -111,6 +113,7 @@ def set_up(
         own_attacks=own_attacks_among(benchmark.attacks),
         attack_sources=attack_sources,
         confidence=confidence,
+        draws=draws,
     )
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
@@ -121,6 +124,15 @@ def set_up(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
         )
     return Setup(plan, named)
+
+
+def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> None:
+    if type(draws) is not int or draws < 1:
+        raise UsageError(f"{draws} draws: give 1 or more")
+    if draws > 1 and benchmark.closed:
+        raise UsageError("these frames were corrupted beforehand, with one draw; leave out --seeds")
+    if draws > 1 and confidence is not None:
+        raise UsageError("a run measures either a confidence or the spread over seeds; leave out one of the two")
 
 
 def restore_setup(run: Run, source: RunSource) -> Setup:
@@ -141,6 +153,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     options = replace(
         _options_of(identity, benchmark, window_on(named.model, benchmark.dataset)),
         confidence=identity.measuring.confidence,
+        draws=identity.measuring.draws,
     )
     check_confidence(options.confidence, named.model)
     plan = Plan(benchmark, options, named.identity)

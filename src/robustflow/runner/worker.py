@@ -81,7 +81,9 @@ class Worker:
         for start in range(0, len(unit.cells), self._batch_size):
             cells = unit.cells[start : start + self._batch_size]
             corrupted = [self._frames.corrupt(loaded.sample, name, severity) for _, name, severity in cells]
-            requests = [self._frames.request(cell, frames) for cell, frames in zip(cells, corrupted, strict=True)]
+            requests = [
+                self._frames.request(loaded.sample, cell, frames) for cell, frames in zip(cells, corrupted, strict=True)
+            ]
             flows = self._model.predict(requests)
             for flow, frames, cell in zip(flows, corrupted, cells, strict=True):
                 rows.append(self._row(loaded, clean, flow, frames, cell))
@@ -93,7 +95,7 @@ class Worker:
         if corruption in self._attacks.names:
             return self._attacked(loaded, clean, (key, corruption, severity))
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
-        (flow,) = self._model.predict([self._frames.request(cell, frames)])
+        (flow,) = self._model.predict([self._frames.request(loaded.sample, cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
         return View(loaded.sample, frames, flow_of(flow), flow_of(clean), row)
 
@@ -115,7 +117,8 @@ class Worker:
             loaded = self._frames.load(key)
             clean = self._measure.kept_clean(loaded)
             if clean is None:
-                (clean,) = self._model.predict([self._frames.request((key, CLEAN, 0), loaded.sample.frames)])
+                sample = loaded.sample
+                (clean,) = self._model.predict([self._frames.request(sample, (key, CLEAN, 0), sample.frames)])
                 self._measure.keep_clean(loaded, clean)
             self._last = (loaded, clean)
         return self._last

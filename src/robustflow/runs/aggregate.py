@@ -78,6 +78,7 @@ def summarize(
         rcre_sum=pl.when(pl.col("n_valid").is_null()).then("rcre_all_sum").otherwise("rcre_sum"),
         rcre_n=with_truth,
         n_covered=with_truth,
+        n_spread=pl.when(pl.col("spread_sum").is_not_null()).then("n_all"),
         n_wanted=pl.when(pl.col("n_valid").is_null()).then(pl.col("height") * pl.col("width")).otherwise("n_truth"),
     )
     clean, by_condition = scores_by_condition(whole, where, WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)

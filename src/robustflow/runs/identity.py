@@ -83,13 +83,14 @@ class ModelIdentity(_IdentityPart):
 
 
 class Measuring(_IdentityPart):
-    """Versions of identity and rows, whether predictions may be NaN or infinite, and the confidence that is measured
-    (`robustflow.models.confidence`)."""
+    """Versions of identity and rows, whether predictions may be NaN or infinite, the confidence that is measured
+    (`robustflow.models.confidence`), and how often each corruption is drawn."""
 
     version: int
     rows: int
     allow_invalid: bool
     confidence: Text | None = None
+    draws: int = Field(default=1, ge=1)
 
 
 class Identity(_IdentityPart):

@@ -23,6 +23,7 @@ WHOLE = {
     "px5": ("px5_count", "n_valid", 100.0),
     "wauc": ("wauc_sum", "n_valid", 100.0),
     "coverage": ("n_covered", "n_wanted", 1.0),
+    "spread": ("spread_sum", "n_spread", 1.0),
 }
 """Metric: (column of its sum, column of its count, factor)."""
 

@@ -73,6 +73,8 @@ class RunOptions:
     """What the model predicts in addition to its flow (see `models.confidence`)."""
     depth: Depths | None = None
     """Where the depth of samples comes from, for corruptions that need it; None where nothing has it."""
+    draws: int = 1
+    """How often each corruption is drawn, with `seed` and the following ones, for the spread of the flow."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -153,6 +155,7 @@ class Plan:
                 rows=ROW_SCHEMA_VERSION,
                 allow_invalid=options.allow_invalid,
                 confidence=options.confidence,
+                draws=options.draws,
             ),
         )
 

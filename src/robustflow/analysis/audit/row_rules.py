@@ -200,6 +200,8 @@ RULES: dict[str, _Expr] = {
         [_exceeds(pl.col(f"oracle_at_{share}"), pl.col(f"error_at_{share}")) for share in COVERAGES]
         + [pl.col("rejected_count") > pl.col("n_all"), pl.col("confidence_spearman").abs() > 1]
     ),
+    "the clean frames have a spread, though they are not drawn": (pl.col("corruption") == CLEAN)
+    & (pl.col("spread_sum") != 0),
     "the flow moved more on the valid pixels than on all": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
     "the flow on the clean frames differs from itself": (pl.col("corruption") == CLEAN)
     & _any([pl.col("severity") != 0] + [pl.col(c) != 0 for c in _SUMS if c.startswith("rcre")]),

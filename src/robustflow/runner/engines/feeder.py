@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -75,7 +74,7 @@ class _Feeder:
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots
         self._batch_size = job.batch_size
-        self._channels = CHANNELS[job.options.confidence]
+        self._channels = 3 if job.options.draws > 1 else CHANNELS[job.options.confidence]
         self._seconds = no_seconds()
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
         clean_path = RunFolder(Path(job.folder)).clean_path
@@ -154,12 +153,12 @@ class _Feeder:
         if self._batch and self._batch[0].sample is not sample:
             self._send_batch()
         digest = self._measure.digest(frames)
-        request = self._frames.request(cell, frames)
+        request = self._frames.request(sample.loaded.sample, cell, frames)
         slot = self._slots.take()
         shape = (len(request.frames), *request.frames[0].shape)
         with timed(self._seconds, "predict"):
             np.stack(request.frames, out=self._slots.frames(slot, self._slots.slot_bytes, shape))
-        where = SlotRequest(cell, slot, self._slots.slot_bytes, shape, request.index)
+        where = SlotRequest(cell, slot, self._slots.slot_bytes, shape, request.index, request.draws)
         self._batch.append(_Sent(sample, where, digest, wanted))
         sample.unmeasured += 1
         if len(self._batch) == self._batch_size:
@@ -215,5 +214,5 @@ class _Feeder:
 def _slot_bytes(loaded: Loaded, frames: FrameStage, channels: int) -> int:
     """Bytes of the model's input or of its answer, whichever is larger."""
     height, width = loaded.sample.shape
-    given: Any = frames.request((loaded.sample.key, CLEAN, 0), loaded.sample.frames)
+    given = frames.request(loaded.sample, (loaded.sample.key, CLEAN, 0), loaded.sample.frames)
     return max(len(given.frames) * 3, 4 * channels) * height * width

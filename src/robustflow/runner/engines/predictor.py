@@ -26,6 +26,7 @@ class SlotRequest:
         slot, slot_bytes: number and size of the slot.
         shape: of the frames, (count, H, W, 3).
         index: of frame 1 in a clip, None for a pair.
+        draws: of the corruption among the frames.
     """
 
     cell: Cell
@@ -33,6 +34,7 @@ class SlotRequest:
     slot_bytes: int
     shape: tuple[int, int, int, int]
     index: int | None
+    draws: int
 
 
 Link = tuple[Connection, SharedSlots]
@@ -77,7 +79,7 @@ def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence:
 
 def _answer(stage: PredictStage, slots: SharedSlots, batch: list[SlotRequest]) -> None:
     requests = [
-        PredictionRequest(one.cell, tuple(slots.frames(one.slot, one.slot_bytes, one.shape)), one.index)
+        PredictionRequest(one.cell, tuple(slots.frames(one.slot, one.slot_bytes, one.shape)), one.index, one.draws)
         for one in batch
     ]
     for one, flow in zip(batch, stage.predict(requests), strict=True):
