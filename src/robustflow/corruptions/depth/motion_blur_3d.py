@@ -1,0 +1,282 @@
+"""Motion blur in three dimensions: the frame averaged over views along the path of the camera."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...compiled import njit
+from ...images.contiguous import contiguous
+from ...random.rng import Rng
+from ...sample import Camera, DepthMap, Frame, SceneDepth
+from ..base import DepthCorruption
+from .camera_path import Motion, motion_of
+
+_DRAWN = 0.03
+"""How far a drawn motion moves the median depth between two frames, in widths of the image."""
+_EVERY = 16
+"""Every so many pixels are looked at for the median."""
+_MOST = 40
+"""Views at most; they are more than a pixel apart where the path is longer."""
+_BITS = 16
+_FARTHEST = 2.0**14
+"""Binary places of a position in pixels, and the longest way."""
+_TILE = 16
+"""Which surface is nearest is known for squares of this size."""
+_SAME = np.float32(0.9)
+"""Two inverse depths belong to one surface if the smaller is at least this share of the larger."""
+
+
+class MotionBlurState(NamedTuple):
+    """The path, and the scene that is seen from it."""
+
+    path: Motion
+    """Of the camera during an exposure, as a point's step: X becomes `rotation @ X + translation`."""
+    share: float
+    """The exposure as a share of the time in which that happens."""
+    camera: Camera
+    depth: tuple[DepthMap, DepthMap]
+    """Of both frames, metres."""
+
+
+class MotionBlur3d(DepthCorruption):
+    """Both frames as the mean of what the camera sees on its way, near surfaces smeared farther than far ones.
+
+    A severity is the share of the time between the frames in which the shutter is open: half of it is the usual shutter
+    of film. The camera moves as between the frames, in frame 2 as in frame 1; a point moves straight and evenly in its
+    coordinates, and the time of the frame is the middle, so that content does not shift. Things that move themselves
+    are blurred as if they stood. A camera of unknown motion makes one that is drawn for the pair: without rotation, in
+    a direction uniform in space, so far that a point at the median depth of frame 1 moves by 3 % of the width.
+
+    There is a view for every pixel of a path and one more, at most 40. In each, a pixel shows the nearest surface that
+    moves over it, or its own, looked up in the frame to the nearest pixel. Background that the frame does not show is
+    the mean of the views that are known of it, or what is behind the edge that uncovers it. Borders repeat the edge
+    pixel.
+    """
+
+    name = "motion_blur_3d"
+    family = "depth"
+    paper_severities = (0.1, 0.25, 0.5, 0.75, 1.0)
+
+    def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> MotionBlurState:
+        """The camera's path: known, or drawn."""
+        path = motion_of(depth.camera) or _drawn(rng, depth)
+        return MotionBlurState(path, float(self.parameter(severity)), depth.camera, depth.maps)
+
+    def apply(self, frame: Frame, state: MotionBlurState, index: int) -> Frame:
+        """Blur frame `index`, 0 or 1."""
+        frame = contiguous(frame)
+        lens = np.array([*state.camera.focal, *state.camera.centre], np.float64)
+        # the step of a point at depth Z is Z (turn @ ray + translation / Z) for the ray (x, y, 1) it is on
+        turn = state.path.rotation - np.eye(3)
+        inverse = np.float32(1) / np.ascontiguousarray(state.depth[index])
+        near = np.zeros((-(-frame.shape[0] // _TILE), -(-frame.shape[1] // _TILE)), np.float32)
+        _spread_near(inverse, lens, turn, state.path.translation, state.share, near)
+        out = np.empty_like(frame)
+        _average(frame, inverse, near, lens, turn, state.path.translation, state.share, out)
+        return out
+
+
+def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
+    """A translation."""
+    while True:
+        x, y, z = (rng.uniform(-1.0, 1.0) for _ in range(3))
+        squared = x * x + y * y + z * z
+        if 0.01 < squared <= 1:
+            break
+    ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
+    width = depth.maps[0].shape[1]
+    # sideways a point moves by f t / Z, forward one at a quarter of the width from the middle by W / 4 t / Z
+    scale = float(ordered[ordered.size // 2]) * _DRAWN * width / float(np.sqrt(squared))
+    along, down = depth.camera.focal
+    return Motion(np.eye(3), np.array([scale * x / along, scale * y / down, scale * z * 4.0 / width]))
+
+
+@njit(cache=True, nogil=True)
+def _pack(frame: Any, out: Any) -> None:
+    """Three channels in one word, with room for the sum of 4096 of each."""
+    pixels = frame.reshape(-1)
+    for i in range(out.size):
+        red, green, blue = np.uint64(pixels[3 * i]), np.uint64(pixels[3 * i + 1]), np.uint64(pixels[3 * i + 2])
+        out[i] = red | (green << np.uint64(20)) | (blue << np.uint64(40))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) -> Any:
+    """(u, v) in pixels: after a part t of the path, (x, y) shows what the frame has at (x - t u, y - t v).
+
+    That is exact for a surface of this inverse depth on a path without rotation.
+    """
+    px, py = (x - lens[2]) / lens[0], (y - lens[3]) / lens[1]
+    a = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] + translation[0] * inverse
+    b = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] + translation[1] * inverse
+    c = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] + translation[2] * inverse
+    return lens[0] * (a - px * c), lens[1] * (b - py * c)
+
+
+@njit(cache=True, nogil=True)
+def _edge(inverse: Any, y0: int, x0: int) -> Any:
+    """The largest inverse depth in a tile of a pixel beside one that is farther by more than a surface's slope."""
+    height, width = inverse.shape
+    largest = np.float32(0)
+    for y in range(y0, min(y0 + _TILE, height)):
+        above, row, below = inverse[max(y - 1, 0)], inverse[y], inverse[min(y + 1, height - 1)]
+        for x in range(x0, min(x0 + _TILE, width)):
+            sides = min(row[max(x - 1, 0)], row[min(x + 1, width - 1)])
+            if min(min(above[x], below[x]), sides) < _SAME * row[x]:
+                largest = max(largest, row[x])
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: float, near: Any) -> None:
+    """The largest inverse depth of an edge that comes into each tile during the exposure, 0 if none does."""
+    height, width = inverse.shape
+    for j in range(near.shape[0]):
+        for i in range(near.shape[1]):
+            largest, across, down = _edge(inverse, j * _TILE, i * _TILE), 0.0, 0.0
+            if largest == 0:
+                continue
+            for y in (j * _TILE, min((j + 1) * _TILE, height)):  # the motion is greatest in a corner
+                for x in (i * _TILE, min((i + 1) * _TILE, width)):
+                    u, v = _step(lens, turn, translation, float(x), float(y), float(largest))
+                    across, down = max(across, abs(u)), max(down, abs(v))
+            columns = np.int64(min(np.ceil(0.5 * share * across / _TILE), 1e6))
+            rows = np.int64(min(np.ceil(0.5 * share * down / _TILE), 1e6))
+            for t in range(max(j - rows, 0), min(j + rows + 1, near.shape[0])):
+                for s in range(max(i - columns, 0), min(i + columns + 1, near.shape[1])):
+                    near[t, s] = max(near[t, s], largest)
+
+
+@njit(cache=True, nogil=True)
+def _row_of_paths(
+    inverse: Any, px: Any, py: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
+) -> None:
+    """The path of each pixel of a row: (across, down) for a view in fixed point, and the number of views.
+
+    `px` and `py` are the rays of the columns and of the row.
+    """
+    f = np.float32
+    a0, a1, a2 = f(turn[0, 1] * py + turn[0, 2]), f(turn[0, 0]), f(translation[0])
+    b0, b1, b2 = f(turn[1, 1] * py + turn[1, 2]), f(turn[1, 0]), f(translation[1])
+    c0, c1, c2 = f(turn[2, 1] * py + turn[2, 2]), f(turn[2, 0]), f(translation[2])
+    across, down, counts = out[0], out[1], out[2]
+    wide, high, row, scale, most = f(share * lens[0]), f(share * lens[1]), f(py), f(1 << _BITS), f(_MOST - 1)
+    far = f(_FARTHEST)
+    for x in range(inverse.size):
+        c = c1 * px[x] + c0 + c2 * inverse[x]
+        u = wide * (a1 * px[x] + a0 + a2 * inverse[x] - px[x] * c)
+        v = high * (b1 * px[x] + b0 + b2 * inverse[x] - row * c)
+        u, v = min(max(u, -far), far), min(max(v, -far), far)
+        count = f(1) + min(np.ceil(max(abs(u), abs(v))), most)
+        across[x], down[x] = np.int32(np.rint(u * scale / count)), np.int32(np.rint(v * scale / count))
+        counts[x] = np.int32(count)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _place(x: Any, y: Any, width: int, height: int) -> Any:
+    """The index of a pixel from fixed-point coordinates, moved to the border if it is outside."""
+    return min(max(y >> _BITS, 0), height - 1) * width + min(max(x >> _BITS, 0), width - 1)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _fixed(value: Any) -> Any:
+    """A distance in pixels, in fixed point."""
+    return np.int64(np.rint(min(max(value, -_FARTHEST), _FARTHEST) * (1 << _BITS)))
+
+
+@njit(cache=True, nogil=True)
+def _shown(
+    packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest: Any
+) -> Any:
+    """(sum, number) of the views of a pixel in which a nearer surface is over it, and of those of its own surface.
+
+    `path` and `near` are the fixed-point ways, per view, of the pixel's surface and of the nearest one.
+    """
+    own = depths[y * width + x]
+    limit = own / _SAME
+    front, back = np.uint64(0), np.uint64(0)
+    fronts = backs = 0
+    half = np.int64(1 << (_BITS - 1))
+    cx, cy = (np.int64(x) << _BITS) + half, (np.int64(y) << _BITS) + half
+    for k in range(count):
+        part = count - 1 - 2 * k  # in halves of a view, from the last to the first
+        at = _place(cx - ((part * near[0]) >> 1), cy - ((part * near[1]) >> 1), width, height)
+        found = depths[at]
+        if limit < found < _SAME * nearest:  # a surface between the two: look where that comes from
+            more = (found - own) / (nearest - own)
+            sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
+            sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)
+            at = _place(cx - ((part * sx) >> 1), cy - ((part * sy) >> 1), width, height)
+            found = depths[at] if depths[at] >= _SAME * found else own
+        if found > limit:
+            front += packed[at]
+            fronts += 1
+            continue
+        at = _place(cx - ((part * path[0]) >> 1), cy - ((part * path[1]) >> 1), width, height)
+        if depths[at] <= limit:
+            back += packed[at]
+            backs += 1
+    if backs == 0:  # what the frame shows there is all that is known of it
+        return front, fronts, packed[y * width + x], 1
+    return front, fronts, back, backs
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any) -> Any:
+    """One channel of the mean: all views in which nothing is in front show the mean of those that are known."""
+    mask = np.uint64((1 << 20) - 1)
+    first, second = np.int64((front >> place) & mask), np.int64((back >> place) & mask)
+    return np.uint8((first * backs + second * (count - fronts) + (count * backs) // 2) // (count * backs))
+
+
+@njit(cache=True, nogil=True)
+def _average(
+    frame: Any, inverse: Any, near: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
+) -> None:
+    height, width = inverse.shape
+    packed, depths = np.empty(height * width, np.uint64), inverse.reshape(-1)
+    _pack(frame, packed)
+    half, mask = np.int64(1 << (_BITS - 1)), np.uint64((1 << 20) - 1)
+    parts = np.empty(_MOST + 1, np.uint64)  # a sum of up to 40 bytes is divided exactly by these, in 32 binary places
+    for k in range(1, _MOST + 1):
+        parts[k] = np.uint64((2**32 + k - 1) // k)
+    paths, rays = np.empty((3, width), np.int32), np.empty(width, np.float32)
+    for x in range(width):
+        rays[x] = (x - lens[2]) / lens[0]
+    for y in range(height):
+        _row_of_paths(inverse[y], rays, (y - lens[3]) / lens[1], lens, turn, translation, share, paths)
+        tiles = near[y // _TILE]
+        for x in range(width):
+            dx, dy, count = np.int64(paths[0, x]), np.int64(paths[1, x]), np.int64(paths[2, x])
+            own, nearest = inverse[y, x], tiles[x // _TILE]
+            if own < _SAME * nearest:
+                u, v = _step(lens, turn, translation, float(x), float(y), float(nearest))
+                u, v = u * share, v * share
+                views = max(count, 1 + np.int64(min(np.ceil(max(abs(u), abs(v))), _MOST - 1.0)))
+                dx, dy = dx * count // views, dy * count // views
+                other = _fixed(u / views), _fixed(v / views)
+                front, fronts, back, backs = _shown(
+                    packed, depths, width, height, x, y, (dx, dy), other, views, nearest
+                )
+                for channel in range(3):
+                    out[y, x, channel] = _mean(front, fronts, back, backs, views, np.uint64(20 * channel))
+            else:
+                sx = (np.int64(x) << _BITS) + half - (((count - 1) * dx) >> 1)
+                sy = (np.int64(y) << _BITS) + half - (((count - 1) * dy) >> 1)
+                ex, ey = sx + (count - 1) * dx, sy + (count - 1) * dy
+                total = np.uint64(0)
+                inside = min(sx, ex) >= 0 and max(sx, ex) >> _BITS < width
+                if inside and min(sy, ey) >= 0 and max(sy, ey) >> _BITS < height:
+                    for _ in range(count):
+                        total += packed[np.uint64((sy >> _BITS) * width + (sx >> _BITS))]
+                        sx, sy = sx + dx, sy + dy
+                else:
+                    for _ in range(count):
+                        total += packed[_place(sx, sy, width, height)]
+                        sx, sy = sx + dx, sy + dy
+                half_count, factor = np.uint64(count // 2), parts[count]
+                out[y, x, 0] = np.uint8((((total & mask) + half_count) * factor) >> np.uint64(32))
+                out[y, x, 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half_count) * factor) >> np.uint64(32))
+                out[y, x, 2] = np.uint8((((total >> np.uint64(40)) + half_count) * factor) >> np.uint64(32))

@@ -1,0 +1,140 @@
+"""Motion blur in three dimensions, against points and planes that are projected in float64."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.corruptions.depth.motion_blur_3d import MotionBlur3d
+from robustflow.random.rng import Rng
+
+from .pictures import picture, plane, seen
+
+SHARES = (0.1, 0.25, 0.5, 0.75, 1.0)
+severities = st.integers(1, 5)
+
+
+def blurred(frame, depth, severity, index=0, seed=0):
+    state = MotionBlur3d().draw_scene(Rng.of(seed), severity, depth)
+    return MotionBlur3d().apply(frame, state, index)
+
+
+def moving(first, second=None, by=(0.0, 0.0, 0.0), rotation=None):
+    """Depth before a camera in whose coordinates points move `by` metres between the frames."""
+    rotation = np.eye(3) if rotation is None else rotation
+    return seen(first, second, rotation=rotation, translation=np.array(by))
+
+
+def level(shape, depth):
+    return np.full(shape, depth, np.float32)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 99), severity=severities, index=st.integers(0, 1))
+def test_without_motion_a_frame_is_unchanged(seed, severity, index):
+    frame = picture(40, 60, seed=seed)
+    depth = np.random.default_rng(seed).uniform(0.5, 80, (2, 40, 60)).astype(np.float32)
+    assert np.array_equal(blurred(frame, moving(*depth), severity, index), frame)
+
+
+@settings(max_examples=20)
+@given(severity=severities, shift=st.floats(-3, 3), metres=st.floats(8, 40), vertical=st.booleans())
+def test_a_plane_that_moves_sideways_is_the_mean_of_shifted_frames(severity, shift, metres, vertical):
+    frame = picture(45, 70)
+    out = blurred(frame, moving(level((45, 70), metres), by=(0, shift, 0) if vertical else (shift, 0, 0)), severity)
+    path = 100 * shift / np.float32(metres) * SHARES[severity - 1]
+    count = 1 + int(np.ceil(abs(path)))
+    total, doubtful = np.zeros(frame.shape), False
+    for k in range(count):
+        way = path * ((k + 0.5) / count - 0.5)
+        doubtful |= abs(way % 1 - 0.5) < 1e-3  # half way between two pixels
+        axis, size = (0, 45) if vertical else (1, 70)
+        total += frame.take(np.clip(np.floor(np.arange(size) - way + 0.5).astype(int), 0, size - 1), axis=axis)
+    if not doubtful and abs(abs(path) - np.rint(abs(path))) > 1e-3:
+        assert np.abs(out - total / count).max() <= 0.5 + 1e-9
+
+
+def rotated(about_y):
+    return np.array([[np.cos(about_y), 0, np.sin(about_y)], [0, 1, 0], [-np.sin(about_y), 0, np.cos(about_y)]])
+
+
+@settings(max_examples=25)
+@given(
+    at=st.tuples(st.integers(25, 74), st.integers(20, 39)),
+    by=st.tuples(st.floats(-0.8, 0.8), st.floats(-0.5, 0.5), st.floats(-1.5, 1.5)),
+    angle=st.floats(-0.05, 0.05),
+    severity=severities,
+)
+def test_a_point_is_smeared_along_its_projections(at, by, angle, severity):
+    metres, share = 6.0, SHARES[severity - 1]
+    frame = np.zeros((60, 100, 3), np.uint8)
+    frame[at[1], at[0]] = 255
+    rotation = rotated(angle)
+    ys, xs = np.nonzero(blurred(frame, moving(level((60, 100), metres), by=by, rotation=rotation), severity)[..., 0])
+    point = np.array([(at[0] - 49.5) / 100, (at[1] - 29.5) / 100, 1]) * metres
+    step = rotation @ point + by - point
+    times = np.linspace(-share / 2, share / 2, 201)[:, None]
+    way = point + times * step
+    way = way[:, :2] / way[:, 2:] * 100 + [49.5, 29.5]
+    smeared = np.stack([xs, ys], axis=1)
+    apart = np.hypot(*(smeared[:, None] - way[None]).transpose(2, 0, 1))
+    assert apart.min(axis=1).max() < 1.6, "a pixel beside the way"
+    assert apart.min(axis=0).max() < 1.6, "a piece of the way without a pixel"
+
+
+def test_content_does_not_shift():
+    frame = np.zeros((61, 101, 3), np.uint8)
+    frame[30, 50] = 255
+    for by in ((0.5, 0, 0), (0, -0.4, 0), (0.3, 0.2, 0)):
+        out = blurred(frame, moving(level((61, 101), 5.0), by=by), 5)[..., 0].astype(float)
+        ys, xs = np.nonzero(out)
+        assert abs((out[ys, xs] * xs).sum() / out.sum() - 50) < 0.51
+        assert abs((out[ys, xs] * ys).sum() / out.sum() - 30) < 0.51
+
+
+@pytest.mark.parametrize("severity", [2, 3, 5])
+def test_a_near_block_is_smeared_over_the_wall_and_the_wall_is_seen_through_its_rim(severity):
+    block = np.zeros((60, 120), bool)
+    block[20:40, 45:75] = True
+    depth = np.where(block, 4.0, 50.0).astype(np.float32)
+    frame = np.where(block, 255, 20).astype(np.uint8)[..., None].repeat(3, axis=2)
+    out = blurred(frame, moving(depth, by=(0.8, 0, 0)), severity)[..., 0].astype(float)
+    path = 0.8 * 100 / 4 * SHARES[severity - 1]
+    views = np.linspace(-0.5, 0.5, 4001) * path
+    columns = np.arange(120)
+    covered = np.mean([(columns >= 44.5 + way) & (columns < 74.5 + way) for way in views], axis=0)
+    assert np.abs(out[20:40] - (20 + 235 * covered)).max() < 1.5 * 235 / path + 1
+    assert (out[:19] == 20).all()
+    assert (out[41:] == 20).all()
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**16), value=st.integers(0, 255), severity=severities)
+def test_an_even_frame_stays_even_whatever_the_depth(seed, value, severity):
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(1, 60, (9, 13)).astype(np.float32).repeat(7, axis=0).repeat(9, axis=1)
+    frame = np.full((*depth.shape, 3), value, np.uint8)
+    scene = moving(depth, by=rng.uniform(-2, 2, 3), rotation=rotated(0.02))
+    assert np.array_equal(blurred(frame, scene, severity), frame)
+
+
+def test_a_camera_of_unknown_motion_makes_a_drawn_one():
+    depth = plane(7.0, (60, 100))
+    paths = [MotionBlur3d().draw_scene(Rng.of(seed), 5, depth).path for seed in range(40)]
+    assert all(np.array_equal(path.rotation, np.eye(3)) for path in paths)
+    # 3 % of the width of 100 px at 7 m with a focal length of 100 px is 0.21 m; forward 4 * 0.03 * 7 m
+    assert np.allclose([np.sum((path.translation / (0.21, 0.21, 0.84)) ** 2) for path in paths], 1)
+    assert len({path.translation.tobytes() for path in paths}) == 40
+    frame = picture(60, 100)
+    assert (blurred(frame, depth, 5) != frame).any()
+
+
+def test_layout_of_depth_and_order_of_frames_do_not_matter():
+    frame = picture(60, 90)
+    first, second = np.random.default_rng(2).uniform(1, 40, (2, 60, 90)).astype(np.float32)
+    expected = [blurred(frame, moving(first, second, by=(0.2, 0, -0.7)), 4, index) for index in (0, 1)]
+    wide = np.zeros((60, 180), np.float32)
+    wide[:, ::2] = second
+    again = moving(np.asfortranarray(first), wide[:, ::2], by=(0.2, 0, -0.7))
+    assert np.array_equal(blurred(np.asfortranarray(frame), again, 4, 1), expected[1])
+    assert np.array_equal(blurred(frame, again, 4, 0), expected[0])
