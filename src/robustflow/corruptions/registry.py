@@ -34,7 +34,7 @@ IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in 
 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),
-    "depth": ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus"),
+    "depth": ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus", "motion_blur_3d"),
     "sensor": ("raw_noise",),
 }
 """Corruptions that are in none of the paper's means, nor in those of its families; "depth" needs the scene's."""
@@ -72,6 +72,7 @@ _CLASSES = {
     "snow_3d": "depth.snow_3d:Snow3d",
     "near_focus": "depth.defocus_3d:NearFocus",
     "far_focus": "depth.defocus_3d:FarFocus",
+    "motion_blur_3d": "depth.motion_blur_3d:MotionBlur3d",
     "raw_noise": "sensor.raw_noise:RawNoise",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)

@@ -19,7 +19,10 @@ _EVERY = 16
 """Every so many pixels are looked at for the median."""
 _MOST = 40
 """Views at most; they are more than a pixel apart where the path is longer."""
+_FEW, _EIGHTHS = 6, 8
+"""Up to so many views, a path is short enough to look colours up between pixels, to an eighth of one."""
 _BITS = 16
+_ROUND = 1 << (_BITS - 4)
 _FARTHEST = 2.0**14
 """Binary places of a position in pixels, and the longest way."""
 _TILE = 16
@@ -50,9 +53,9 @@ class MotionBlur3d(DepthCorruption):
     a direction uniform in space, so far that a point at the median depth of frame 1 moves by 3 % of the width.
 
     There is a view for every pixel of a path and one more, at most 40. In each, a pixel shows the nearest surface that
-    moves over it, or its own, looked up in the frame to the nearest pixel. Background that the frame does not show is
-    the mean of the views that are known of it, or what is behind the edge that uncovers it. Borders repeat the edge
-    pixel.
+    moves over it, or its own, looked up in the frame (between its pixels where the path is short). Background that the
+    frame does not show is the mean of the views that are known of it, or what is behind the edge that uncovers it.
+    Borders repeat the edge pixel.
     """
 
     name = "motion_blur_3d"
@@ -144,9 +147,10 @@ def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: fl
                     across, down = max(across, abs(u)), max(down, abs(v))
             columns = np.int64(min(np.ceil(0.5 * share * across / _TILE), 1e6))
             rows = np.int64(min(np.ceil(0.5 * share * down / _TILE), 1e6))
-            for t in range(max(j - rows, 0), min(j + rows + 1, near.shape[0])):
-                for s in range(max(i - columns, 0), min(i + columns + 1, near.shape[1])):
-                    near[t, s] = max(near[t, s], largest)
+            around = near[max(j - rows, 0) : j + rows + 1, max(i - columns, 0) : i + columns + 1]
+            for t in range(around.shape[0]):
+                for s in range(around.shape[1]):
+                    around[t, s] = max(around[t, s], largest)
 
 
 @njit(cache=True, nogil=True)
@@ -231,16 +235,42 @@ def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any
     return np.uint8((first * backs + second * (count - fronts) + (count * backs) // 2) // (count * backs))
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
+    """Sixty-four times the colour at a place between four pixels, to an eighth of a pixel."""
+    x, y = (x + _ROUND) >> (_BITS - 3), (y + _ROUND) >> (_BITS - 3)
+    right, down = np.uint64(1), np.uint64(width)
+    if not (0 <= x < _EIGHTHS * (width - 1) and 0 <= y < _EIGHTHS * (height - 1)):
+        x, y = min(max(x, 0), _EIGHTHS * (width - 1)), min(max(y, 0), _EIGHTHS * (height - 1))
+        right = np.uint64(x < _EIGHTHS * (width - 1))
+        down = np.uint64(width) * np.uint64(y < _EIGHTHS * (height - 1))
+    wx, wy = np.uint64(x & 7), np.uint64(y & 7)
+    at = np.uint64((y >> 3) * width + (x >> 3))
+    upper = packed[at] * (np.uint64(8) - wx) + packed[at + right] * wx
+    at += down
+    lower = packed[at] * (np.uint64(8) - wx) + packed[at + right] * wx
+    return upper * (np.uint64(8) - wy) + lower * wy
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _divide(total: Any, count: Any, parts: Any, out: Any, at: Any) -> None:
+    """Three channels of a sum of `count` bytes, rounded; `parts` are the reciprocals in 32 binary places."""
+    mask, half, factor = np.uint64((1 << 20) - 1), np.uint64(count // 2), parts[count]
+    out[at] = np.uint8((((total & mask) + half) * factor) >> np.uint64(32))
+    out[at + 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half) * factor) >> np.uint64(32))
+    out[at + 2] = np.uint8((((total >> np.uint64(40)) + half) * factor) >> np.uint64(32))
+
+
 @njit(cache=True, nogil=True)
 def _average(
     frame: Any, inverse: Any, near: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
     height, width = inverse.shape
-    packed, depths = np.empty(height * width, np.uint64), inverse.reshape(-1)
+    packed, depths, bytes_ = np.empty(height * width, np.uint64), inverse.reshape(-1), out.reshape(-1)
     _pack(frame, packed)
-    half, mask = np.int64(1 << (_BITS - 1)), np.uint64((1 << 20) - 1)
-    parts = np.empty(_MOST + 1, np.uint64)  # a sum of up to 40 bytes is divided exactly by these, in 32 binary places
-    for k in range(1, _MOST + 1):
+    half = np.int64(1 << (_BITS - 1))
+    parts = np.empty(_EIGHTHS * _EIGHTHS * _FEW + 1, np.uint64)  # as many bytes are divided exactly by these
+    for k in range(1, parts.size):
         parts[k] = np.uint64((2**32 + k - 1) // k)
     paths, rays = np.empty((3, width), np.int32), np.empty(width, np.float32)
     for x in range(width):
@@ -262,6 +292,14 @@ def _average(
                 )
                 for channel in range(3):
                     out[y, x, channel] = _mean(front, fronts, back, backs, views, np.uint64(20 * channel))
+            elif count <= _FEW:
+                sx = (np.int64(x) << _BITS) - (((count - 1) * dx) >> 1)
+                sy = (np.int64(y) << _BITS) - (((count - 1) * dy) >> 1)
+                total = np.uint64(0)
+                for _ in range(count):
+                    total += _between(packed, width, height, sx, sy)
+                    sx, sy = sx + dx, sy + dy
+                _divide(total, _EIGHTHS * _EIGHTHS * count, parts, bytes_, 3 * (y * width + x))
             else:
                 sx = (np.int64(x) << _BITS) + half - (((count - 1) * dx) >> 1)
                 sy = (np.int64(y) << _BITS) + half - (((count - 1) * dy) >> 1)
@@ -276,7 +314,4 @@ def _average(
                     for _ in range(count):
                         total += packed[_place(sx, sy, width, height)]
                         sx, sy = sx + dx, sy + dy
-                half_count, factor = np.uint64(count // 2), parts[count]
-                out[y, x, 0] = np.uint8((((total & mask) + half_count) * factor) >> np.uint64(32))
-                out[y, x, 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half_count) * factor) >> np.uint64(32))
-                out[y, x, 2] = np.uint8((((total >> np.uint64(40)) + half_count) * factor) >> np.uint64(32))
+                _divide(total, count, parts, bytes_, 3 * (y * width + x))
