@@ -196,6 +196,7 @@ def _height(folder: Path) -> int:
     return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
 
 
+@pytest.mark.slow
 def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
     """For a while no node is left; one that joins late continues with the rest."""
     options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
