@@ -214,6 +214,10 @@ def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
     for label, column in {"> 1 px (%)": "px1", "> 3 px (%)": "px3", "> 5 px (%)": "px5", "Fl (%)": "fl"}.items():
         assert cells[label].text == f"{(100 * rows[f'{column}_count'] / rows['n_valid']).mean():.2f}"
     assert cells["median (px)"].text == f"{rows['attack_median'].mean():.2f}"
+    assert (cells["L-inf"].text, cells["RMS"].text) == ("4", f"{rows['attack_rms'].mean():.4g}")
+    spent = both.manifest.seconds
+    assert 0 < sum(spent[f"attack {name}"] for name in both.attacks) <= spent["attack"]
+    assert cells["time (s)"].text == f"{spent['attack pgd'] / 4:.2f}"  # two pairs at two severities
     assert "way gone (%)" not in cells
     assert not any(cell.best for section in table.sections for line in section.lines for cell in line.cells)
 
@@ -374,7 +378,7 @@ def test_a_run_of_attacks_alone_has_a_page_and_prints(tmp_path, capsys, real_pic
 def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
     values = {"norm": "linf", "budget": 2.0 ** (severity - 1), "samples": 3, "cre": None, "crer": None, "rcre": 1.0}
     values |= dict.fromkeys(("px1", "px3", "px5", "fl", "median", "capped", "way_gone", "gain"))
-    values |= {"linf": 1.0, "rms": 1.0, "evaluations": 1.0, "warnings": {}}
+    values |= {"linf": 1.0, "rms": 1.0, "evaluations": 1.0, "seconds": None, "warnings": {}}
     return AttackScore(attack, severity, epe=epe, **(values | changes))
 
 

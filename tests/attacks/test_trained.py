@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robustflow as rf
+from robustflow.analysis.attacks import attack_scores
 from robustflow.attacks import load_attack, patch
 from robustflow.attacks.images import images_of
 from robustflow.attacks.problem import Pair
@@ -271,6 +272,14 @@ def test_a_trained_attack_is_trained_once_on_samples_that_are_not_measured(train
     assert len(list((trained.path / "attacks").glob("*.npy"))) == 2
     lines = [line.label for section in attack_table(trained).sections for line in section.lines]
     assert {"universal:train=2:steps=2 5", "patch:train=2:steps=1 5", "random_patch 5"} <= set(lines)
+
+
+def test_a_random_patch_is_what_patches_are_compared_with_and_not_with_itself(trained):
+    scores = {one.attack: one for one in attack_scores(trained)}
+
+    noise, learned = scores["random_patch"], scores["patch:train=2:steps=1"]
+    assert noise.gain is None
+    assert learned.gain == pytest.approx(learned.epe - noise.epe)
 
 
 def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not(trained, tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import polars as pl
 
 from ..attacks.ball import GREY_LEVELS
-from ..attacks.registry import CONTROLS, control_of, norm_of
+from ..attacks.registry import control_of, norm_of
 from ..runs.aggregate import summarize
 from ..runs.run import Run
 
@@ -42,6 +42,7 @@ class AttackScore:
         gain: the error (the change, without ground truth) above that of random noise of the same norm, px.
         linf, rms: mean norms that were reached, grey levels.
         evaluations: mean number of flows asked for.
+        seconds: mean time of the attack at any severity; None if the run does not say.
         warnings: key -> number of samples that carry it.
     """
 
@@ -65,6 +66,7 @@ class AttackScore:
     linf: float
     rms: float
     evaluations: float
+    seconds: float | None
     warnings: dict[str, int]
 
     @property
@@ -82,7 +84,7 @@ def attack_scores(run: Run) -> list[AttackScore]:
     means = summarize(rows, paper=()).corruptions
     scores = []
     for name in names:
-        of_attack = means[name]
+        of_attack, spent = means[name], run.manifest.seconds.get(f"attack {name}")
         for place, severity in enumerate(of_attack.severities):
             mine = rows.filter(corruption=name, severity=severity)
             at = {metric: values[place] for metric, values in of_attack.by_severity.items()}
@@ -111,6 +113,7 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     linf=_mean(mine, "attack_linf") or 0.0,
                     rms=_mean(mine, "attack_rms") or 0.0,
                     evaluations=_mean(mine, "attack_evaluations") or 0.0,
+                    seconds=None if spent is None else spent / rows.filter(corruption=name).height,
                     warnings=counts,
                 )
             )
@@ -147,7 +150,7 @@ def _compared(scores: list[AttackScore]) -> list[AttackScore]:
     compared = []
     for score in scores:
         noise = by_cell.get((control_of(score.attack), score.severity))
-        known = score.strength is not None and noise is not None and score.attack not in CONTROLS
+        known = score.strength is not None and noise is not None and score.attack != control_of(score.attack)
         gain = score.strength - noise if known else None  # type: ignore[operator]
         warnings = dict(score.warnings)
         if _name(score) in WHITE_BOX and score.way_gone is None:

@@ -32,14 +32,18 @@ _COLUMNS = (
     "capped (px)",
     "gain (px)",
     "way gone (%)",
+    "L-inf",
+    "RMS",
     "flows",
+    "time (s)",
 )
 _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
     "Adversarial attacks, which no mean over corruptions includes. Budgets are grey levels of 255 and hold for the "
     "8-bit frames that were measured. Median: of the pixels of a pair, then the mean over pairs. Capped: no pixel "
     "counts more than the frame's diagonal. Gain: above random noise of the same norm. Way gone: from the clean flow "
-    "to the attack's target. Flows: asked for per sample. An attack is a lower bound: a stronger one may exist."
+    "to the attack's target. L-inf, RMS: reached, grey levels. Flows and time: per pair. An attack is a lower bound: a "
+    "stronger one may exist."
 )
 
 _CURVES = (
@@ -94,15 +98,31 @@ def attack_table(run: Run) -> Table | None:
 
 def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
     """Say at which budget each attack doubles the error."""
-    known = {name: budget_at_double(scores, name, clean) for name in dict.fromkeys(score.attack for score in scores)}
-    each = [f"{name} {budget:.2g}" for name, budget in known.items() if budget is not None]
-    return f"The clean error doubles at these budgets, in grey levels: {', '.join(each)}." if each else ""
+    norms = {score.attack: score.norm for score in scores}
+    known = {name: budget_at_double(scores, name, clean) for name in norms}
+    each = [
+        f"{name} {budget:.2g}{' %' if norms[name] == 'area' else ''}"
+        for name, budget in known.items()
+        if budget is not None
+    ]
+    return (
+        f"The clean error doubles at these budgets, in grey levels or % of the pixels: {', '.join(each)}."
+        if each
+        else ""
+    )
 
 
 def _line(score: AttackScore) -> Line:
     errors = (score.epe, score.cre, score.crer, score.rcre, score.px1, score.px3, score.px5, score.fl)
     values = (*errors, score.median, score.capped, score.gain, score.way_gone)
-    texts = (f"{score.budget:g}", *(number_text(value, None) for value in values), f"{score.evaluations:.0f}")
+    reached, seconds = (f"{score.linf:.4g}", f"{score.rms:.4g}"), number_text(score.seconds, None)
+    texts = (
+        f"{score.budget:g}",
+        *(number_text(value, None) for value in values),
+        *reached,
+        f"{score.evaluations:.0f}",
+        seconds,
+    )
     note = "; ".join(f"{explained(key)} ({count} of {score.samples} pairs)" for key, count in score.warnings.items())
     return Line.of(f"{score.attack} {score.severity}", texts, note)
 

@@ -69,9 +69,10 @@ class AttackStage:
             if self._doubts is None:
                 self._doubts = self._first_doubts(sample)
             self._on_predict(describe_cell(*cell))
-            attacked = attack_of_sample(
-                self._attacks[name], self._model, sample, clean, severity, self._options.seed, self._doubts
-            )
+            with timed(self._seconds, f"attack {name}"):
+                attacked = attack_of_sample(
+                    self._attacks[name], self._model, sample, clean, severity, self._options.seed, self._doubts
+                )
             self._on_predict(None)
         return attacked
 

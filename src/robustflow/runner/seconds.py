@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 Seconds = dict[str, float]
-"""Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure"."""
+"""Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and of each attack, "attack pgd", which
+are part of "attack"."""
 
 
 def no_seconds() -> Seconds:
@@ -20,7 +21,7 @@ def timed(seconds: Seconds, kind: str) -> Iterator[None]:
     """Add the time that the block takes."""
     start = time.perf_counter()
     yield
-    seconds[kind] += time.perf_counter() - start
+    seconds[kind] = seconds.get(kind, 0.0) + time.perf_counter() - start
 
 
 def pop_timings(seconds: Seconds) -> Seconds:
@@ -32,5 +33,6 @@ def pop_timings(seconds: Seconds) -> Seconds:
     (2.0, 0.0)
     """
     so_far = dict(seconds)
+    seconds.clear()
     seconds.update(no_seconds())
     return so_far
