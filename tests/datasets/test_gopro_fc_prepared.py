@@ -99,6 +99,17 @@ def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
             assert (made == np.rint(frames[centre - reach : centre + reach + 1].mean(0))).all()
 
 
+def test_rolling_shutter_takes_its_rows_from_master_frames(prepared):
+    dataset = GoProFCPrepared(prepared)
+    frames = master_frames(dataset)
+    for severity, readout in enumerate((6, 12, 18, 24, 30), start=1):
+        for made, centre in zip(dataset.corrupted("scene/000064", "rolling_shutter", severity), (64, 96), strict=True):
+            for y, row in enumerate(made):
+                time = readout * ((y + 0.5) / HEIGHT - 0.5)
+                assert (row == frames[centre + int(np.floor(time + 0.5))][y]).all()
+            assert (made != frames[centre]).any()
+
+
 def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
     dataset = GoProFCPrepared(prepared, cache=tmp_path)
     assert isinstance(dataset, CorruptedClips)
@@ -119,7 +130,7 @@ def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
 
 
 def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
-    """All four corruptions of clips and one of each other kind; the two-frame model's frames are the same."""
+    """All corruptions of clips and one of each other kind; the two-frame model's frames are the same."""
     folder = str(Path(__file__).parent.parent / "runner")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", folder)

@@ -127,7 +127,7 @@ def test_bit_errors_hit_a_stream_that_is_long_enough(tmp_path):
 
 def test_what_cannot_be_made_is_said():
     chosen, (sentence,) = chosen_corruptions(None, "paper")
-    assert set(CLIP) - set(chosen) == {"object_motion_blur"}
+    assert set(CLIP) - set(chosen) == {"object_motion_blur", "rolling_shutter"}
     assert "prepare gopro-fc" in sentence
     calibrated, (sentence,) = chosen_corruptions(None, "calibrated")
     assert not set(CLIP) & set(calibrated)
@@ -135,6 +135,7 @@ def test_what_cannot_be_made_is_said():
     for name, scale in (
         ("object_motion_blur", "paper"),
         ("fog+object_motion_blur:2", "paper"),
+        ("rolling_shutter", "paper"),
         ("fog+h264_crf", "paper"),
         ("h264_crf", "calibrated"),
     ):
@@ -168,8 +169,8 @@ def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery, video,
     monkeypatch.setattr(clip, "MADE_FROM_CLIP", ("h264_crf",))
     code, _, error = gallery("--clip", video, "--length", 2)
     assert code == 0
-    assert "object_motion_blur is left out" in error
-    assert "object_motion_blur is left out" in Path("gallery/gallery.html").read_text()
+    assert "rolling_shutter are left out" in error
+    assert "rolling_shutter are left out" in Path("gallery/gallery.html").read_text()
 
 
 def test_wrong_requests_are_a_sentence(gallery, video, tmp_path):

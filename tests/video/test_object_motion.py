@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import load_corruption
 from robustflow.errors import UsageError
+from robustflow.video.around_key_frames import AroundKeyFrames
 from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
-from robustflow.video.object_motion import ObjectMotion, mean_of_windows
+from robustflow.video.object_motion import mean_of_windows
 
 from .render import Scene
 
@@ -39,11 +40,13 @@ def test_no_window():
 
 def test_a_key_frame_of_two_pairs_is_made_once():
     asked = []
-    motion = ObjectMotion(lambda index: (asked.append(index), np.zeros((2, 2, 3), np.uint8))[1], REACHES)
+    around = AroundKeyFrames(
+        mean_of_windows, lambda index: (asked.append(index), np.zeros((2, 2, 3), np.uint8))[1], REACHES
+    )
     for pair in ((32, 64), (64, 96)):
         for reach in REACHES:
             for centre in pair:
-                motion.blurred(centre, reach)
+                around.frame(centre, reach)
     assert len(asked) == 3 * 31
 
 

@@ -20,6 +20,7 @@ from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.registry import CLIP
 from robustflow.corruptions.stack import needs_depth
 from robustflow.video.object_motion import mean_of_windows
+from robustflow.video.rolling_shutter import rolling_frames
 from robustflow.video.short_clip import ShortClip
 
 KEY = "motorcycle"
@@ -29,6 +30,7 @@ _PAIR = (16, 48)
 _STEP = (0.25, 0.125)
 """Pixels that the view moves from frame to frame, right and down."""
 _SIZE = (240, 360)
+_AROUND = {"object_motion_blur": mean_of_windows, "rolling_shutter": rolling_frames}
 
 
 @dataclass(frozen=True)
@@ -119,9 +121,9 @@ def _view(number: int) -> Any:
 
 def _clip_pairs(name: str) -> Iterator[tuple[Any, Any]]:
     parameters = [load_corruption(name).parameter(severity) for severity in SEVERITIES]
-    if name == "object_motion_blur":
-        first, second = (mean_of_windows(_view, centre, parameters) for centre in _PAIR)
-        yield from ((first[reach], second[reach]) for reach in parameters)
+    if name in _AROUND:
+        first, second = (_AROUND[name](_view, centre, parameters) for centre in _PAIR)
+        yield from ((first[parameter], second[parameter]) for parameter in parameters)
         return
     wanted = range(_PAIR[0], _PAIR[1] + 1)
     with TemporaryDirectory() as folder:

@@ -19,7 +19,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from ..corruptions.registry import CLIP, CORRUPTIONS, FAMILIES
+from ..corruptions.registry import CLIP, CORRUPTIONS, FAMILIES, PAPER_ORDER
 from ..errors import RobustFlowError, first_misfit
 from ..images.error_colours import HIGHEST, LOWEST, error_colours
 from ..images.flow_colours import flow_colours
@@ -118,7 +118,7 @@ async def _failed(request: Request, error: Exception) -> Response:
 def _choices(models: Models, sources: SourceStore) -> dict[str, Any]:
     """What the page offers."""
     families = {family: [name for name in names if name not in CLIP] for family, names in FAMILIES.items()}
-    others = [name for name in CORRUPTIONS.names() if name not in {one for names in FAMILIES.values() for one in names}]
+    others = [name for name in CORRUPTIONS.names() if name not in (*PAPER_ORDER, *CLIP)]
     scale = np.geomspace(LOWEST, HIGHEST, 300)[None].repeat(12, 0)
     side = np.linspace(-1, 1, 120, dtype=np.float32)
     wheel = np.stack(np.meshgrid(side, side), axis=2)

@@ -65,7 +65,8 @@ def _prepared(dataset: GoProFCPrepared) -> Benchmark:
         if span is not None:
             warnings.warn(
                 f"{clip.name} has {float(clip.master.fps):g} frames per second, so object_motion_blur averages over up "
-                f"to {float(span):.2f} s where the paper's 960 make it 0.03 s; prepare it with --factor for less",
+                f"to {float(span):.2f} s where the paper's 960 make it 0.03 s, and rolling_shutter reads for as long; "
+                "prepare it with --factor for less",
                 stacklevel=2,
             )
     protocol = {"frames": "prepared", "clips": dataset.identity()}

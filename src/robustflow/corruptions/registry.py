@@ -27,7 +27,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 """Families of the paper (Sec. 3) and their corruptions, in the order of its tables' columns."""
 
 PAPER_ORDER: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in names)
-CLIP: tuple[str, ...] = ("object_motion_blur", *FAMILIES["video"])
+CLIP: tuple[str, ...] = ("object_motion_blur", "rolling_shutter", *FAMILIES["video"])
 """The corruptions that need the whole clip that the images come from."""
 IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
 """The corruptions that need nothing but the two images."""
@@ -35,7 +35,7 @@ IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),
     "depth": ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus", "motion_blur_3d"),
-    "sensor": ("raw_noise",),
+    "sensor": ("raw_noise", "rolling_shutter"),
 }
 """Corruptions that are in none of the paper's means, nor in those of its families; "depth" needs the scene's."""
 
@@ -74,6 +74,7 @@ _CLASSES = {
     "far_focus": "depth.defocus_3d:FarFocus",
     "motion_blur_3d": "depth.motion_blur_3d:MotionBlur3d",
     "raw_noise": "sensor.raw_noise:RawNoise",
+    "rolling_shutter": "clip.rolling_shutter:RollingShutter",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
 """The corruptions of this package; installed packages add others."""

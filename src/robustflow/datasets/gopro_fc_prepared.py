@@ -1,7 +1,7 @@
 """GoPro-FC as prepared: pairs of key frames of clips, and the corruptions that need the whole clip.
 
-Image corruptions are made on the fly as elsewhere. Object motion blur and the three video corruptions are made from the
-clip (see `robustflow.video.open_clip`): for the runner, these frames come already corrupted.
+Image corruptions are made on the fly as elsewhere. Object motion blur, rolling shutter and the three video corruptions
+are made from the clip (see `robustflow.video.open_clip`): for the runner, these frames come already corrupted.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class GoProFCPrepared(Samples):
         return [clip.key_frame_path(index) for clip, index in key_frames]
 
     def has_corrupted(self, corruption: str) -> bool:
-        """True for the four that need the clip."""
+        """True for the five that need the clip."""
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
@@ -119,10 +119,8 @@ class GoProFCPrepared(Samples):
         clip, index = self._key_frame(key, offset)
         parameter = self._parameters[corruption][severity - 1]
         if self._open is None or self._open.clip is not clip:
-            self._open = OpenClip(clip, self.cache, self._parameters["object_motion_blur"])
-        if corruption == "object_motion_blur":
-            return self._open.blurred(index, parameter)
-        return self._open.transcoded(index, corruption, parameter)
+            self._open = OpenClip(clip, self.cache, self._parameters)
+        return self._open.corrupted(index, corruption, parameter)
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """The clip's master: everything is made from it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -45,27 +44,3 @@ def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequ
 
 def _rounded(total: np.ndarray, count: int) -> Frame:
     return ((2 * total + count) // (2 * count)).astype(np.uint8)
-
-
-class ObjectMotion:
-    """Blurred key frames of one clip; the last few are remembered, since every key frame serves two pairs.
-
-    Args:
-        frame_at: RGB uint8 of a master frame.
-        reaches: the values of c that will be needed; all are made at once.
-        keep: key frames remembered.
-    """
-
-    def __init__(self, frame_at: Callable[[int], Frame], reaches: Sequence[int], keep: int = 3) -> None:
-        self._frame_at = frame_at
-        self._reaches = reaches
-        self._keep = keep
-        self._made: OrderedDict[int, dict[int, Frame]] = OrderedDict()
-
-    def blurred(self, centre: int, reach: int) -> Frame:
-        """Key frame `centre` averaged over `reach` frames to either side."""
-        if centre not in self._made:
-            self._made[centre] = mean_of_windows(self._frame_at, centre, self._reaches)
-            if len(self._made) > self._keep:
-                self._made.popitem(last=False)
-        return self._made[centre][reach]

@@ -1,13 +1,14 @@
-"""An open prepared clip: its key frames under the four corruptions that need the whole clip.
+"""An open prepared clip: its key frames under the five corruptions that need the whole clip.
 
-Object motion blur averages master frames decoded on demand. A video corruption transcodes the master once per severity;
-its key frames are kept in a cache of limited size.
+Object motion blur and rolling shutter take master frames decoded on demand. A video corruption transcodes the master
+once per severity; its key frames are kept in a cache of limited size.
 """
 
 from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,14 +18,19 @@ from ..digest import sha256_of_file
 from ..errors import DataError
 from ..sample import Frame
 from ..sealed import sealed, unsealed
+from .around_key_frames import AroundKeyFrames, Make
 from .cache import FolderCache
 from .clip import ClipFile, ClipReader
 from .colour import i420_to_rgb
-from .object_motion import ObjectMotion
+from .object_motion import mean_of_windows
 from .prepared import PreparedClip
+from .rolling_shutter import rolling_frames
 from .variants import FRAMES_FILE, make_variant
 
 RECORDS_FOLDER = ".records"
+
+_AROUND: dict[str, Make] = {"object_motion_blur": mean_of_windows, "rolling_shutter": rolling_frames}
+"""What makes key frames from the master frames around them."""
 
 
 class OpenClip:
@@ -33,26 +39,29 @@ class OpenClip:
     Args:
         clip: from `prepared.read_folder`.
         cache: where transcoded variants are kept.
-        reaches: of object motion blur, at its five severities: it averages over this many frames to either side.
+        parameters: of the corruptions, by name, at their five severities.
     """
 
-    def __init__(self, clip: PreparedClip, cache: FolderCache, reaches: tuple[int, ...]) -> None:
+    def __init__(self, clip: PreparedClip, cache: FolderCache, parameters: Mapping[str, tuple[int, ...]]) -> None:
         self.clip = clip
         self._cache = cache
         self._master = ClipReader(clip.master)
-        self._motion = ObjectMotion(self._master_frame, reaches)
+        self._around = {
+            name: AroundKeyFrames(make, self._master_frame, parameters[name]) for name, make in _AROUND.items()
+        }
         self._variants: dict[tuple[str, int], ClipReader] = {}
 
-    def blurred(self, index: int, reach: int) -> Frame:
-        """A key frame under object motion blur, RGB uint8 (H, W, 3)."""
-        check_master(self.clip)
-        return self._motion.blurred(index, reach)
+    def corrupted(self, index: int, corruption: str, parameter: int) -> Frame:
+        """A key frame under a corruption, RGB uint8 (H, W, 3); a video corruption transcodes the clip on first use.
 
-    def transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
-        """A key frame after a video corruption, RGB uint8 (H, W, 3); transcodes the clip on first use.
-
-        Warns (`UserWarning`) then if the damage changed nothing or lost frames.
+        Warns (`UserWarning`) when it does, where a damage changed nothing or cost frames.
         """
+        if corruption not in self._around:
+            return self._transcoded(index, corruption, parameter)
+        check_master(self.clip)
+        return self._around[corruption].frame(index, parameter)
+
+    def _transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
         position = self.clip.manifest.key_frames.index(index)
         reader = self._variants.get((corruption, parameter))
         if reader is None:

@@ -26,13 +26,13 @@ LONGEST_PART = 96
 SHOWN = 10
 MOST_SHOWN = 24
 
-OBJECT_MOTION = "object_motion_blur"
-MADE_FROM_CLIP = tuple(name for name in CLIP if name != OBJECT_MOTION)
+BETWEEN_FRAMES = ("object_motion_blur", "rolling_shutter")
+MADE_FROM_CLIP = tuple(name for name in CLIP if name not in BETWEEN_FRAMES)
 """The corruptions that need a clip and can be made from any."""
 
 _NEEDS_MORE = (
-    f"{OBJECT_MOTION} is left out: it averages frames between the frames, which a clip only has after interpolation "
-    "in time (robustflow prepare gopro-fc)"
+    f"{' and '.join(BETWEEN_FRAMES)} are left out: they take frames between the frames, which a clip only has after "
+    "interpolation in time (robustflow prepare gopro-fc)"
 )
 
 
@@ -91,7 +91,7 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
 
     >>> chosen, left_out = chosen_corruptions(None, "paper")
     >>> len(chosen), [sentence.partition(":")[0] for sentence in left_out]
-    (23, ['object_motion_blur is left out'])
+    (23, ['object_motion_blur and rolling_shutter are left out'])
     """
     if names is not None:
         for name in names:
@@ -100,7 +100,7 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
                 raise UsageError(
                     f"{name} needs depth, which the frames of a clip do not have; show a pair with --frames"
                 )
-            if OBJECT_MOTION in parts:
+            if set(parts) & set(BETWEEN_FRAMES):
                 raise UsageError(_NEEDS_MORE)
             if len(parts) > 1 and set(parts) & set(CLIP):
                 raise UsageError(f"'{name}' cannot be shown: a corruption of the whole clip does not stack here")

@@ -1,0 +1,47 @@
+"""Rolling shutter: the rows of a key frame, each from the master frame of its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..errors import UsageError
+from ..sample import Frame
+
+
+def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequence[int]) -> dict[int, Frame]:
+    """A key frame as rolling shutters read it, in one pass over the longest readout.
+
+    Args:
+        frame_at: RGB uint8 (H, W, 3) of a master frame; asked in ascending order.
+        centre: the key frame, at whose time the middle of the frame is read.
+        readouts: times from the first row to the last, in master frames, 0 or more.
+
+    Returns:
+        Readout -> RGB uint8 (H, W, 3).
+
+    >>> frames = rolling_frames(lambda index: np.full((4, 1, 3), index, np.uint8), 10, [0, 4])
+    >>> {readout: frame[:, 0, 0].tolist() for readout, frame in frames.items()}
+    {0: [10, 10, 10, 10], 4: [9, 10, 11, 12]}
+    """
+    if not readouts or min(readouts) < 0:
+        raise UsageError(f"a rolling shutter cannot read a frame in {list(readouts)} frames")
+    reach = (max(readouts) + 1) // 2
+    made: dict[int, Frame] = {}
+    for index in range(centre - reach, centre + reach + 1):
+        frame = frame_at(index)
+        for readout in dict.fromkeys(readouts):
+            rows = row_offsets(frame.shape[0], readout) == index - centre
+            made.setdefault(readout, np.empty_like(frame))[rows] = frame[rows]
+    return made
+
+
+def row_offsets(height: int, readout: int) -> np.ndarray:
+    """The master frame of each row, counted from the key frame: readout ((y + 1/2) / height - 1/2), rounded; int
+    (height,).
+
+    >>> row_offsets(6, 4).tolist()
+    [-2, -1, 0, 0, 1, 2]
+    """
+    return (readout * (2 * np.arange(height) + 1 - height) + height) // (2 * height)
