@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from robustflow.cli.main import main
@@ -25,3 +28,14 @@ def robustflow(monkeypatch, capsys, tmp_path):
         return code, captured.out, captured.err
 
     return call
+
+
+def write_frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
+    """Write noise as 000.png, 001.png, ... of the sizes (height, width); returns their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    paths = []
+    for index, size in enumerate(sizes):
+        paths.append(folder / f"{index:03d}.png")
+        cv2.imwrite(str(paths[-1]), rng.integers(0, 255, (*size, 3)).astype(np.uint8))
+    return paths

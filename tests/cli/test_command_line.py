@@ -48,3 +48,17 @@ start.main()
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+def test_version_and_help_do_not_import_the_heavy_parts():
+    script = (
+        "import sys; sys.argv = ['robustflow', '--help']\n"
+        "from robustflow.cli.main import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'cv2', 'polars', 'numba', 'scipy', 'torch', 'matplotlib'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "robustflow run --model dis" in done.stdout

@@ -1,0 +1,211 @@
+"""What the command line refuses, in one line that says what to do: bad input, missing extras, full disks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow import extras
+
+from .conftest import write_frames
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("class Rain(:\n    pass\n", "SyntaxError: invalid syntax (mine.py, line 1): class Rain(:"),
+        ("import is_not_here\n", "No module named 'is_not_here'; install is_not_here"),
+        ("1 / 0\n", "ZeroDivisionError: division by zero, while it was imported"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_says_why(robustflow, tmp_path, text, says):
+    (tmp_path / "mine.py").write_text(text)
+    code, _, err = robustflow("check", "mine:Rain")
+    assert code == 2
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_a_module_that_needs_an_extra_names_it(robustflow, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ptlflow", None)
+    (tmp_path / "needs_extra.py").write_text("import ptlflow\n")
+    assert "pip install 'robustflow[ptlflow]'" in robustflow("check", "needs_extra:Net")[2]
+
+
+@pytest.mark.parametrize(
+    ("library", "extra", "command"),
+    [
+        ("ray", "ray", "run -m dis --engine ray --output made"),
+        ("onnxruntime", "onnx", "run -m net.onnx --output made"),
+        ("ptlflow", "ptlflow", "run -m raft --checkpoint things --output made"),
+        ("torch", "torch", "run -m arflow --output made"),
+        ("torch", "torch", "run -m needs:Net --output made"),
+        ("torch", "torch", "run -m dis -c needs:Rain --output made"),
+        ("torch", "torch", "check needs:Net"),
+        ("torch", "torch", "profile arflow"),
+        ("torch", "torch", "train raft --recipe ood --data x --output made"),
+        ("h5py", "h5", "run -m dis --benchmark spring --data . --output made"),
+        ("uvicorn", "app", "app"),
+    ],
+)
+def test_a_missing_extra_is_refused_before_anything_is_announced(
+    robustflow, tmp_path, monkeypatch, library, extra, command
+):
+    """One line that names the extra, one exit code, and no folder."""
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else find_spec(name))
+    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.delitem(sys.modules, "needs", raising=False)
+    (tmp_path / "needs.py").write_text(f"import {library}\n")
+    (tmp_path / "net.onnx").write_bytes(b"")
+    (tmp_path / "train/0001/frame_left").mkdir(parents=True)
+    code, out, err = robustflow(*command.split())
+    assert (code, out) == (1, "")
+    assert f"pip install 'robustflow[{extra}]'" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "made").exists()
+
+
+def test_verify_of_what_is_no_record_is_one_line(robustflow, tmp_path):
+    (tmp_path / "text").write_text("not a zip")
+    for name, why in (("nowhere", "No such file"), ("text", "not a record"), (".", "not a file")):
+        code, out, _ = robustflow("verify", name)
+        assert code == 1
+        assert out.startswith("not verified: ")
+        assert why in out
+        assert out.count("\n") == 1
+
+
+def _truncated_png(folder: Path) -> None:
+    first, _ = write_frames(folder)
+    first.write_bytes(first.read_bytes()[:-2000])
+
+
+def _of_two_sizes(folder: Path) -> None:
+    write_frames(folder, [(64, 96), (64, 98)])
+
+
+def _kitti_with_8_bit_flow(folder: Path) -> None:
+    write_frames(folder / "training" / "image_2")
+    for index, number in (("000", "10"), ("001", "11")):
+        path = folder / "training" / "image_2" / f"{index}.png"
+        path.rename(path.with_name(f"000000_{number}.png"))
+    (folder / "training" / "flow_occ").mkdir()
+    cv2.imwrite(str(folder / "training" / "flow_occ" / "000000_10.png"), np.zeros((64, 96, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "code", "says"),
+    [
+        (None, "run -m dis -b kitti-fc -d nowhere", 1, "nowhere"),
+        (lambda f: f.mkdir(), "run -m dis -b kitti-fc -d data", 1, "data"),
+        (lambda f: f.mkdir(), "run -m dis -b folder -d data", 1, "data"),
+        (_truncated_png, "run -m dis -b folder -d data -c contrast", 1, "truncated"),
+        (_of_two_sizes, "run -m dis -b folder -d data -c contrast", 1, "size"),
+        (_kitti_with_8_bit_flow, "run -m dis -b kitti-fc -d data -c contrast", 1, "16"),
+        (None, "run -m diss", 2, "did you mean 'dis'"),
+        (None, "run -m dis -b kiti-fc", 2, "did you mean 'kitti-fc'"),
+        (None, "run -m dis -c frosst", 2, "did you mean 'frost'"),
+        (None, "run -m dis -d /nowhere.mp4", 1, "/nowhere.mp4: no such file or folder; check the path"),
+        (None, "run -m dis -d /nowhere -D start=3", 1, "/nowhere: no such file or folder"),
+        (lambda f: (f / "training/image_2").mkdir(parents=True), "run -m dis -d data", 2, "give --benchmark kitti-fc"),
+        (lambda f: f.mkdir(), "run -m dis -d data", 1, "no pictures in it"),
+        (None, "run -m dis -c h264_crf -s 1", 2, "needs the clip that its frames come from: give --benchmark gopro-fc"),
+        (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),
+        (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
+        (None, "run -m dis -s 0", 2, "severity 0"),
+        (None, "run -m dis -s 1,6", 2, "severity 6"),
+        (None, "run -m dis -s high", 2, "whole numbers"),
+        (None, "run -m dis --variant other", 2, "default, reference, paper"),
+        (None, "run -m dis -O presetfast", 2, "KEY=VALUE"),
+        (None, "run -m dis --device cpu", 2, "runs on the CPU only; leave out --device"),
+        (None, "run -m dis --checkpoint things", 2, "has no weights to load; leave out --checkpoint"),
+        (None, "run -m dis --batch-size 4", 2, "one pair at a time"),
+        (None, "run -m arflow -O checkpoint=a.pth --checkpoint b.pth", 2, "checkpoint is given twice"),
+        (None, "run -m dis --engine cluster", 2, "engine"),
+        (write_frames, "displacement folder -d data", 1, "name the model"),
+        (None, "show nowhere", 1, "manifest.json"),
+        (None, "list weather", 2, "models"),
+        (None, "profile dis", (1, 2), "PyTorch"),
+        (write_frames, "corrupt data/000.png data/001.png -c fog -s 9", 2, "severity 9"),
+        (write_frames, "corrupt data/000.png data/none.png -c contrast", 1, "none.png"),
+        (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "cut short"),
+        (
+            lambda f: write_frames(f, [(64, 96), (64, 98)]),
+            "corrupt data/000.png data/001.png -c contrast",
+            1,
+            "same size",
+        ),
+        (None, "export demo -d x", 1, "x: no such file or folder"),
+    ],
+)
+def test_bad_input_is_one_line_that_says_what_to_do(robustflow, tmp_path, make, arguments, code, says):
+    if make:
+        make(tmp_path / "data")
+    got, out, err = robustflow(*arguments.split(), *(["-o", "run"] if arguments.startswith("run") else []))
+    lines = [line for line in err.splitlines() if line.startswith("robustflow:")]
+    assert got in (code if isinstance(code, tuple) else (code,))
+    assert len(lines) == 1
+    assert says in lines[0]
+    assert "Traceback" not in err + out
+    assert not list(Path().rglob("*.parquet"))
+    assert not list(Path().rglob(".partial-*"))
+
+
+def test_usage_errors_of_the_command_line_itself(robustflow):
+    assert robustflow("run")[0] == 2
+    assert robustflow("run", "--no-such-option")[0] == 2
+    assert robustflow("nonsense")[0] == 2
+
+
+def test_a_folder_that_cannot_be_written(robustflow, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    code, _, err = robustflow("run", "-m", "dis", "-c", "contrast", "-o", "file/run")
+    assert code == 1
+    assert err.count("\n") == 1
+    assert "file/run" in err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_read_only_file_system(robustflow, tmp_path):
+    code, _, _ = robustflow("run", "-m", "dis", "-c", "contrast", "-s", "1", "-o", "run", "--no-examples")
+    assert code == 0
+    place = tmp_path / "read-only"
+    place.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(place)], capture_output=True).returncode:
+        pytest.skip("needs the right to mount a file system")
+    try:
+        for arguments in (
+            ("pack", "run", "-o", place / "x.robustflow"),
+            ("leaderboard", "run", "--no-published", "-o", place),
+        ):
+            code, _, error = robustflow(*arguments)
+            assert (code, error.count("\n")) == (1, 1)
+            assert "Read-only file system" in error
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_full_disk(robustflow, monkeypatch):
+    """The real error of a real full device, met where a shard is renamed into place."""
+    import robustflow.atomic as atomic
+
+    real = open
+
+    def full(path, *mode):
+        if str(path).endswith(".parquet") and ".partial-" in str(path):
+            Path(path).symlink_to("/dev/full")
+            return real(path, "wb", buffering=0)
+        return real(path, *mode)
+
+    monkeypatch.setattr(atomic, "open", full, raising=False)
+    code, _, err = robustflow("run", "-m", "dis", "-c", "contrast", "-o", "run")
+    assert code == 1
+    assert "No space left on device" in err
+    assert not list(Path("run").rglob("*.parquet"))
+    assert not list(Path("run").rglob(".partial-*"))
