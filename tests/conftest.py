@@ -1,4 +1,4 @@
-"""One thread per process, runs without pictures, and one way to find the shared real data."""
+"""Settings of all tests: one thread per process, runs without pictures, one way to find the shared real data."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from PIL import Image
 from .shared_data import shared_folder
 
 cv2.setNumThreads(1)
-os.fsync = lambda _: None  # no test pulls the plug; a small run waits for the disk nineteen times
-hypothesis.settings.register_profile("untimed", deadline=None)  # a busy machine is no failure
+os.fsync = lambda _: None  # no test needs durable files, and a small run would wait for the disk nineteen times
+hypothesis.settings.register_profile("untimed", deadline=None)  # a busy machine must not fail a test
 hypothesis.settings.load_profile("untimed")
 
 
@@ -35,7 +35,7 @@ def shared():
 def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """Runs draw no `report.html`, and blank example panels, and pages lack the embedded pair, but in
     `with real_pictures():`; a page and two panels take ten times as long as a small run, that pair a hundred times."""
-    from robustflow import api  # not in the process that only deals tests out
+    from robustflow import api  # not in the process that only distributes tests
     from robustflow.report.site import embedded
     from robustflow.runner import panel
 

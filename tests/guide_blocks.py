@@ -1,7 +1,7 @@
 """The code blocks of the documentation, and how a reader would run them.
 
-A block in `python` or `bash` is run, in the order of its page, in a folder of its own; a comment on the line before it
-says otherwise:
+Blocks in `python` and `bash` are run in the order of their page, in a separate folder, unless a comment on the line
+before says otherwise:
 
     <!-- not run: WHY -->      it cannot be
     <!-- file: NAME -->        it is the content of a file of that name
@@ -46,13 +46,13 @@ class Block:
 
     @property
     def file(self) -> str:
-        """The file that this is; "" for none."""
+        """The name of the file that the block is; "" for none."""
         named = re.search(r"file: (\S+)", self.mark)
         return named[1] if named else ""
 
     @property
     def why_not(self) -> str:
-        """Why it is not run; "" where it is."""
+        """Why the block is not run; "" if it is."""
         reason = re.search(r"not run: (.+)", self.mark)
         return reason[1] if reason else ""
 
@@ -77,7 +77,7 @@ def pages() -> list[str]:
 
 
 class Reader:
-    """Somebody who follows pages in an empty folder, with two frames and a clip at hand.
+    """Follows pages in an empty folder, with two frames and a clip.
 
     Attributes:
         folder: where they are.
@@ -104,7 +104,7 @@ class Reader:
         for block in listed:
             if not block.runs:
                 continue
-            if block.file:  # all parts of it at once: Python reads a module once
+            if block.file:  # all parts at once, because Python reads a module only once
                 whole = "\n\n".join(part.code for part in listed if part.file == block.file)
                 (self.folder / block.file).write_text(whole, encoding="utf-8")
             elif block.language == "python":

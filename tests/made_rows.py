@@ -1,4 +1,4 @@
-"""Rows that a test writes by hand, with what follows from the others filled in, and runs of such rows."""
+"""Rows written by hand, with dependent columns filled in, and runs of such rows."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model
         ),
     )
     run.rows = rows
-    run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # what is kept with the folder is not about these rows
+    run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # other files of the folder are not about these rows
     return run
 
 

@@ -1,4 +1,4 @@
-"""Where the shared real data lies: `ROBUSTFLOW_SHARED`, else `../shared` beside the checkout."""
+"""Find the shared real data: `ROBUSTFLOW_SHARED`, else `../shared` beside the checkout."""
 
 from __future__ import annotations
 

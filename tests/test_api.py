@@ -1,4 +1,4 @@
-"""The package's root as a person meets it: completion, print, and progress that shows itself where somebody looks."""
+"""The package's root: completion, printing, and progress that is shown where it can be seen."""
 
 import os
 import pty

@@ -1,4 +1,5 @@
-"""The floors of the house (docs/design/architecture.md): contracts in pyproject.toml, checked by import-linter."""
+"""The floors of the architecture (docs/design/architecture.md): contracts in pyproject.toml, checked by
+import-linter."""
 
 from __future__ import annotations
 
@@ -49,7 +50,7 @@ def test_planted_violations_are_found(tmp_path):
 
 
 def test_no_test_module_imports_from_a_test_module():
-    """What several need is a fixture, or in a module that holds no test."""
+    """What several modules need is a fixture, or in a module without tests."""
     importing = re.compile(r"^\s*(?:from|import) (?:[\w.]*\.)?test_", re.MULTILINE)
     modules = (ROOT / "tests").rglob("*.py")
     assert [str(path) for path in modules if importing.search(path.read_text(encoding="utf-8"))] == []

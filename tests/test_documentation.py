@@ -1,4 +1,4 @@
-"""What the site is made of: the reference has every public name, pages are made from the code, notebooks run."""
+"""The documentation's sources: the reference has every public name, pages are made from the code, notebooks run."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_every_page_is_in_the_navigation():
 
 
 def test_bold_text_begins_with_two_asterisks_not_three():
-    """Three begin a strong emphasis that the two at its end do not close: one is then printed."""
+    """Three asterisks begin an emphasis that two do not close, so that one is printed."""
     texts = {path: path.read_text() for path in [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]}
     assert not [f"{path.name}: {found}" for path, text in texts.items() for found in re.findall(r"\*{3}.{20}", text)]
 

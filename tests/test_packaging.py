@@ -1,4 +1,4 @@
-"""What the package says of itself: pins that its extras resolve to, versions that agree, a wheel with every file."""
+"""The package's metadata: pins that its extras resolve to, versions that agree, a wheel with every file."""
 
 import os
 import re

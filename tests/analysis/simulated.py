@@ -1,4 +1,4 @@
-"""Rows of imaginary runs whose true means are known, and how often intervals and tests are right about them."""
+"""Rows of simulated runs with known true means, to count how often intervals and tests are right."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def rows_of(
 class Truth:
     """A population of images with errors like those of flow: positive, skewed, hard images hard everywhere.
 
-    `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, `within` is the share of the
-    variance of the logarithm that is the image's own, the rest is its sequence's.
+    `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, the image has the share `within`
+    of its variance and the sequence the rest.
     """
 
     spread: float = 0.5

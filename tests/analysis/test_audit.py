@@ -1,4 +1,4 @@
-"""The audit finds what does not fit in the published tables, finds what is planted, and nothing in what fits."""
+"""The audit finds the inconsistencies of the published tables and planted ones, and none in consistent tables."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_flowdiffuser_disagrees_in_both_settings():
 
 
 def test_both_numbers_are_given():
-    """One value of each kind, read off the paper's tables by hand."""
+    """One value of each kind, copied from the paper's tables by hand."""
     contrast = _of("cre", model="BrightFlow", corruption="contrast")[0]
     assert (contrast.given, round(contrast.recomputed, 2), round(contrast.tolerance, 3)) == (3.70, 0.20, 0.015)
     impossible = _of("bound", model="UPFlow", corruption="contrast")[0]
@@ -108,7 +108,7 @@ def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, st
 
 
 def _consistent(errors: dict[str, list[float]], decimals: int) -> dict[tuple[str, str, str], str]:
-    """A table as an honest author makes it: everything computed first, then rounded."""
+    """A consistent table: everything is computed first, then rounded."""
     out = {}
     for model, (clean, *epe) in errors.items():
         table = {("epe", CLEAN): clean}
@@ -203,7 +203,7 @@ def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
 
 
 def test_a_summary_without_its_parts_is_found(run, tmp_path):
-    """A whole part may be gone, or be a number that no float holds."""
+    """A whole part may be missing, or be a number too large for a float."""
     folder = _copy(run.path, tmp_path)
     summary = json.loads((folder / "summary.json").read_text())
     del summary["corruptions"]

@@ -1,4 +1,5 @@
-"""What runs over somebody's own frames conclude: with numbers of the run, the evidence, and no praise for the blind."""
+"""Conclusions from runs over a user's own frames: the run's numbers, the evidence, and no praise for a model that
+ignores its frames."""
 
 from __future__ import annotations
 
@@ -48,7 +49,7 @@ def runs(frames, tmp_path_factory) -> list[Result]:
 
 
 def _scenes(run: Result, worse: float, scenes: int, seed: int = 0) -> Result:
-    """The run again, as if over many independent scenes, its rows imaginary and without ground truth."""
+    """The run as if over many independent scenes, with made-up rows and without ground truth."""
     clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(scenes, int))
     moved = corrupted * worse
     rows = rows_of(clean, moved, moved)

@@ -1,4 +1,4 @@
-"""Intervals contain the truth as often as they say, and tests reject a true hypothesis as rarely as they say.
+"""Intervals contain the truth, and tests reject a true hypothesis, as often as they claim.
 
 The truth is known because the images are drawn from a known population. The quick cases guard against gross errors;
 the slow ones measure, with the acceptance limits of 93 to 97 percent.
@@ -46,7 +46,7 @@ def _rejections(truth: Truth, clusters: int, images: int, repeats: int, seed: in
         hard = truth.difficulty(rng, sizes)
         runs = []
         for shape in (8, 3):
-            # Equal means; the second is the more erratic, so that the differences are skewed.
+            # equal means; the second varies more, so that the differences are skewed
             clean = 2 * hard * rng.gamma(shape, 1 / shape, len(hard))
             corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(shape, 1 / shape, (len(hard), 3))
             runs.append(rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None))

@@ -1,4 +1,4 @@
-"""Models that change little because they do not look, or miss the motion, are not called robust."""
+"""Models that change little because they ignore their frames or miss the motion are not called robust."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_clean_error_at_half_of_zero_flows_is_excluded():
 
 
 def test_reason_on_small_motion_names_the_motion():
-    """An honest model is off by 0.2 px wherever it looks, which is more than half of a motion of 0.3 px."""
+    """A sound model is off by 0.2 px everywhere, which is more than half of a motion of 0.3 px."""
     (reason,) = reasons_from_rows(_rows(0.2, 0.1, motion=0.3))
     assert "motion this small cannot tell a sound model from one that predicts none: measure it on larger" in reason
     assert not reasons_from_rows(_rows(0.2, 0.1, motion=0.5))
@@ -128,7 +128,8 @@ def measured(tmp_path_factory):
 
 
 def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measured):
-    """The constant is near the pair's mean motion: its error is below half of zero flow's, and it still is blind."""
+    """The constant is near the pair's mean motion: its error is below half of zero flow's, though it ignores the
+    frames."""
     assert not exclusion_reasons(measured["dis"])
     assert measured["tenth"].cre < 0.3 * measured["dis"].cre
     assert "is not below half of the 34.34 px of zero flow" in exclusion_reasons(measured["tenth"])[0]
@@ -152,7 +153,7 @@ def test_compare_ranks_no_excluded_run_and_says_why(measured, capsys, format):
 
 
 def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(tmp_path):
-    """A tenth of a flow has a tenth of its RCRE; nothing but the other models can tell."""
+    """A tenth of a flow has a tenth of its RCRE, which only the other models reveal."""
     pair = TexturePairs(1, size=(128, 192), reach=9).load("0")
     for number, frame in enumerate(pair.frames):
         write_image(tmp_path / f"{number}.png", frame)
@@ -186,7 +187,7 @@ def test_a_lower_cre_is_not_a_verdict_without_the_accuracy():
 
 
 def test_many_models_are_compared_over_what_all_of_them_measured():
-    """One run has a third of the settings: no mean over three settings stands beside a mean over one."""
+    """One run has a third of the settings: a mean over three settings is not compared with a mean over one."""
     part = _rows(5.0, 2.0).filter(pl.col("corruption").is_in(["clean", "snow"]))
     lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part}, resamples=99)
     values = {}

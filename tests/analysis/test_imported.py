@@ -1,4 +1,4 @@
-"""Result files of the reference code and of FlowBench: what is read from them, and how a wrong one is refused."""
+"""Result files of the reference code and of FlowBench are read, and wrong ones refused."""
 
 import json
 import math
@@ -100,14 +100,14 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
     lines = read_imported(paths)
     assert {line.benchmark for line in lines} == {"FlowBench kitti-2015"}
     epe = values_of(lines, "epe")
-    assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884  # the later one, as its own reader has it
+    assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884  # the later one, as in FlowBench's own reader
     assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both have
     assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
     assert epe["own", "gma mine", "average"] == 30.0
     cre = values_of(lines, "cre")
     assert cre["LEAKED", "raft kitti", "snow"] == pytest.approx(40.424386 - 0.6433216004259884)
     assert not [key for key in cre if key[1] == "gma mine"]  # its clean error is not known
-    assert "gma kitti" not in [line.name for line in lines]  # clean frames say nothing of robustness
+    assert "gma kitti" not in [line.name for line in lines]  # clean frames say nothing about robustness
     assert len({line.frames for line in lines}) == 2
     assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in lines[0].frames
 

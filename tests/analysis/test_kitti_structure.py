@@ -1,4 +1,4 @@
-"""Intervals and tests on the very structure of the 80 evaluated pairs: which share a drive, and which do not say.
+"""Intervals and tests on the structure of the 80 evaluated pairs, some of which share a drive.
 
 `docs/design/uncertainty.md` has the figures; this prints them:
 
@@ -21,7 +21,7 @@ SPREAD = 0.5
 
 
 def _true_drives(unmapped: str) -> list[str]:
-    """A drive for each pair; those the table does not know are each a drive, fives of neighbours, or whole runs."""
+    """A drive for each pair; unmapped pairs are a drive each, fives of neighbours, or whole runs."""
     known, groups = drives("kitti2015"), drive_groups("kitti2015")
     of_unmapped = {
         "singles": lambda key: key,
@@ -79,7 +79,7 @@ def test_drives_as_groups_cover_more_than_pairs():
 @pytest.mark.slow
 @pytest.mark.parametrize("unmapped", ["singles", "fives", "runs"])
 def test_drives_as_groups_hold_the_level(unmapped):
-    """Whatever the drives of the pairs that the table does not know."""
+    """The statement holds for any drives of the unmapped pairs."""
     found = simulate(unmapped, 0.6, repeats=600)
     assert found["drives"][0] >= 90, found
     assert found["drives"][1] <= 7.5, found

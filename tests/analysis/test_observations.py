@@ -1,4 +1,4 @@
-"""The observations on the published data, and on made results whose verdicts are known beforehand."""
+"""The observations on the published data, and on made-up results with known verdicts."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_nothing_can_be_computed_from_nothing():
 
 
 def test_the_verdicts_turn_with_the_numbers():
-    """Accuracy and robustness go together, or against each other; dark is worse, or bright."""
+    """Accuracy and robustness correlate positively or negatively; dark frames are worse, or bright ones."""
     for sign, verdict in ((1, "holds"), (-1, "does not hold")):
         models = {
             ("own", f"m{i}"): {
@@ -168,7 +168,7 @@ def test_the_verdicts_turn_with_the_numbers():
 
 
 def test_own_models_can_be_described():
-    """A user who says what kind of method each model is gets the observations about kinds."""
+    """A user who states the kind of each model gets the observations about kinds."""
     known = {"encoder": "CNN", "decoder": "", "year": 2025, "source": "own"}
     methods = {
         name: Method(method=name, type=kind, **known)

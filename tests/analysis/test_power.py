@@ -21,7 +21,7 @@ DRIVES = [drive_groups("kitti2015")[key] for key in KEYS]
 
 
 def _simulated(effect: float, of_drive: float, of_pair: float, repeats: int = 20_000) -> tuple[np.ndarray, np.ndarray]:
-    """Mean differences of two models, of either sign, and their standard errors, for pairs in KITTI's drives."""
+    """Mean differences of two models and their standard errors, for pairs in KITTI's drives."""
     rng = np.random.default_rng(3)
     sizes = np.unique(DRIVES, return_counts=True)[1]
     signs = np.where(np.arange(repeats) % 2, effect, -effect)[:, None]

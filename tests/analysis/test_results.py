@@ -1,4 +1,4 @@
-"""Results files: what is read, and how a wrong one is refused."""
+"""Results files are read, and wrong ones refused."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Rows that were measured break no rule, whatever the model says; each rule catches the change it is for."""
+"""Measured rows break no rule, for any model; each rule catches the change that it is for."""
 
 from __future__ import annotations
 

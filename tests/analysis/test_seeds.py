@@ -24,7 +24,7 @@ IMAGES = 60
 
 
 def _runs(image: float, seed: float, noise: float, seeds: int, rng: np.random.Generator) -> dict[int, pl.DataFrame]:
-    """CRE = 5 + image + seed + noise; fog at 1 and 3 is what all have at several severities."""
+    """CRE = 5 + image + seed + noise; all have fog at severities 1 and 3."""
     clean, own = np.full(IMAGES, 1.0), rng.normal(0, image, IMAGES)
     runs = {}
     for number in range(seeds):
@@ -70,7 +70,7 @@ def test_a_split_is_the_analysis_of_variance_in_sums_of_squares():
 
 
 def test_the_errors_of_the_mean_add_up_to_what_the_mean_does():
-    """The mean over images and seeds of many such experiments spreads by what the split says."""
+    """The mean over images and seeds varies between experiments by what the split says."""
     rng = np.random.default_rng(2)
     means, said = [], []
     for _ in range(60):
@@ -120,7 +120,7 @@ def test_the_order_moves_with_the_condition():
 
 
 def test_seeds_on_the_command_line(tmp_path):
-    """A folder each, the same as single runs with those seeds; compare shows how the order of models moves."""
+    """Each seed has a folder equal to that of a single run; compare shows how the order of models changes."""
     cli, folders = CliRunner(), []
     common = ["--corruptions", "gaussian_noise", "--severities", "3", "--no-examples"]
     for model in ("dis", "farneback", "tiny"):

@@ -1,4 +1,4 @@
-"""Intervals and tests against formulas, against a naive loop, and in the cases at the edge."""
+"""Intervals and tests against formulas, against a naive loop, and in edge cases."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def test_no_interval_of_a_length_goes_below_zero():
 
 
 def test_how_few_are_enough_is_the_weight_of_resamples_without_spread():
-    """G of them draw one cluster alone, of G ** G."""
+    """G of the G ** G resamples draw a single cluster."""
     for clusters in range(2, 9):
         alone = clusters / clusters**clusters
         assert enough_clusters(clusters, 0.95) == (alone < 0.05)
@@ -285,7 +285,7 @@ def test_a_constant_shift_is_certain():
 
 
 def test_pairing_is_what_makes_it_sharp():
-    """A small gain on every image is found where the two means' own intervals overlap widely."""
+    """A small gain on every image is found although the intervals of the two means overlap widely."""
     rng = np.random.default_rng(3)
     clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
     better = corrupted * rng.uniform(0.9, 0.98, corrupted.shape)
@@ -350,13 +350,14 @@ def test_holm_against_its_definition(p_values):
     for rank, index in enumerate(order):
         steps = [min(1.0, (len(p_values) - j) * p_values[order[j]]) for j in range(rank + 1)]
         assert adjusted[index] == pytest.approx(max(steps))
-        # Never milder than the control of the false discovery rate, never harsher than Bonferroni.
+        # never milder than control of the false discovery rate, never stricter than Bonferroni
         assert adjusted[index] <= min(1.0, len(p_values) * p_values[index]) + 1e-12
     assert (np.array(adjusted) >= false_discovery_control(p_values) - 1e-9).all()
 
 
 def test_a_lower_cre_is_growth_of_the_error_and_only_rcre_is_change():
-    """DIS with N(0, 2 px) added to its flow: a lower CRE, for its error was large before, and four times the RCRE."""
+    """DIS with N(0, 2 px) added to its flow has a lower CRE, because its error was large before, and four times the
+    RCRE."""
     rng = np.random.default_rng(0)
     clean = rng.uniform(1, 2, 40)
     noisy = rows_of(3 * clean, 3 * clean[:, None] + rng.uniform(0.2, 0.4, (40, 3)), rng.uniform(3.5, 4, (40, 3)))

@@ -1,4 +1,4 @@
-"""One app for all tests of a process."""
+"""Fixtures: one app for all tests of a process."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The app as a process of its own, and a client that speaks to it over a real socket."""
+"""The app in a separate process, and a client that talks to it over a real socket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who is let in: hosts, origins, tokens, and what every answer says about itself."""
+"""Requests that are let in: hosts, origins, tokens; and the headers of every answer."""
 
 from __future__ import annotations
 
@@ -127,13 +127,13 @@ def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
 
 
 def test_half_sent_requests_do_not_shut_others_out(app):
-    """More of them than connections are allowed: they are closed, and the page is answered again."""
+    """More clients than allowed connections: they are closed, and the page is answered again."""
     host, port = app.host.split(":")
     sockets = [socket.create_connection((host, int(port)), timeout=60) for _ in range(70)]
     try:
         for one in sockets:
             one.sendall(b"GET / HTTP/1.1\r\nHost: ")
-        sockets[0].sendall(b"x")  # a byte now and then does not buy more time
+        sockets[0].sendall(b"x")  # sending a byte now and then does not extend the time
         closed = [one.recv(4096) for one in sockets]
         assert all(data == b"" or b" 503 " in data for data in closed)
         assert app.ask("GET", "/choices")[0] == 200
@@ -143,7 +143,7 @@ def test_half_sent_requests_do_not_shut_others_out(app):
 
 
 def _begin_preview(running: App, model: str) -> http.client.HTTPConnection:
-    """Ask for a preview whose answer is not waited for."""
+    """Request a preview without waiting for the answer."""
     connection = http.client.HTTPConnection(running.host, timeout=30)
     request = {"page": "p", "source": "demo", "index": 0, "model": model, "seed": 0}
     request |= {"layers": [{"name": "fog", "severity": 1}]}
@@ -164,7 +164,7 @@ def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path)
 
 @pytest.fixture
 def refusal(capsys, monkeypatch):
-    """What the command says that cannot serve: `refusal("--port", "70000")`."""
+    """The message of a command that cannot serve: `refusal("--port", "70000")`."""
 
     def start(*arguments: str) -> str:
         monkeypatch.setattr("sys.argv", ["robustflow", "app", "--no-browser", *arguments])

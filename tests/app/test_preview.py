@@ -1,4 +1,4 @@
-"""Looks: the numbers are those of the library, one prediction at a time, and only what is still wanted."""
+"""Previews: the numbers are those of the library; one prediction runs at a time, and only if it is still wanted."""
 
 from __future__ import annotations
 

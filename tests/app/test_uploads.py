@@ -1,4 +1,4 @@
-"""Uploads: read like files of the command line, limited, and never trusted."""
+"""Uploads are read like files of the command line, limited in size, and never trusted."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_every_pair_of_a_clip(app, tmp_path):
 
 
 def _claims(width: int, height: int) -> bytes:
-    """A PNG of a few bytes that says it is large."""
+    """A PNG of a few bytes that claims to be large."""
 
     def chunk(name: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))

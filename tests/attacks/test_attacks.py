@@ -169,7 +169,7 @@ def test_where_every_change_helps_the_model_the_clean_pair_is_the_best(name):
 
 
 def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
-    """The flow grows up to 0.6 grey levels, and a whole one shrinks it."""
+    """The flow grows up to a change of 0.6 grey levels, and shrinks at a whole one."""
     clean = torch.from_numpy(images_of(*random_pair()))
 
     def ridge(images1, images2):
@@ -245,7 +245,7 @@ def test_the_slope_of_a_loss_is_its_derivative(kind, agreeing):
     value, slope = loss.slope(flow)
 
     numbers = np.zeros_like(slope)
-    for at in np.ndindex(*flow.shape):  # the weight of CosPGD is held fixed
+    for at in np.ndindex(*flow.shape):  # the weight of CosPGD is kept constant
         step = np.zeros(flow.shape)
         step[at] = 1e-4
         ahead, behind = (plain._parts((flow + sign * step).astype(np.float64), False)[0] for sign in (1, -1))

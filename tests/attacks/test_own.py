@@ -1,4 +1,4 @@
-"""A user's own attack: what is asked of it, what is part of a run's identity, and what the checker finds."""
+"""A user's own attack: its contract, its part in a run's identity, and what the checker finds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FRAMES = [np.random.default_rng(number).integers(0, 256, (24, 32, 3), np.uint8) 
 
 
 class Noise:
-    """Signs at random, the best of a few."""
+    """The best of a few random signs."""
 
     needs_gradients = False
 

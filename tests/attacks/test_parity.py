@@ -199,7 +199,7 @@ def _pcfa(pack: Pack, net: str, model, case: dict, reversed_colours: bool) -> tu
     asked = search.objective
 
     def noted(keep: bool = False) -> float:
-        objectives.extend([value := asked(keep)] * (1 + keep))  # the original asks once more where LBFGS begins
+        objectives.extend([value := asked(keep)] * (1 + keep))  # the original evaluates the start of LBFGS once more
         return value
 
     search.objective = noted

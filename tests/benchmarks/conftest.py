@@ -9,7 +9,7 @@ import robustflow as rf
 
 
 def make_kitti(root, pairs: int) -> None:
-    """A folder as KITTI-2015 is distributed, of photographs that move by (3, 1)."""
+    """A folder in KITTI 2015's layout, with photographs that move by (3, 1)."""
     texture = data.astronaut()
     for folder in ("image_2", "flow_occ", "flow_noc"):
         (root / "training" / folder).mkdir(parents=True)

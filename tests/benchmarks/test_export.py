@@ -1,4 +1,4 @@
-"""Corrupted benchmarks as files: written, continued, and read back to the same rows."""
+"""Corrupted benchmarks are written as files, continued, and read back with the same rows."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,4 +1,4 @@
-"""A real browser: Debian's chromium through Playwright, with the network watched and the console listened to."""
+"""A real browser: Debian's chromium through Playwright, with its network and console recorded."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _QUIET = (
 
 @dataclass
 class Visit:
-    """A page, what it asked for and what it complained about."""
+    """A page, its requests and its console messages."""
 
     page: Page
     requests: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""axe-core on every view of the pages, in light and dark: nothing serious, nothing critical."""
+"""axe-core finds nothing serious or critical in any view of the pages, light or dark."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The app's page in a real browser: the demo pair, uploads, keys and clicks, and what a screen reader meets."""
+"""The app's page in a real browser: the demo pair, uploads, keyboard, clicks, and accessibility."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.browser
 pytest.importorskip("starlette", reason="the app extra is not installed")
 api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
 expect = api.expect
-expect.set_options(timeout=60_000)  # a guard against hanging, not a measure
+expect.set_options(timeout=60_000)  # only a guard against hanging
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,8 @@ def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, tmp_path):
 
 
 def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
-    """The second model's numbers are those it has alone, and the picture that is saved is as tall as what it holds."""
+    """The second model's numbers are the same as without the first, and the saved picture is as tall as its
+    contents."""
     seen = opened()
     page = seen.page
     alone = _number(page, "epe")

@@ -1,4 +1,4 @@
-"""The documentation site as it is built: no warning, nothing from elsewhere, readable by everybody on any screen."""
+"""The documentation site is built without warnings, loads nothing from elsewhere, and is readable on any screen."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""The pages in a real browser, opened from disk: everything works by pointer and by keyboard, nothing is fetched."""
+"""The pages in a real browser, opened from disk: everything works by pointer and keyboard, nothing is fetched."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def opened(visit, pages):
-    """Open a page and check, when the test is over, that nothing was asked for and nothing complained."""
+    """Open a page and check, after the test, that it made no request and printed no error."""
     seen = []
 
     def go(name: str, state: str = "", **options):
@@ -121,7 +121,7 @@ def test_a_phone_shows_model_epe_and_cre_and_the_column_it_sorts_by(opened):
 
 
 def test_words_and_legends_are_whole_on_a_phone(opened):
-    """No word of a table is broken inside, and no legend reaches beyond the screen."""
+    """No word of a table is broken, and no legend extends beyond the screen."""
     page = opened("report", width=390, height=844)
     broken = page.locator("article:visible th[scope=row]").evaluate_all(
         """cells => cells.filter((cell) => cell.textContent.split(" ").some((word) => {

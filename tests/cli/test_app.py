@@ -1,4 +1,4 @@
-"""`robustflow app` where it cannot start; what it does where it can is in tests/app."""
+"""`robustflow app` when it cannot start; the rest is in tests/app."""
 
 from robustflow import extras
 

@@ -1,4 +1,4 @@
-"""Completion in the shell, asked for as a shell asks."""
+"""Shell completion, requested as a shell does."""
 
 import pytest
 from typer.testing import CliRunner

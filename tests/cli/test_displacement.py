@@ -1,4 +1,5 @@
-"""`displacement`: the embedded pair's is its disparity, and a run keeps that of its own frames."""
+"""`displacement`: the embedded pair's histogram is that of its disparity, and a run keeps the histogram of its
+frames."""
 
 from pathlib import Path
 

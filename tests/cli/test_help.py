@@ -1,4 +1,4 @@
-"""Help says what it was written to say: rich takes "[words]" for markup and would leave them out."""
+"""Help prints its texts in full: rich would treat "[words]" as markup and drop them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`robustflow optics` as a person meets it."""
+"""`robustflow optics` on the command line."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`robustflow predict`: what is written is what the model says."""
+"""`robustflow predict` writes what the model predicts."""
 
 import av
 import numpy as np

@@ -39,7 +39,7 @@ def test_pack_and_verify(robustflow, records):
 
 
 def test_predictions_are_made_again(robustflow, records):
-    """A record of DIS is DIS's; of Farneback's rows it is not, whatever the frames."""
+    """A record of DIS verifies with DIS and not with Farneback, on the same frames."""
     code, out, _ = robustflow("verify", records[0], "--model", "dis")
     assert code == 0
     assert "3 of 3 rows" in out

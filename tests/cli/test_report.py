@@ -50,8 +50,8 @@ def test_the_table_row_is_a_line_of_latex_per_run(robustflow, runs):
 
 
 def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
-    """Two runs leave every observation open: shown where asked for, left out among all tables. Farneback, which misses
-    most of the pair's motion, is in none, and a remark says so."""
+    """Two runs are too few for any observation: the table is shown on request and left out of all tables. Farneback
+    misses most of the pair's motion and is in none, and a remark says so."""
     code, out, _ = robustflow("report", *runs, "--published", "--table", "observations,effective", "-f", "markdown")
     assert code == 0
     assert "Left out of trends and correlations: Farneback, because its clean EPE of 25.52 px is not below half" in out
@@ -68,7 +68,8 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
 
 
 def test_only_own_figures_beside_the_published_tables(robustflow, runs):
-    """Of DIS alone, as Farneback is excluded: no figure and no trend is the paper's, and one class is no bar chart."""
+    """Only DIS, as Farneback is excluded: no figure needs the paper, no trend is possible, and one class makes no bar
+    chart."""
     code, out, _ = robustflow(
         "report", *runs, "--published", "--only-own", "-t", "epe", "-f", "csv", "--figures", "figures"
     )
@@ -177,7 +178,7 @@ def test_power_of_what_has_no_variance_is_one_line(robustflow, runs):
 
 
 def test_many_are_compared_in_a_line_each(robustflow, runs):
-    third = (*runs, runs[0])  # the same run twice: told apart by a number
+    third = (*runs, runs[0])  # the same run twice: distinguished by a number
     code, out, _ = robustflow("compare", *third, "--metric", "epe", "--format", "csv")
     assert code == 0
     first, same, _ = csv.DictReader(io.StringIO(out))

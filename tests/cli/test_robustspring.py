@@ -1,4 +1,4 @@
-"""A run's model on RobustSpring's frames, as its server wants the flows."""
+"""A run's model on RobustSpring's frames, with flows in the server's layout."""
 
 import shutil
 from pathlib import Path
@@ -101,8 +101,8 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
 
 
 def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, run, frames):
-    """`compute_flow_errors` of cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline; of flows
-    that are there, long ones and ones that move far, so that Fl's two bounds and 1px are told apart."""
+    """`compute_flow_errors` of cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline; of existing
+    flows, some long and some changing much, so that Fl's two bounds and 1px differ."""
     command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission")
     assert robustflow(*command)[0] == 0
     rng = np.random.default_rng(0)

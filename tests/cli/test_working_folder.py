@@ -1,5 +1,5 @@
-"""The working folder may come from anyone: nothing in it is run, or changes a number or a figure, because a command was
-started there."""
+"""The working folder may come from anyone: starting a command there neither runs anything in it nor lets it change a
+number or a figure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str
 
 
 class Place:
-    """A folder with a decoy of every module that could be imported, which leaves its name when it is run.
+    """A folder with a decoy of every module that could be imported; each records its name when it is run.
 
     Args:
         root: the parent of the working folder, `here`, and of everything else.
@@ -222,14 +222,14 @@ def _check_groups(tmp_path, monkeypatch):
     (tmp_path / "shared").chmod(0o770)
     compiled._check_folder.__wrapped__(tmp_path / "shared")
     monkeypatch.setattr(compiled, "_is_private", lambda group: False)
-    compiled._check_folder.__wrapped__(tmp_path / "shared")  # nobody else comes as far as this
+    compiled._check_folder.__wrapped__(tmp_path / "shared")  # no other command comes this far
     tmp_path.chmod(0o711)
     with pytest.raises(UsageError, match="others can write"):
         compiled._check_folder.__wrapped__(tmp_path / "shared")
 
 
 def _draw(folder: Path) -> tuple[str, str]:
-    """Draw a figure as a command in a folder would; returns what is printed and said."""
+    """Draw a figure as a command in a folder would; returns its output and messages."""
     script = (
         "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
         "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"

@@ -1,4 +1,4 @@
-"""What an alias table leads to."""
+"""Helpers for alias tables."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A corruption as a user writes it: rain, whose depth is in a module beside it."""
+"""A corruption as a user writes it: rain, with a parameter in a second module."""
 
 import textwrap
 

@@ -1,4 +1,4 @@
-"""Alias tables return every outcome exactly as often as asked; distributions agree with scipy's."""
+"""Alias tables return every outcome exactly as often as requested; distributions agree with SciPy's."""
 
 from decimal import Decimal
 

@@ -1,4 +1,4 @@
-"""The disk sums against direct convolution with the kernel as the reference code builds it."""
+"""The disk sums against direct convolution with the reference code's kernel."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What every registered corruption of image pairs promises, on frames of many sizes."""
+"""The contract of every registered corruption of image pairs, on frames of many sizes."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +21,7 @@ every_corruption = pytest.mark.parametrize("name", NAMES)
 
 
 def corrupted(*args, **options):
-    """As `corrupt`, with depth; skips where textures or lenses are neither there nor to be fetched."""
+    """Like `corrupt`, with depth; skips if textures or lenses are missing and cannot be fetched."""
     try:
         return corrupt(*args, **options, depth=scene(*args[0].shape[:2]))
     except AssetError as error:
@@ -111,7 +111,9 @@ def test_keys_seeds_and_severities_change_what_is_drawn(name):
         return
     keys = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, key=str(key))) for key in range(12)}
     seeds = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, seed=seed)) for seed in range(12)}
-    least = 2 if name.endswith("exposure") else 9  # a coin has two sides; close directions of a blur meet
+    least = (
+        2 if name.endswith("exposure") else 9
+    )  # a coin has only two sides; similar directions of a blur may coincide
     assert len(keys) >= least
     assert len(seeds) >= least
 

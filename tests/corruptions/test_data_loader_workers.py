@@ -1,7 +1,7 @@
 """Every corruption inside the workers of a torch DataLoader, after torch and OpenCV worked with threads in the parent.
 
-A thread pool does not survive a fork: a worker that touches one waits for ever, so each case runs in a process of its
-own, against the clock.
+A thread pool does not survive a fork: a worker that uses one waits for ever, so each case runs in a separate process
+with a time limit.
 """
 
 import os

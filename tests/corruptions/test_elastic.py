@@ -38,7 +38,7 @@ def test_the_field_is_blurred_noise(shape, sigmas):
     rng = Rng.of("field", *shape)
     expected = 10 * gaussian_filter(noise_of(rng, *shape), sigmas, mode="reflect", truncate=3)
     got = rows_of(smooth_field(rng, shape, sigmas, 10.0), *shape)
-    # the kernel is cut where it is still 0.011 high, and interpolation smooths that step
+    # the kernel is cut off at 0.011 of its height, and interpolation smooths that step
     assert np.sqrt(np.mean((got - expected) ** 2)) < 0.01 * expected.std()
 
 

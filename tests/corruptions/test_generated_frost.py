@@ -1,4 +1,4 @@
-"""Frost without photographs: the textures, and that the README's first command asks the network for nothing."""
+"""Frost without photographs: the textures, and that the README's first command does not use the network."""
 
 import hashlib
 import os
@@ -41,7 +41,7 @@ main()
 
 @pytest.fixture
 def no_photographs(monkeypatch, tmp_path):
-    """A machine without the photographs; whoever asks for one is refused, also where other tests had them."""
+    """A machine without the photographs: every request for one fails, even if other tests had them."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     photograph.cache_clear()
 
@@ -70,7 +70,7 @@ def test_a_leaderboard_without_runs_needs_no_network(tmp_path):
 
 
 def test_what_is_refused_offline_would_be_noticed(tmp_path):
-    """The guard above refuses what fetches: the same corruption of the user's own frames, with the photographs."""
+    """The guard above works: the same corruption on a user's frames needs the photographs and is refused."""
     for name, frame in zip(("a.png", "b.png"), load_benchmark("demo").dataset.load("motorcycle").frames, strict=True):
         write_image(tmp_path / name, frame[:64, :64])
     done = offline(tmp_path, "corrupt", "a.png", "b.png", "-c", "frost", "-s", "1")

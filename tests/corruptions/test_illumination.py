@@ -46,7 +46,7 @@ def test_hsv_round_trip(name, severity):
 
 @pytest.mark.parametrize("name", EXPOSURES)
 def test_last_bit_of_the_exposure_factor_decides_no_byte(name):
-    """2**ev comes from libm: moving it by a part in 10**12 changes nothing, unless the factor is a power of two."""
+    """2**ev comes from libm: changing it by one part in 10**12 changes no byte, unless the factor is a power of two."""
     for parameter in load_corruption(name).severities[:4]:
         value = np.arange(256.0)
         changed = np.minimum(value * 2.0**parameter, 255.0)

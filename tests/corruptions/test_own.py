@@ -1,4 +1,4 @@
-"""A user's own corruption: from a module, a class or an object; checked, named, and known by its source."""
+"""A user's own corruption, from a module, a class or an object: checked, named, and identified by its source."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Veil:
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A module of the user's and one that it imports, in the folder the command runs in."""
+    """A user's module and one that it imports, in the folder where the command runs."""
     (tmp_path / "rain_module.py").write_text(RAIN)
     (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
     monkeypatch.chdir(tmp_path)
@@ -70,7 +70,7 @@ def test_it_stands_in_stacks(package):
 
 @pytest.mark.parametrize("name", ["os:system", "fog:x", "rain_module:Rain"])
 def test_reading_a_name_imports_nothing(package, name):
-    """Names in run folders and records are anybody's."""
+    """Names in run folders and records may come from anyone."""
     for read in (parse_stack, load_corruption):
         with pytest.raises(UsageError):
             read(name)

@@ -1,5 +1,5 @@
-"""The numbers of the paper's appendix "Corruption Details", copied by hand: no test that asks the class for its own
-parameters would notice another one."""
+"""The numbers of the paper's appendix "Corruption Details", copied by hand, because tests that use the class's own
+parameters would not notice a wrong one."""
 
 import io
 

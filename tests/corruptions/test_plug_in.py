@@ -1,4 +1,4 @@
-"""A corruption of an installed package: by name, without a line in this one, its source part of the identity."""
+"""A corruption of an installed package: found by name, without a line in this one, with its source in the identity."""
 
 import os
 import subprocess

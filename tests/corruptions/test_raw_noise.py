@@ -1,4 +1,4 @@
-"""RAW noise: the sensor's statistics, the way there and back, and each step against an independent reference."""
+"""RAW noise: the sensor's statistics, the round trip, and each step against an independent reference."""
 
 import numpy as np
 import pytest

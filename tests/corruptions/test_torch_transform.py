@@ -76,7 +76,7 @@ def test_what_is_not_an_image_is_refused(tensors, says):
 
 
 class Same(Dataset):
-    """One flat image, again and again: whatever differs was drawn apart."""
+    """One flat image many times: any difference comes from a separate draw."""
 
     def __init__(self, keyed):
         self.keyed = keyed

@@ -1,4 +1,4 @@
-"""Frost: where the textures come from, and how they are laid over a frame."""
+"""Frost: the sources of the textures, and how they are laid over a frame."""
 
 import hashlib
 import os
@@ -54,7 +54,7 @@ def wheel_of(folder, path, tamper=None):
 
 @pytest.fixture
 def pip(monkeypatch, invented):
-    """Stands in for pip: puts a wheel of the invented textures into the folder it is told."""
+    """Takes pip's place: writes a wheel of made-up textures into the given folder."""
     calls = []
 
     def download(command, **_):

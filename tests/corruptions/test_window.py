@@ -1,4 +1,4 @@
-"""A clip around a pair: one draw, the pair's bytes, and frames before it that are frames like any other."""
+"""A clip around a pair: one draw, the same bytes for the pair, and frames before it."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ EVERY_SECOND_FRAME = {"over_exposure", "under_exposure"}
 
 
 def window(frames, name, severity, **options):
-    """The corrupted frames; skips where textures or lenses are neither there nor to be fetched."""
+    """The corrupted frames; skips if textures or lenses are missing and cannot be fetched."""
     try:
         return list(corrupt_clip(frames, name, severity, **options))
     except AssetError as error:

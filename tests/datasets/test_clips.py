@@ -1,4 +1,4 @@
-"""The frames around a pair, in every data set that has them."""
+"""Frames around a pair, in every data set that has them."""
 
 import pickle
 
@@ -128,7 +128,7 @@ def test_pairs_alone_have_no_clips(tmp_path):
 
 
 def test_real_video(shared):
-    """A key frame apart, backwards and forwards: the frames around a pair are those that the pairs themselves show."""
+    """The frames around a pair are the key frames of the neighbouring pairs, backwards and forwards."""
     for path in sorted(shared("data", "video").glob("*.m*"))[:2]:
         dataset = load_dataset("folder", path)
         keys = dataset.keys()

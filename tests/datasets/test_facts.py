@@ -1,4 +1,4 @@
-"""Facts as data: each built-in data set and benchmark states them once, and unknown names give neutral ones."""
+"""Facts: each built-in data set and benchmark states them once, and unknown names give neutral ones."""
 
 import sys
 

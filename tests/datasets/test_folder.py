@@ -1,4 +1,4 @@
-"""The user's own frames: pictures, folders of pictures, videos."""
+"""A user's own frames: pictures, folders of pictures, videos."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_a_video_cut_short_is_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
-    """Plain decoding hides it: a changed byte is concealed with what was there before."""
+    """Default decoding hides a changed byte by concealing it with earlier content."""
     write_video(tmp_path / "a.mp4", 30, 10, crf="5")
     whole, expected = (tmp_path / "a.mp4").read_bytes(), decoded(tmp_path / "a.mp4")
     start, changed, taken = whole.index(b"mdat") + 900, 0, 0
@@ -173,7 +173,7 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_playlist_under_another_name_is_not_a_video(tmp_path: Path) -> None:
-    """FFmpeg looks at contents: this text would be read as a list of files, whatever it is called."""
+    """FFmpeg looks at contents: it would read this text as a list of files, whatever its name."""
     write_video(tmp_path / "secret.mp4", 20, 6)
     (tmp_path / "clip.mp4").write_text("ffconcat version 1.0\nfile secret.mp4\n")
     with av.open(str(tmp_path / "clip.mp4"), options={"safe": "0"}) as container:

@@ -1,4 +1,4 @@
-"""The table of drives against what is known of it, and rows that were written before there was one."""
+"""The table of drives against what is known about it."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""KITTI's multi-view extension and raw data: which pairs there are, and what a wrong folder is told."""
+"""KITTI's multi-view extension and raw data: their pairs, and the messages for a wrong folder."""
 
 from __future__ import annotations
 

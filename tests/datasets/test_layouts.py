@@ -1,4 +1,4 @@
-"""Every reader on a small folder in the dataset's own layout: which files go together, and what is refused."""
+"""Every reader on a small folder in the data set's own layout: which files belong together, and what is refused."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def refused(name: str, root: Path, match: str, **options: object) -> None:
 
 
 def check(dataset: Dataset, key: str, first: Path, second: Path, truth: Path | None) -> None:
-    """The sample holds exactly these files' contents, and says so."""
+    """The sample has exactly the contents of these files, and lists them."""
     sample = dataset.load(key)
     np.testing.assert_array_equal(sample.frames[0], read_image(first))
     np.testing.assert_array_equal(sample.frames[1], read_image(second))

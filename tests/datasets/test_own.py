@@ -1,4 +1,4 @@
-"""A user's own data set and benchmark: checked before anything runs, and known by their source."""
+"""A user's own data set and benchmark are checked before anything runs, and identified by their source."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The readers on real data: the statistics its manifest lists, computed from what the readers return."""
+"""The readers on real data give the statistics that its manifest lists."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_statistics_of_the_manifest(row: Row) -> None:
     flow, valid = sample.flow, sample.valid
     if row.truth.startswith("flow_noc") and sample.occluded is not None:
         noc = MANIFEST.parent / row.folder / "training" / row.truth.split(" ")[0]
-        flow, valid = read_flow(noc)  # KITTI 2012 holds other values there than in occ
+        flow, valid = read_flow(noc)  # KITTI 2012 has different values there than in occ
         np.testing.assert_array_equal(valid & sample.valid, sample.valid & ~sample.occluded)
     magnitude = np.hypot(*np.moveaxis(flow[valid].astype(float), -1, 0))
     assert valid.mean() == pytest.approx(row.valid, abs=0.00051)

@@ -1,4 +1,4 @@
-"""Splits do not depend on order, and refuse what they cannot mean."""
+"""Splits do not depend on order, and invalid ones are refused."""
 
 from __future__ import annotations
 

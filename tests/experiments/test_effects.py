@@ -1,4 +1,4 @@
-"""Differences between ways of training: their intervals cover as they say, and only what was planned is compared."""
+"""Differences between ways of training: their intervals cover as claimed, and only planned comparisons are made."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_few_pairs_or_seeds_have_no_interval():
 
 
 def made_runs(seeds: int, changes: dict[str, float], clean: float = 1.0) -> dict[tuple[str, str, int], Any]:
-    """Runs whose errors under noise and weather differ from those of plain training by an arm's `changes`."""
+    """Runs whose errors under noise and weather differ from plain training's by `changes` of an arm."""
     rng = np.random.default_rng(0)
     runs: dict[tuple[str, str, int], Any] = {}
     for seed in range(seeds):

@@ -1,4 +1,4 @@
-"""After the tests, the worst deviation of every corruption."""
+"""Prints the worst deviation of every corruption after the tests."""
 
 from __future__ import annotations
 

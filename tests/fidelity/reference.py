@@ -1,4 +1,4 @@
-"""The reference folder: its frames, its pictures, its numbers. All it knows of the pair comes from the folder."""
+"""The reference folder: its frames, pictures and numbers."""
 
 import json
 from functools import cache
@@ -62,7 +62,7 @@ def ours(name):
 
 
 def corrupted(corruption, rng, severity, adjust=lambda state: state):
-    """The clean pair, whole, corrupted; skips where an asset is neither there nor to be fetched."""
+    """The whole clean pair, corrupted; skips if an asset is missing and cannot be fetched."""
     frames = clean()
     try:
         state = adjust(corruption.draw(rng, severity, frames[0].shape[:2]))

@@ -1,4 +1,4 @@
-"""The statistics by which a corrupted pair is compared with the reference's, in our own words.
+"""The statistics by which a corrupted pair is compared with the reference's.
 
 Definitions are those of the reference folder's README: PSNR and SSIM against the clean frame, per-channel mean and
 standard deviation, mean gradient, share of black and white samples, correlation of the residuals of the two frames,

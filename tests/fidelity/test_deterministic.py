@@ -1,4 +1,4 @@
-"""Every picture of every corruption that draws nothing (or only which frame), pixel by pixel."""
+"""Every picture of every corruption without random choices (or only that of the frame), pixel by pixel."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,8 @@ def test_pictures(name, key, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("deterministic"))
 def test_whole_frames(name, key):
-    """Outside the crop too: means and spreads differ by no more than one grey level everywhere would make them."""
+    """Outside the crop, too: means and standard deviations differ by no more than one grey level at every pixel would
+    cause."""
     level, _, exposed = key.partition("_idx")
 
     def expose(state):

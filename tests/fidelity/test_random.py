@@ -1,4 +1,4 @@
-"""Corruptions that draw: the mean of every statistic over our seeds against the reference's over sixteen of its own.
+"""Random corruptions: the mean of every statistic over our seeds against the reference's over its sixteen seeds.
 
 The test is the one that the reference folder suggests: means may differ by four standard errors and a floor. Exceptions
 are those that it names and gives the cause of: glass blur's share of white samples (the reference floors 254.999..)
@@ -20,7 +20,7 @@ QUICK_SEEDS, SEEDS = 5, 16
 
 
 def tolerance_floor(name, statistic):
-    """What a statistic may differ by whatever the spread; None where it is not compared."""
+    """Floor of a statistic's tolerance; None if it is not compared."""
     kind = statistic.split("_")[0]
     if name == "glass_blur" and kind == "frac255":
         return None

@@ -1,4 +1,5 @@
-"""Files that are cut short, lie about their size, or are something else: one line, and nothing allocated."""
+"""Files that are cut short, claim a wrong size, or are something else are refused in one line, before anything is
+allocated."""
 
 from __future__ import annotations
 

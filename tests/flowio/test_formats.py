@@ -1,4 +1,4 @@
-"""Every format gives back what was written, and agrees with a reader that is not ours."""
+"""Every format reads back what was written, and agrees with an independent reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damage that decoders pass over is refused wherever the format shows it."""
+"""Damage that decoders ignore is refused wherever the format reveals it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
 def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
-    """Pillow alone reads all of these that keep their markers, with other pixels."""
+    """Pillow reads all of those that keep their markers, with wrong pixels."""
     path, whole = tmp_path / "a.jpg", encoded("JPEG", quality=90, **options)
     path.write_bytes(whole)
     assert read_image(path).shape == PICTURE.shape

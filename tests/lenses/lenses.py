@@ -1,4 +1,4 @@
-"""Textbook lenses for the tests, written down here and nowhere else."""
+"""Textbook lenses for the tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures: they show what they should, and come out as the files asked for."""
+"""Figures show what they should, and are written as the requested files."""
 
 import numpy as np
 import pytest

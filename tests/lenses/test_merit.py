@@ -1,4 +1,4 @@
-"""The merit function's statistics against those of rendered PSFs, and its residuals against what they say."""
+"""The merit function's statistics against those of rendered PSFs, and its residuals against their definitions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_ray_statistics_are_those_of_the_rendered_psf(severity):
         sx, sy, weight = (np.stack([colour[part] for colour in rays]) for part in range(3))
         t, re, s, rms, mean = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5)), np.empty(3), np.empty(3)
         blur_statistics(sx, sy, weight, t, re, s, rms, mean)
-        # at the highest frequency the pixels' sampling aliases, which rays know nothing of
+        # at the highest frequency the pixels' sampling aliases, which rays do not show
         for frequency, tolerance in enumerate((0.02, 0.02, 0.02, 0.03, 0.06)):
             assert t[:, frequency] == pytest.approx(tangential[row, :, frequency], abs=tolerance)
             assert s[:, frequency] == pytest.approx(sagittal[row, :, frequency], abs=tolerance)
@@ -72,7 +72,7 @@ def _singlet(bend: float):
 
 
 def test_thin_glass_and_short_gaps_cost():
-    """Each limit, violated alone, adds residuals; what can be made adds none."""
+    """Violating a single limit adds residuals; a lens that can be made adds none."""
     _, goal = goal_of(2)
     structure, free = _singlet(1.2)
     index = structure.indices(SAMPLES)

@@ -1,4 +1,4 @@
-"""The search: named by its seed, ended by its counts, and better for every stage."""
+"""The search is determined by its seed, ends by its counts, and improves in every stage."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The metrics once more, as plain Python loops over float64 pixels, written from their definitions."""
+"""The metrics as plain Python loops over float64 pixels, written from their definitions."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a model raises reaches a person with the place where it happened."""
+"""Whatever a model raises is reported with the place where it happened."""
 
 import signal
 import subprocess
@@ -33,7 +33,7 @@ def test_the_sample_is_named(error, says):
 
 
 class _OnAGpu:
-    """Answers NumPy as a tensor does that lies on a GPU, or that gradients flow through."""
+    """Behaves towards NumPy like a tensor on a GPU, or one that requires gradients."""
 
     def __array__(self, *args, **kwargs):
         raise TypeError("can't convert cuda:0 device type tensor to numpy.")

@@ -1,4 +1,4 @@
-"""Every network that a GPU gets in batches: a pair's flow is the one it has alone, whatever else is in the batch.
+"""Every network that a GPU runs in batches: a pair's flow does not depend on the rest of the batch.
 
 On the CPU `predict_batch` goes pair by pair, so these tests call `run`, the single call of the network that a GPU gets.
 """
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.torch
 
 NAMES = (*BATCHED, *NETWORKS, "raft_large", "raft_small", "tiny", "tiny_no_weather", "tiny_all")
 PAIR_BY_PAIR = {"flowformer", "onnx", "torch_export", "farneback", "dis", "dis_rgb", "precomputed", *CLIPS}
-"""Registered models that are not networks or get one pair at a time, files of a user's own unless they declare more."""
+"""Registered models that are not networks or get one pair at a time."""
 LARGE = ("samflow_b", "samflow_h")
 SIZES, SMALLER = ((128, 136), (125, 187)), ((64, 72), (61, 93))
 WITHOUT_RAFTS_LIMIT = ("flowformer_pp", *NETWORKS)

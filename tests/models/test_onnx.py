@@ -1,4 +1,4 @@
-"""ONNX files: colours, range, padding and every way in, proved on networks whose flow is known; and hostile files."""
+"""ONNX files: colours, range, padding and every layout, on networks with known flow; and hostile files."""
 
 import hashlib
 import os
@@ -61,7 +61,7 @@ def test_every_way_in_and_out(tmp_path, layout, channels_last):
     [((13, 19), 8, None), ((16, 24), 8, None), ((5, 9), 1, None), ((13, 19), 8, (20, 31))],
 )
 def test_the_border_is_repeated_and_cropped(tmp_path, size, multiple, fixed):
-    """The network turns its input around, so that the crop shows what was padded."""
+    """The network flips its input, so that the crop shows what was padded."""
     first, second = frames(*size)
     model = network(tmp_path, {"scaling": "0-255", "multiple": multiple}, flip=True, size=fixed or ("h", "w"))
     height, width = size

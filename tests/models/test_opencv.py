@@ -1,4 +1,4 @@
-"""The OpenCV methods, on motion that is known."""
+"""The OpenCV methods on known motion."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What an option of a model must be: numbers and truth values that came as text are not taken for one another."""
+"""Options of models: numbers and truth values given as text are not confused."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A missing file or checkpoint is said before anything heavy is imported."""
+"""A missing file or checkpoint is reported before anything heavy is imported."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What a model has seen decides what its numbers are worth; nothing is guessed."""
+"""A model's training sets decide its setting; nothing is guessed."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _on_kitti(sets: str, keys: list[str], **protocol: str) -> Provenance:
 
 
 def test_in_domain_is_granted_by_the_evaluated_pairs():
-    """Everything here was "ID" by name alone."""
+    """All of these were "ID" by their names."""
     evaluation, training = kitti_split([f"{number:06d}" for number in range(200)])
     assert _on_kitti("K:train", evaluation).setting == "ID"
     leaked = _on_kitti("K:train", [*evaluation[:3], training[0]])  # a --split with one pair of the training part
@@ -183,13 +183,13 @@ def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
         options = (("preset", "ultrafast"), *((("trained_on", declared),) if declared else ()))
         spec = ModelSpec("robustflow.models.opencv:Dis", options)
         runs.append(rf.evaluate(spec, output=tmp_path / "run", corruptions=["contrast"], severities=[1]))
-    # a model of the user's, by module and attribute, though this one says that it is called dis
+    # a user's model by module and attribute, though it calls itself dis
     assert {run.manifest.identity_digest for run in runs} == {runs[0].manifest.identity_digest}
     assert runs[2].rows.equals(runs[0].rows)
 
 
 class Mine(BrightnessFlow):
-    """Says itself what it was trained on."""
+    """Declares what it was trained on."""
 
     trained_on = "C+T>M:train"
 

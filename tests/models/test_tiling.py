@@ -1,4 +1,4 @@
-"""Tiles: where they lie, how they are blended, and that a model's tiles are the frames' pixels."""
+"""Tiles: their positions, their blending, and that a model's tiles are pixels of the frames."""
 
 import json
 from itertools import pairwise
@@ -25,7 +25,7 @@ class Counting:
 
 
 def position_frames(height, width):
-    """Frames whose pixels say where they are."""
+    """Frames whose pixels encode their positions."""
     y, x = np.mgrid[:height, :width]
     frame1 = np.stack((y % 256, x % 256, x // 256), axis=-1).astype(np.uint8)
     return frame1, 255 - frame1
@@ -67,7 +67,7 @@ def test_a_tile_is_the_frames_pixels_and_black_beyond_them():
 
 
 def test_blend_is_the_weighted_mean():
-    """Against a loop over pixels, whose weights are scaled so that the largest is 1."""
+    """The blend equals a loop over pixels with weights scaled so that the largest is 1."""
     flows = np.random.default_rng(0).normal(0, 5, (4, 40, 48, 2)).astype(np.float32)
 
     class Stored:

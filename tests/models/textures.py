@@ -1,4 +1,4 @@
-"""Pairs of frames with something to see, for networks whose weights are random."""
+"""Textured pairs of frames, for networks with random weights."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""A parity pack: what the original implementation gave, for weights made from a rule."""
+"""A parity pack: outputs of the original implementation, for weights made from a rule."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Pack:
         return torch.from_numpy(pixels).permute(2, 0, 1)[None].float()
 
     def frame(self, name: str) -> np.ndarray:
-        """The same image as a frame: RGB uint8 (H, W, 3)."""
+        """The image as a frame: RGB uint8 (H, W, 3)."""
         return cv2.cvtColor(cv2.imread(str(self.folder / f"{name}.png")), cv2.COLOR_BGR2RGB)
 
     def expected(self, case: str, suffix: str = "") -> dict[str, np.ndarray]:
@@ -59,7 +59,7 @@ class Pack:
 
     @property
     def floor(self) -> tuple[float, float]:
-        """How far the original's own output moves, at most and on average, when float32 noise is put in."""
+        """How much the original's output changes, at most and on average, when float32 noise is added to its input."""
         text = (self.folder / "README.md").read_text()
         if elsewhere := re.match(r"See (\.\./\w+/README\.md)", text):
             text = (self.folder / elsewhere[1]).read_text()

@@ -1,4 +1,4 @@
-"""ARFlow's file in its authors' layout, from the command line through to the report, on real frames."""
+"""ARFlow's file in its authors' layout, from the command line to the report, on real frames."""
 
 from __future__ import annotations
 

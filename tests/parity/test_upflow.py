@@ -33,7 +33,7 @@ def test_flows_features_and_visibility(pack, case):
     pack.check_flow(f"{case} flow beside the reverse", beside[:1], expected["flow"])
     visible = both.visible()[0].numpy()
     differing = int((visible != expected["occ_fw"].astype(bool)).sum())
-    # The README gives no tolerance for a yes or no; a pixel whose flow lies on the bound may go either way.
+    # the README gives no tolerance for masks; a pixel whose flow is on the bound may go either way
     assert differing <= visible.size / 1000, f"{differing} of {visible.size} pixels differ"
 
 

@@ -1,4 +1,4 @@
-"""The weights of the parity packs, made from a rule instead of downloaded: rule v2 of the packs' README."""
+"""The weights of the parity packs, made by rule v2 of the packs' README."""
 
 from __future__ import annotations
 

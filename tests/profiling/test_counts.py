@@ -1,4 +1,4 @@
-"""Counts against the paper's table, against sums by hand, and that measuring leaves a network as it was."""
+"""Counts against the paper's table and sums by hand; measuring does not change a network."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_size_that_the_network_cannot_take(caplog):
     assert not caplog.records
 
 
-# What the paper prints is cut off, not rounded. GMFlowNet and CRAFT have to be run.
+# the paper truncates its numbers; GMFlowNet and CRAFT have to be run
 PAPER = {
     "RAFT": "raft",
     "GMA": "gma",
@@ -105,7 +105,7 @@ def test_the_papers_table(method):
     assert counts.macs >= 0.99 * counts.thop_macs
 
 
-# What ours computes otherwise, in thop's eyes; docs/design/profiling.md says what it is.
+# operations that thop counts differently in our networks, see docs/design/profiling.md
 OWN = {"BrightFlow": ("brightflow", 0.27), "SAMFlow-T": ("samflow_t", 2.98), "SAMFlow-B": ("samflow_b", 2.98)}
 
 

@@ -1,4 +1,4 @@
-"""The blur in float64, as plainly as it can be written: exact, with a kernel per pixel, and with kernels at nodes."""
+"""The blur in plain float64: exact, with a kernel per pixel, and with kernels at nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The blur against plain float64 references, and what must hold of any blur."""
+"""The blur against plain float64 references, and properties of any blur."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_error_against_exact_kernels_is_below_rounding(severity):
 
 
 def picture(kind: str, height: int, width: int) -> np.ndarray:
-    """A picture of a kind that is hard in one way."""
+    """A picture that is hard in one particular way."""
     rng, (y, x) = np.random.default_rng(height), np.mgrid[:height, :width]
     kinds = {
         "noise": rng.integers(0, 256, (height, width, 3)),

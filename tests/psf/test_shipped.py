@@ -1,4 +1,4 @@
-"""The shipped lenses: what the paper says of them, what can be made, and what happens to damaged files."""
+"""The shipped lenses: the paper's numbers, limits of manufacture, and damaged files."""
 
 import json
 

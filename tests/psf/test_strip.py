@@ -61,7 +61,7 @@ def test_windows_hold_their_whole_triangle(length, pitch):
     axis = Axis.of(length, pitch)
     assert axis.pitch <= pitch
     assert axis.windows.shape[1] == 2 * pitch
-    # nothing of a triangle is cut off: one pixel further it is zero
+    # the triangles are complete: one pixel further they are zero
     places = (length - 1) / 2 + axis.offsets
     last = np.array(axis.starts) + axis.windows.shape[1]
     assert (last - places >= axis.pitch - 1e-9).all()

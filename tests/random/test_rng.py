@@ -1,4 +1,4 @@
-"""The counter-based generator: the values themselves, and that nothing about them is predictable.
+"""The counter-based generator: its values and their statistics.
 
 Statistics are of fixed streams, so a test passes always or never; limits are at about five standard errors.
 """
@@ -72,7 +72,7 @@ def test_known_answers():
 @settings(deadline=None)
 @given(st.integers(0, 2**40), st.integers(1, 50))
 def test_seekable(start, count):
-    """Reading on equals asking for a position, and what was read before does not matter to a spawned stream."""
+    """Sequential reading equals reading at positions, and a spawned stream does not depend on what was read before."""
     stream = Rng.of("seek", start)
     before = stream.spawn("child").bits(4)
     first, second = stream.bits(count), stream.bits(count)

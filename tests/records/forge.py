@@ -1,4 +1,4 @@
-"""Records as a forger would make them: any entry changed, and the hashes made to fit."""
+"""Forged records: any entry changed, and the hashes adapted."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def entries_of(data: bytes) -> dict[str, bytes]:
 
 
 def sealed(entries: dict[str, bytes]) -> bytes:
-    """The entries as a file, with the sizes and hashes of `record.json` made to fit."""
+    """The entries as a file, with the sizes and hashes of `record.json` adapted."""
     record = json.loads(entries["record.json"])
     record["entries"] = {
         name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
@@ -70,7 +70,7 @@ def verified(data: bytes) -> Verification:
 
 
 def failure(data: bytes) -> tuple[str, str]:
-    """The check that fails first, and what it says; it is one line that a terminal only shows."""
+    """The check that fails first and its message, which is one printable line."""
     found = verified(data)
     assert not found.ok
     check = next(check for check in found.checks if check.status == "failed")
@@ -83,7 +83,7 @@ def failure(data: bytes) -> tuple[str, str]:
 
 
 def assert_fails(data: bytes, check: str, words: str = "") -> None:
-    """That a check fails first, and says some words."""
+    """Assert that a check fails first with some words in its message."""
     name, message = failure(data)
     assert name == check, message
     assert words in message

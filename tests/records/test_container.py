@@ -1,4 +1,4 @@
-"""The zip around a record: what is refused before anything in it is looked at."""
+"""The zip around a record: what is refused before its contents are read."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_repeated_or_missing_entry(packed):
 
 
 def test_compressed_entries_are_refused_unread(packed):
-    """A thousandfold bomb is refused by its method alone, whatever sizes it claims."""
+    """A zip bomb is refused because it is compressed, whatever sizes it claims."""
     entries = dict(entries_of(packed))
     bomb = _zip(list((entries | {"rows.csv": b"0" * 50_000_000}).items()), zipfile.ZIP_DEFLATED)
     assert len(bomb) < 100_000

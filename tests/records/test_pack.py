@@ -1,4 +1,4 @@
-"""What a record says is what the run says, less what names a machine."""
+"""A record has the contents of the run without anything that names a machine."""
 
 import json
 import platform
@@ -164,7 +164,7 @@ def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
             pack(run, target)
         assert target.read_bytes() == held
     assert pack(run, target, overwrite=True).stat().st_size > 1000
-    pack(run, target, author="Grace")  # the same run, said otherwise
+    pack(run, target, author="Grace")  # the same run with other texts
     assert b"Grace" in target.read_bytes()
 
 

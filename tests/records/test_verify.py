@@ -1,4 +1,4 @@
-"""Records that were damaged, changed or forged: each is noticed, by the check that should notice it."""
+"""Damaged, changed and forged records are noticed, each by the right check."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_mean_changed_by_little(packed):
 
 
 def test_better_rows(packed):
-    """Rows that were made better, hashes fitting: the means no longer follow, or the rows cannot be."""
+    """Improved rows with adapted hashes: the means no longer follow, or the rows are impossible."""
     half = at(_FOG, epe_sum=pl.col("epe_sum") / 2)
     found = verified(with_rows(packed, half))
     failed = {check.name: check.message for check in found.checks if check.status == "failed"}
@@ -219,7 +219,7 @@ def test_a_changed_manifest(packed, path, value, check, says):
 
 
 def test_a_changed_identity_with_its_digest(packed):
-    """A forger may rename the model consistently; what the catalog knows of the name must then fit as well."""
+    """A forger may rename the model consistently; then the catalogue's facts about the name must fit, too."""
     entries = entries_of(packed)
     manifest, record, summary = (json.loads(entries[name]) for name in ("manifest.json", "record.json", "summary.json"))
     manifest["identity"]["model"] = {"settings": {"name": "mine"}}
@@ -314,7 +314,8 @@ def test_a_cost_of_another_run(packed):
 @settings(max_examples=60)
 @given(st.data())
 def test_no_content_breaks_the_reader(packed, data):
-    """Entries cut and pasted at random, hashes fitting: verified or refused in words, never an exception."""
+    """Entries cut and pasted at random, with adapted hashes, are verified or refused with a message, never an
+    exception."""
     entries = entries_of(packed)
     name = data.draw(st.sampled_from([n for n in entries if n != "record.json"]))
     text = entries[name]

@@ -1,4 +1,4 @@
-"""What a page or a fragment of HTML is made of, as a browser would read it."""
+"""Parse a page or a fragment of HTML as a browser would."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names as anyone's file may have them: each would do something where it is not treated as text."""
+"""Hostile names: each would have an effect if it were not treated as text."""
 
 HOSTILE = [
     "<img src=x onerror=alert(1)>",

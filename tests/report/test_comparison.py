@@ -1,4 +1,4 @@
-"""`Result.compare`: the numbers of the paired test, their signs, and what a person is shown."""
+"""`Result.compare`: the numbers of the paired test, their signs, and the output."""
 
 from __future__ import annotations
 

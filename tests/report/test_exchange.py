@@ -1,4 +1,4 @@
-"""A run's results in the forms in which others publish them, and files that somebody changed afterwards."""
+"""A run's results in other programs' formats, and files that somebody changed afterwards."""
 
 from __future__ import annotations
 

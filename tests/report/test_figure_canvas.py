@@ -1,4 +1,4 @@
-"""Room in figures: headings, names and bubbles stay where they can be read, however many models there are."""
+"""Layout of figures: headings, names and bubbles stay readable for any number of models."""
 
 from __future__ import annotations
 

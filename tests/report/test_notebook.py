@@ -1,4 +1,4 @@
-"""What a notebook shows of a run: nothing in it can run, and the figures are those of the run."""
+"""A notebook's output of a run: nothing in it can run, and the figures are those of the run."""
 
 import io
 import re

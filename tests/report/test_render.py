@@ -123,7 +123,7 @@ def test_latex_of_a_hostile_name_has_no_live_command(name):
     bare = re.sub(r"\\[{}$&#%_]|\\text[a-z]+\{\}|\\dots\{\}|-\{\}", "", text)
     row = next(line for line in bare.splitlines() if line.endswith(r"\\") and "1.00" in line)
     for line in (row, bare.splitlines()[-3]):
-        # What is left of braces is balanced and belongs to our own commands.
+        # the remaining braces are balanced and belong to our own commands
         ours = ("textbf", "textsuperscript", "caption", "boldmath", "cellcolor")
         assert set(re.findall(r"\\([a-zA-Z]+)", line)) <= set(ours)
         assert line.count("{") == line.count("}")

@@ -1,4 +1,4 @@
-"""Which of the paper's variants run here, with which weights."""
+"""The paper's variants that run here, and their weights."""
 
 import hashlib
 

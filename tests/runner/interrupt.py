@@ -1,4 +1,4 @@
-"""Commands that a test interrupts as a terminal would."""
+"""Helpers for commands that a test interrupts as a terminal would."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models that behave in ways a run must cope with. Loaded by name, as a user's own would be."""
+"""Models with behaviour that a run must handle, loaded by name like a user's own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Sizes(TexturePairs):
 
 
 class KillsItsReader(TexturePairs):
-    """Takes a process down that reads its second pair, unless it is the run's own."""
+    """Kills a process that reads its second pair, unless it is the run's own."""
 
     def load(self, key):
         if key == "1" and multiprocessing.parent_process() is not None:
@@ -30,8 +30,8 @@ class KillsItsReader(TexturePairs):
 
 
 class Logged:
-    """Notes every prediction in the file PREDICTION_LOG names; its flow depends on what is asked, so that mixed-up rows
-    would show."""
+    """Records every prediction in the file that PREDICTION_LOG names; its flow depends on the request, so that mixed-up
+    rows would be noticed."""
 
     def __init__(self, shape: str = "500x741", pause: float = 0.0) -> None:
         self._log = os.environ["PREDICTION_LOG"]
@@ -65,26 +65,26 @@ class FiveFrames:
 
 
 def with_nan(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """One pixel is not a number."""
+    """Predicts NaN at one pixel."""
     flow = np.zeros((*frame1.shape[:2], 2), np.float32)
     flow[3, 5] = np.nan
     return flow
 
 
 def wrong_shape(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Channels first, as many networks have it."""
+    """Returns channels first, as many networks do."""
     return np.zeros((2, *frame1.shape[:2]), np.float32)
 
 
 def blackens(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Answers by what it sees, and writes into it."""
+    """Predicts from its input, and then overwrites it."""
     flow = np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
     frame1[:] = frame2[:] = 0
     return flow
 
 
 class BlackensPairs:
-    """The same, of batches."""
+    """The same for batches."""
 
     def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
         return [self.predict(*pair) for pair in zip(frames1, frames2, strict=True)]
@@ -110,13 +110,13 @@ def hangs(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Takes its process down, as a crash in native code would."""
+    """Kills its process, as a crash in native code would."""
     os._exit(17)
 
 
 class Accelerated:
-    """Says that it is on an accelerator. Its flow depends on every pixel of both frames; notes who predicted how many
-    pairs at once, where PREDICTION_LOG names a file."""
+    """Claims to be on an accelerator. Its flow depends on every pixel of both frames; records which process predicted
+    how many pairs at once if PREDICTION_LOG names a file."""
 
     def __init__(self, device: str = "cuda:0", pause: float = 0.0) -> None:
         self.device = device

@@ -1,4 +1,4 @@
-"""A Ray cluster of several nodes on this machine, whose nodes can be killed, and nothing of which stays behind."""
+"""A Ray cluster of several nodes on this machine that can be killed, and that leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ QUICK_HEALTH_CHECKS = {
     "RAY_health_check_initial_delay_ms": "0",
     "RAY_health_check_period_ms": "500",
     "RAY_health_check_failure_threshold": "2",
-    "RAY_health_check_timeout_ms": "5000",  # a killed node answers at once that it is gone; a busy one takes its time
+    "RAY_health_check_timeout_ms": "5000",  # a killed node is reported at once; a busy one takes longer
     "RAY_USAGE_STATS_ENABLED": "0",
 }
 """A killed node is noticed within 2.5 s instead of 10."""
@@ -35,7 +35,7 @@ class Nodes:
         self.alive: list[Any] = []
 
     def add(self, cpus: int = 1, gpus: int = 0, **more):
-        """A node; GPUs are pretended."""
+        """Start a node with simulated GPUs."""
         node = self._cluster.add_node(**self._arguments(num_cpus=cpus, num_gpus=gpus), **more)
         self.alive.append(node)
         return node
@@ -55,7 +55,7 @@ class Nodes:
 
 @contextmanager
 def cluster(variables: dict[str, str] | None = None, **node: int) -> Iterator[Nodes]:
-    """A cluster of two nodes for a test, of which `node` says what each has."""
+    """A cluster of two nodes for a test; `node` describes their resources."""
     pytest.importorskip("ray", reason="needs the ray extra")
     folder = tempfile.mkdtemp(prefix="rf-test-", dir="/tmp")  # a short path, for Ray's sockets
     nodes = None
@@ -96,7 +96,7 @@ def _started(folder: str, node: dict[str, int]) -> Nodes:
 
 
 def descendants(root: int) -> dict[int, str]:
-    """The processes that a process started, and those that they started, by number: their command lines."""
+    """The descendants of a process: command lines by process number."""
     parents, lines = {}, {}
     for folder in Path("/proc").iterdir():
         with suppress(OSError, ValueError):

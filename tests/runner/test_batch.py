@@ -1,4 +1,4 @@
-"""Batches: one call for several severities, the same rows, and a sentence where something does not fit."""
+"""Batches: one call for several severities, the same rows, and a clear message when something does not fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which engine computes a run, in words."""
+"""The choice of a run's engine."""
 
 import sys
 import threading
@@ -106,7 +106,7 @@ PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in
     ("units", "options", "engine"),
     [
         (UNITS, {}, "serial"),
-        (PAIR[:10], {}, "serial"),  # 46 cells: a second process would hardly have begun
+        (PAIR[:10], {}, "serial"),  # 46 cells: too few to start a second process
         (PAIR[:11], {}, "processes, 2 workers"),
         (PAIR * 3, {}, "processes, 4 workers"),
         (PAIR * 3, {"workers": 1}, "serial"),

@@ -24,7 +24,7 @@ MODEL = "models_for_tests:FiveFrames"
 
 
 class Recorder(ZeroClipFlow):
-    """Notes what it is given."""
+    """Records its input."""
 
     def __init__(self, window=(2, 1)) -> None:
         super().__init__(window)
@@ -48,7 +48,7 @@ class WithPairs(Recorder):
 
 
 class Blackens(Recorder):
-    """Writes into what it is given, when it has noted it."""
+    """Overwrites its input after recording it."""
 
     def predict_clip(self, frames, index):
         flow = super().predict_clip(tuple(frame.copy() for frame in frames), index)

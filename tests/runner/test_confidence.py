@@ -1,4 +1,4 @@
-"""Runs that measure whether a model knows where it is wrong: the same rows from every engine, resumed or whole."""
+"""Runs that measure confidence: the same rows from every engine, resumed or not."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ class Textures(TexturePairs):
 
 
 class Sure:
-    """Predicts what the frames' values say; sure where they are large. `device` sends it to a process of its own."""
+    """Predicts from the frames' values, with more confidence where they are large. `device` moves it to a separate
+    process."""
 
     def __init__(self, spoil: str = "", device: str = "") -> None:
         self.spoil = spoil

@@ -1,4 +1,4 @@
-"""Runs with corruptions that need depth: where it comes from, what it identifies, and what has none."""
+"""Runs with corruptions that need depth: its sources, its part in the identity, and data without it."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def run(output, benchmark="shapes", data=None, corruptions=NAMES, options=SHAPES
 
 
 class FilesOfDepth(TexturePairs):
-    """A data set of a user's, whose depth is a file with one number."""
+    """A user's data set whose depth is a file with one number."""
 
     name = "files_of_depth"
 

@@ -1,4 +1,4 @@
-"""Whole runs: every engine, in pieces or whole, gives the same rows."""
+"""Whole runs: every engine gives the same rows, also when interrupted."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Example pictures of a run: what they show, that they are the same bytes again, and that nothing half is left."""
+"""Example pictures of a run: their contents, the same bytes every time, and no partial files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of one small run, kept: a byte of a corruption or a digit of a metric that changes is noticed.
+"""Stored rows of a small run, so that a changed byte of a corruption or digit of a metric is noticed.
 
 The flow is one that no library decides. Where a change is meant, raise STREAM_VERSION or ROW_SCHEMA_VERSION and write
 the file again: `python -m tests.runner.test_golden`.
@@ -22,7 +22,7 @@ COLUMNS = ["corruption", "severity", "frames_digest", "n_all", "n_valid", "epe_s
 
 
 def brightness_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """A flow that depends on every pixel of both frames, by integer arithmetic alone."""
+    """A flow that depends on every pixel of both frames, with integer arithmetic only."""
     u = -(frame1.astype(np.int32).sum(axis=2) // 8)
     v = (frame2.astype(np.int32).sum(axis=2) - frame1.astype(np.int32).sum(axis=2)) // 16
     return np.stack([u, v], axis=2).astype(np.float32)

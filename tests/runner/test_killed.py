@@ -1,4 +1,4 @@
-"""A run killed without warning loses the unit in flight and nothing else."""
+"""A run killed without warning loses only the unit in flight."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _start(folder: Path, log: Path) -> subprocess.Popen[bytes]:
 
 
 def _rows_so_far(folder: Path) -> pl.DataFrame:
-    """What a reader sees at any moment: whole shards, or none."""
+    """Read the run's folder at any moment: there are whole shards, or none."""
     return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
 
 
@@ -52,7 +52,7 @@ def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
         while run.poll() is None and time.monotonic() < deadline:
             _rows_so_far(tmp_path / "killed")
             time.sleep(0.01)
-        if run.poll() is not None:  # finished before its moment came: check it, and begin afresh
+        if run.poll() is not None:  # finished before it was killed: check it, and start again
             assert run.returncode == 0, run.stderr.read().decode()
             _compare(tmp_path, killed)
             for path in sorted((tmp_path / "killed").rglob("*"), reverse=True):

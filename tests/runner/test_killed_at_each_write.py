@@ -1,4 +1,4 @@
-"""Whatever write a run is killed at, the next start leaves the rows and the files of one that was never killed."""
+"""A run killed at any write, then started again, has the rows and files of one that was never killed."""
 
 import importlib.util
 import os

@@ -1,4 +1,4 @@
-"""What a model is called: a name that is shown everywhere and changes no number."""
+"""Names of models: shown everywhere, without effect on numbers."""
 
 import sys
 

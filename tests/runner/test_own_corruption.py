@@ -1,4 +1,4 @@
-"""A run with a corruption of the user's own: resumed, refused when its source is edited, in processes, in a record."""
+"""A run with a user's own corruption: resumed, refused when its source is edited, in processes, in a record."""
 
 import sys
 

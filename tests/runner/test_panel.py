@@ -1,4 +1,4 @@
-"""Panels and what they are made of: colours of errors, sparse maps, odd sizes, hostile names."""
+"""Panels: colours of errors, sparse maps, odd sizes, hostile names."""
 
 from __future__ import annotations
 

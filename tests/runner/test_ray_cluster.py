@@ -1,4 +1,4 @@
-"""Whatever is lost on a Ray cluster, the rows are those of an undisturbed run, each cell once."""
+"""Whatever is lost on a Ray cluster, the run has the rows of an undisturbed one, each cell once."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _raise(frames, folder, **options):
 
 
 def _kill_nodes(nodes, frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
-    """Kill a node at a random moment, let another join, and so on, through as many runs as it takes."""
+    """Kill a node at a random moment, let another join, and repeat through several runs."""
     moments = random.Random(seed)
     killed = number = 0
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread

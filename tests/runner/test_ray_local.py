@@ -1,4 +1,4 @@
-"""The Ray engine on this machine alone, through the command line and in this process."""
+"""The Ray engine on one machine, from the command line and in this process."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _folder(tmp_path_factory, monkeypatch):
 
 
 def test_equal_to_serial_and_nothing_stays(tmp_path):
-    """Nor is it forgotten who computed what, when the run goes on with another engine."""
+    """The record of who computed what is kept when the run continues with another engine."""
     before = signal.getsignal(signal.SIGTERM)
     attacked = SETTING | {"attacks": ["square:queries=3"]}
     whole = rf.evaluate(DIS, output=tmp_path / "serial", **attacked)
@@ -66,7 +66,7 @@ def test_equal_to_serial_and_nothing_stays(tmp_path):
 
 @pytest.mark.slow
 def test_an_object_of_the_caller_travels(tmp_path):
-    """A function of a closure cannot be pickled, but Ray's way of pickling takes it."""
+    """A closure cannot be pickled by the standard library, but by Ray."""
     value = 0.25
     model = lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)  # noqa: E731
     one = {"corruptions": ["contrast"], "severities": [1]}

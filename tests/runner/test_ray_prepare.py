@@ -25,7 +25,7 @@ def recordings(tmp_path):
 
 
 def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkeypatch):
-    """What the node does; here it is this machine, so the proof of the shared folder is taken away."""
+    """The node's part; here it is this machine, so the check of the shared folder is removed."""
     monkeypatch.setattr(ray_prepare, "_APPEARS_S", 0.2)
     (source, _) = find_sources(recordings)
     here = ray_prepare.installed()

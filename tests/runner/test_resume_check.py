@@ -1,4 +1,4 @@
-"""A run never goes on with another model or with other data under the old names."""
+"""A run never continues with a different model or different data under the old names."""
 
 import importlib
 import signal
@@ -44,7 +44,7 @@ def _run(tmp_path, frames, severities, model=_brightness):
 
 
 class Drawn(TexturePairs):
-    """Two samples, each of its own seed, without a file: nothing but a second look tells that they changed."""
+    """Two samples from seeds, without files, so that only reading them again shows a change."""
 
     name = "drawn"
 

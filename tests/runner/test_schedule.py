@@ -1,4 +1,4 @@
-"""The order in which units are handed out."""
+"""The order in which units are assigned."""
 
 from __future__ import annotations
 

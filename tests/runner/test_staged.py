@@ -1,4 +1,4 @@
-"""Models on accelerators: a process that predicts, others that corrupt and measure for it; the same rows."""
+"""Models on accelerators: one process predicts, others corrupt and measure; the rows are the same."""
 
 import multiprocessing
 import threading

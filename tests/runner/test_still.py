@@ -25,7 +25,7 @@ from .conftest import FRAMES
 
 
 class Unchanged:
-    """Leaves every frame as it is."""
+    """Changes no frame."""
 
     family = "noise"
     severities = (1, 2, 3, 4, 5)

@@ -1,4 +1,4 @@
-"""Rows and manifest of a run changed as somebody would who knows the format: the digests are made to fit."""
+"""Change rows and manifest of a run as somebody who knows the format would, with the right digests."""
 
 from __future__ import annotations
 

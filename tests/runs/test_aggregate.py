@@ -18,7 +18,7 @@ from .mean_rows import COUNTS, TWO_IMAGES, row
 
 
 def test_image_averaging_by_hand():
-    """Images first: clean (1 + 3) / 2; fog 3.5 and 6.5; snow 1.0."""
+    """Averaging images first: clean (1 + 3) / 2; fog 3.5 and 6.5; snow 1.0."""
     summary = summarize(rows_frame(TWO_IMAGES))
     assert summary.epe_clean == 2.0
     fog, snow = summary.corruptions["fog"], summary.corruptions["snow"]

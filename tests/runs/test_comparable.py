@@ -1,4 +1,4 @@
-"""What may be compared: one decision over the rows and the recipe of the frames, and every difference in words."""
+"""What may be compared follows from the rows and the recipe of the frames, and every difference is described."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def test_a_comparison_says_what_it_left_out(base):
 
 
 def test_orders_are_over_common_rows_and_blame_what_differs(base):
-    """Before: A on fog alone against B on three corruptions, "seed 1 (tau -1.00)", where B is worse under every one."""
+    """A on fog must not be compared with B on three corruptions ("seed 1 (tau -1.00)"), where B is worse under each."""
     only_fog = (CELLS[0], *CELLS[1:3])
     runs = [
         made_run(base, rows(0.0, cells=only_fog), "A"),
@@ -270,7 +270,7 @@ def weather():
 def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_records_and_set_up(weather, tmp_path):
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     dry = evaluate(ZeroFlow(), output=tmp_path / "dry", **chosen)
-    weather("wet")  # as a version would have it whose plans differ from those before in this field
+    weather("wet")  # as in a version whose plans differ from earlier ones in this field
     content = dry.manifest.record()
     content["identity"]["frames"]["weather"] = "dry"
     content["identity_digest"] = digest_of_value(content["identity"])

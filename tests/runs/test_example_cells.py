@@ -1,4 +1,4 @@
-"""Which cells are drawn, against a plain loop over rows that were made up."""
+"""The cells to draw, against a plain loop over made-up rows."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""A changed byte of a file is noticed where its format cannot tell: between two calls, during one, and since the list
-of digests was written; what is no file is never opened."""
+"""A changed byte of a file is noticed even if its format cannot: between two calls, during one, and since the list of
+digests was written; anything that is not a file is never opened."""
 
 import os
 import shutil
@@ -59,7 +59,7 @@ def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     short, long = _clip(tmp_path / "short", 3, 0), _clip(tmp_path / "long", 9, 200)
     first, second = (rf.evaluate("dis", "folder", clip, limit=1, **CHOSEN) for clip in (short, long))
     assert list(first.manifest.samples) == ["1"]
-    assert list(second.manifest.samples) == ["4"]  # no sample in common, so nothing to tell the data apart by
+    assert list(second.manifest.samples) == ["4"]  # no sample in common, so nothing distinguishes the data
     assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
     with pytest.raises(RunError, match="made from other files for sample '1'"):
         rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)

@@ -1,4 +1,4 @@
-"""A manifest of the wrong shape: one sentence that names the file and what to do, and nothing is repaired."""
+"""A manifest of the wrong shape is refused in one sentence that names the file and what to do."""
 
 from __future__ import annotations
 

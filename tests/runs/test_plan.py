@@ -1,4 +1,4 @@
-"""Which cells a run consists of, written out by hand."""
+"""The cells of a run, written out by hand."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The run folder: shards whole or absent, merged without a row lost, damage named."""
+"""The run folder: shards are complete or absent, merged without losing a row, and damage is named."""
 
 from __future__ import annotations
 

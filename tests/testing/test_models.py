@@ -1,4 +1,4 @@
-"""`check_model` passes what keeps the rules and names each rule that is broken; the small models are what they say."""
+"""`check_model` passes models that keep the rules and names each broken rule; the small models do what they say."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ class Clip(ZeroClipFlow):
 
 
 class Sure(ZeroFlow):
-    """Sure of its flow everywhere."""
+    """Has the same confidence everywhere."""
 
     def predict_with_confidence(self, frame1, frame2):
         return self.predict(frame1, frame2), np.ones(frame1.shape[:2], np.float32)

@@ -31,7 +31,7 @@ STEPS = 200
 
 @dataclass(frozen=True)
 class TrainingPack:
-    """One folder: what its `cases.json` and `expected.npz` hold."""
+    """A folder with its `cases.json` and `expected.npz`."""
 
     folder: Path
     header: dict[str, Any]
@@ -73,7 +73,7 @@ class TrainingPack:
 
 @dataclass
 class Step:
-    """What one step gave before the weights changed; gradients, before clipping, only of the first step."""
+    """Results of one step before the weights changed; gradients, before clipping, only of the first step."""
 
     loss: float
     norm: float
@@ -116,7 +116,7 @@ def steps(
 
 @contextmanager
 def flows_kept() -> Iterator[list[Tensor]]:
-    """Within the block, the predictions that go into the sequence loss are kept."""
+    """Record the predictions that go into the sequence loss within the block."""
     kept: list[Tensor] = []
     real = loss_of_batch.sequence_loss
 

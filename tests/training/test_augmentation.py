@@ -1,4 +1,4 @@
-"""Augmentation: what is drawn has the originals' distribution, and the flow stays true to the pictures."""
+"""Augmentation: draws have the originals' distribution, and the flow still fits the pictures."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_a_frame_smaller_than_the_crop_is_always_enlarged():
 
 @pytest.mark.parametrize("augmentation", ["dense", "sparse"])
 def test_the_flow_stays_true_to_the_pictures(augmentation):
-    """The second frame, fetched along the flow, is the first one, as well after augmentation as before."""
+    """The second frame, sampled along the flow, equals the first one as well after augmentation as before."""
     sample = TexturePairs(count=1, size=(200, 260), reach=6, seed=2).load("0")
     part = Part(data="sintel", augmentation=augmentation, log2_scale=(-0.1, 0.4), flip=True)
     assert sample.flow is not None

@@ -44,7 +44,7 @@ TERMS = {"photometric": "photo", "smoothness": "smooth", "self_supervision": "se
 
 @dataclass
 class Given:
-    """The pack, and the inputs that a gradient is asked of."""
+    """The pack, and the inputs whose gradients are compared."""
 
     cases: dict[str, Any]
     arrays: dict[str, np.ndarray]
@@ -76,7 +76,7 @@ def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
     plain, whole = kinds
     first, second = whole.crops(*cases["crop"])
     nothing = torch.zeros(2, *cases["crop"])
-    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # told apart from other frames
+    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # to distinguish it from other frames
     batch = Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), None, None, whole, plain)
     return cases, arrays, Batch(**{**vars(batch), "changed": students})
 
@@ -87,7 +87,7 @@ def given(shared) -> Given:
 
 
 class Answers:
-    """A network and a corrector that answer with the pack's arrays, by the frames that they are asked about."""
+    """A network and a corrector that return the pack's arrays for the given frames."""
 
     def __init__(self, given: Given) -> None:
         self.given = given

@@ -1,4 +1,4 @@
-"""FlowDiffuser's way of being trained: where it begins, what it predicts, and what it draws."""
+"""FlowDiffuser's training: its start, its predictions and its draws."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEIGHT, WIDTH = 64, 96
 
 @pytest.fixture(scope="module")
 def still():
-    """A network whose updates move nothing, so that its predictions are where it began."""
+    """A network whose updates change nothing, so that its predictions equal its start."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
         net = FlowDiffuser()

@@ -1,4 +1,4 @@
-"""The loop: a training that was cut short and resumed is the undisturbed one, to the bit; and what is refused."""
+"""The loop: an interrupted and resumed training equals the undisturbed one, to the bit; and what is refused."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def without_time(entries: list[dict]) -> list[dict]:
 
 
 class StopAfter:
-    """Asks for the end after so many updates."""
+    """Requests the end after some updates."""
 
     def __init__(self, updates: int) -> None:
         self.left = updates
@@ -271,7 +271,7 @@ def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for)
 
 
 def _as_stored(content: object) -> str:
-    """A checkpoint's content, spelled."""
+    """A checkpoint's content as text."""
     if isinstance(content, torch.Tensor):
         return f"{content.dtype}{tuple(content.shape)}{content.flatten().tolist()}"
     if isinstance(content, dict):
@@ -372,7 +372,7 @@ def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for):
     request = request_for(steps=3, validation=Validation("demo", every=2, corruptions=["contrast"]), iterations=1)
     run_training(request)
     entries = [entry for entry in lines(request.output) if "validation_epe" in entry]
-    assert [entry["update"] for entry in entries] == [1, 2]  # after two, and in the end
+    assert [entry["update"] for entry in entries] == [1, 2]  # after two updates, and at the end
     for entry in entries:
         run = Run(request.output / "validation" / f"update-{entry['update'] + 1}")
         assert run.epe_clean == entry["validation_epe"]
@@ -408,7 +408,7 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
 
 @pytest.mark.slow
 def test_a_disk_that_is_full_indeed(request_for, tmp_path):
-    """A file system in memory that has room for one checkpoint and no second one."""
+    """A file system in memory with room for only one checkpoint."""
     request = request_for(steps=4, checkpoints=Checkpoints(2))
     request.output.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]

@@ -1,4 +1,4 @@
-"""The memory that a plan expects, against a count at another crop and number of iterations than the table's."""
+"""The memory that a plan estimates, against a count at a different crop and number of iterations from the table's."""
 
 from __future__ import annotations
 

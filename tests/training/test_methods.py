@@ -1,4 +1,4 @@
-"""Every method with a recipe makes real steps on real pairs, and what learns is what its recipe says."""
+"""Every method with a recipe makes real steps on real pairs, and trains the parameters that its recipe names."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def three_steps(method: str, precision: str, folder: Path, data: Path) -> Reques
 
 
 def assert_learned(request: Request) -> None:
-    """Losses are finite; a gradient has come to every parameter that learns, save those the recipe calls unused;
-    what is frozen has not changed; BatchNorm's statistics moved, or not, as the recipe says."""
+    """Losses are finite; every trained parameter has a gradient, except those the recipe calls unused; frozen ones did
+    not change; BatchNorm's statistics changed, or not, as the recipe says."""
     recipe, folder = request.recipe, request.output
     entries = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     assert len(entries) == STEPS
@@ -67,7 +67,7 @@ def assert_learned(request: Request) -> None:
         for name, value in network.named_parameters()
         if value.requires_grad
     ]
-    # Adam's first moment is a mean of the gradients so far: one that came at any of the steps is still in it.
+    # Adam's first moment is a mean of the gradients so far, so a gradient of any step is still in it.
     without = {
         name for number, name in enumerate(learning) if number not in moments or not moments[number]["exp_avg"].any()
     }

@@ -1,4 +1,4 @@
-"""Recipes: those of the paper's tables, and what is refused."""
+"""Recipes: the values of the paper's tables, and what is refused."""
 
 import csv
 import tomllib

@@ -43,7 +43,7 @@ def small(method: str, folder: Path, **changes) -> Recipe:
     if method == "brightflow":
         objective["border"] = 16
     elif method == "arflow":
-        objective["census_from"] = 0.5  # the check for occlusion finds nothing seen with weights that know nothing
+        objective["census_from"] = 0.5  # with untrained weights the occlusion check finds no visible pixel
     values = {"steps": STEPS, "batch": 2, "crop": (64, 128), "objective": objective}
     if "mix" not in changes:
         values["mix"] = mix(folder, MIXES[method])
@@ -139,8 +139,8 @@ def test_the_stages_of_arflow(stage):
 
 @pytest.mark.slow
 def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
-    """Without labels: in the raw stage the photometric loss falls, and the end-point error far below half of its start
-    and of what no flow at all gives; the second stage goes on from there and stays there."""
+    """Without labels: in the raw stage the photometric loss falls, and EPE falls far below half of its start and of
+    zero flow's; the second stage continues from there and stays there."""
     folder = tmp_path / "data"
     for path in shared("data/middlebury").rglob("*"):
         if path.is_file() and path.parent.name == "Hydrangea":

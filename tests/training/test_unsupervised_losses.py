@@ -1,4 +1,4 @@
-"""Losses and transforms of training without labels, against formulas written down once more."""
+"""Losses and transforms of training without labels, against independently written formulas."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_the_dilated_warp_fetches_from_the_whole_frame():
     rng = np.random.default_rng(3)
     sizes = [(30, 40), (26, 44)]
     frames = [rng.random((3, *size)).astype(np.float32) for size in sizes]
-    whole = torch.full((2, 3, 30, 44), 7.0)  # beyond a frame there are values that mean nothing
+    whole = torch.full((2, 3, 30, 44), 7.0)  # values beyond a frame mean nothing
     for number, frame in enumerate(frames):
         whole[number, :, : frame.shape[1], : frame.shape[2]] = torch.from_numpy(frame)
     corners = torch.tensor([[5.0, 8.0], [20.0, 3.0]])
@@ -228,7 +228,7 @@ def test_the_relative_rotation_is_the_originals_constant_unless_it_is_switched_o
 
 @pytest.mark.parametrize("number", range(4))
 def test_the_moved_flow_is_true_to_the_moved_frames(number):
-    """What the moved flow points at in the moved second frame is the moved first frame."""
+    """The moved second frame, sampled along the moved flow, equals the moved first frame."""
     height, width = 96, 128
     frame = images(1, height + 40, width + 40, number)
     first, second = frame[..., 20 : 20 + height, 20 : 20 + width], frame[..., 17 : 17 + height, 24 : 24 + width]

@@ -30,7 +30,7 @@ from .pack_steps import Step, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 CASES = {"paper": 3, "script": 1}
-"""The steps of each case; "script" has photometric loss and smoothness alone."""
+"""The steps of each case; "script" has only photometric loss and smoothness."""
 _TERM = (2e-6, 1e-5, 1e-4)
 """Relative tolerance of the loss' terms in each step."""
 GRADIENT, WEIGHT = 1e-3, 5e-5
@@ -38,7 +38,7 @@ GRADIENT, WEIGHT = 1e-3, 5e-5
 
 @dataclass
 class Made:
-    """What the steps of a case gave; `ways` are of the first one."""
+    """Results of the steps of a case; `ways` are of the first one."""
 
     steps: list[Step]
     ways: list[OneWay]
@@ -76,7 +76,7 @@ def first_terms(network, batch: Batch | None = None) -> dict[str, float]:
 
 
 @cache
-@torch.enable_grad()  # whichever test is the first to ask
+@torch.enable_grad()  # computed by the first test that needs it
 def made(case: str) -> Made:
     """All steps of a case."""
     recipe, header = recipe_of(case), pack().header

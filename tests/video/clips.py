@@ -1,4 +1,4 @@
-"""Small clips for tests: pictures of the rendered scene, and clips on disk made of them."""
+"""Small clips for tests: pictures of the rendered scene, and clips on disk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rendered scene with real textures whose picture, and flow, is known at any time: the truth to compare with.
+"""A rendered scene with real textures, whose picture and flow are known at any time.
 
 A textured background slides and slowly turns; a textured disk flies over it. Everything is evaluated in float64 by
 bilinear sampling at exact positions, so `picture(t)` for any real `t` is the same continuous scene, and the mean of

@@ -1,4 +1,4 @@
-"""Damaged streams: the frame count is kept, and every picture stands at its own time."""
+"""Damaged streams: the number of frames is kept, and every picture is at its own time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
     assert sorted(shown) == list(range(COUNT))
     for index in set(range(COUNT)) - hit:
         assert clips.shown_as(stream.fill, index) == index
-        # a broken frame can leave a stray residual in FFmpeg's decoder, which the next one begins with
+        # a broken frame can leave a residual in FFmpeg's decoder, with which the next frame begins
         assert index - 1 in hit or (shown[index] == pictures[index]).all()
         distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
         assert int(np.argmin(distances)) == index
@@ -117,7 +117,7 @@ def test_twice_the_same(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [1, 100])
 def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
-    """About 1 MB and about 100 MB, N from 50 M to 2 000, frames that stand alone, so that each can be told apart."""
+    """About 1 MB and about 100 MB, N from 50 M to 2 000, intra-coded frames that can be distinguished."""
     clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
     assert 0.7 * megabytes < clip.path.stat().st_size / 1e6 < 1.4 * megabytes
     for amount in (50_000_000, 5_000_000, 1_000_000, 100_000, 10_000, 2_000):

@@ -1,4 +1,4 @@
-"""The cache: made once, whole or not at all, and never larger than it may be."""
+"""The cache: entries are made once, complete or not at all, and never exceed the limit."""
 
 from __future__ import annotations
 

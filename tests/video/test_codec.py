@@ -41,7 +41,8 @@ def test_equal_pictures_make_equal_files(tmp_path):
 
 @pytest.mark.parametrize("encoding", [crf(30), abr(200_000)])
 def test_encoding_in_memory_is_encoding_to_a_file(tmp_path, encoding):
-    """The transcoded stream never touches a file; its pictures are those of the file that FFmpeg would write."""
+    """The transcoded stream is never written to a file; its pictures equal those of the file that FFmpeg would
+    write."""
     count = 40
     pictures = clips.pictures(count)
     encoder = Encoder(48, 64, Fraction(960), encoding)

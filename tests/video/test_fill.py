@@ -1,4 +1,4 @@
-"""Filling lost frames: against a plain description of what must be shown, for any loss and any order."""
+"""Filling lost frames, against a plain definition of what must be shown, for any loss and any order."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_frame_shows_the_last_decoded_one_before_it(data):
 
 @given(st.permutations(range(20)), st.lists(st.integers(-5, 40), max_size=10))
 def test_order_of_arrival_does_not_matter(order, strangers):
-    """Twenty pictures in any order, with repeats and indices outside the clip thrown in."""
+    """Twenty pictures in any order, with repeats and indices outside the clip."""
     arrivals = [(index, picture(index)) for index in order]
     arrivals += [(index, picture(index)) for index in strangers]
     fill = Fill(20)
@@ -43,7 +43,7 @@ def test_order_of_arrival_does_not_matter(order, strangers):
 
 
 def test_the_buffer_is_bounded():
-    """A picture that comes more than the buffer's length too late is dropped, not waited for."""
+    """A picture that comes later than the buffer allows is dropped."""
     late = REORDER + 5
     arrivals = [(index, picture(index)) for index in range(1, 1 + late)] + [(0, picture(0))]
     fill = Fill(late + 1)

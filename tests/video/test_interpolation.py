@@ -1,4 +1,4 @@
-"""Interpolation: where frames go, and that the flow-based one is right on a scene whose truth is known."""
+"""Interpolation: positions of frames, and the flow-based method on a scene with known truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preparing clips: what comes out, that it is the same however it was made, and what is refused."""
+"""Preparing clips: the files, the same for every way of making them, and what is refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Every file that is there to stay, by the hash of its bytes."""
+    """Every permanent file, by the hash of its bytes."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 

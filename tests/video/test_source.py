@@ -1,4 +1,4 @@
-"""What a user may hand in: handled, or refused in one clear sentence."""
+"""Files of users are handled, or refused in one clear sentence."""
 
 import av
 import numpy as np
@@ -137,7 +137,7 @@ def test_sound_alone(tmp_path):
 
 
 def test_a_playlist_is_never_followed(tmp_path):
-    """A file that names other files (or addresses) is not opened as a video, whatever it is called."""
+    """A file that names other files (or addresses) is not opened as a video, whatever its name."""
     real = video(tmp_path / "real.mp4", clips.frames(3))
     for name, text in (
         ("a.mp4", f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{real}\n#EXT-X-ENDLIST\n"),

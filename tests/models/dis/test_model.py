@@ -1,4 +1,4 @@
-"""Dense inverse search on colours: motion that is known, frames of every kind, and OpenCV's version beside it."""
+"""Dense inverse search on colours: known motion, frames of every kind, and OpenCV's version for comparison."""
 
 import os
 import platform
@@ -65,7 +65,7 @@ def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, s
 
 
 def test_colours_of_one_luminance_move():
-    """What OpenCV's grey makes the same number everywhere: the colour method sees it move, the grey one cannot."""
+    """A pattern with the same grey value everywhere: the colour method sees it move, the grey one cannot."""
     red = texture(0, (160, 208), 3.0)[..., 0] // 2 + 60
     blue = texture(1, (160, 208), 3.0)[..., 0] // 2 + 60
     green = np.rint((128 - 0.299 * red - 0.114 * blue) / 0.587).astype(np.uint8)
@@ -104,7 +104,7 @@ def test_a_change_of_brightness_alone_is_not_motion_of_a_blank_frame(one, other)
 
 @pytest.mark.parametrize("point", [1, 3])
 def test_a_brighter_second_frame_changes_little(point):
-    """Patches are compared less their means, so the search of a brightened frame is the same one."""
+    """Patches are compared without their means, so the search does not change with the brightness of a frame."""
     frame1, frame2 = (frame // 2 for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=point)
     assert error_inside(model.predict(frame1, frame2 + 60), 3.3, 2.7) < 0.4
@@ -116,14 +116,14 @@ def test_no_channel_is_favoured(point):
     model = load_model("dis_rgb", operating_point=point)
     flow = model.predict(frame1, frame2)
     other = model.predict(frame1[..., [2, 0, 1]], frame2[..., [2, 0, 1]])
-    # rounding alone, which a patch on the verge of being rejected may blow up
+    # only rounding, which a patch close to being rejected may amplify
     assert np.median(np.abs(other - flow)) < 1e-4
     assert np.abs(other - flow).mean() < 0.01
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_pair_has_the_mirrored_flow(axis):
-    """But for patches flush with the last edge, which mirroring makes the first."""
+    """Except patches flush with the last edge, which mirroring turns into the first."""
     frame1, frame2 = (frame[:236, :316] for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=3)
     flow = model.predict(frame1, frame2)

@@ -1,4 +1,4 @@
-"""The refinement: its forms against a plain sum of squares, its relaxation against a direct solver, its energy."""
+"""The refinement: forms against a plain sum of squares, relaxation against a direct solver, and the energy."""
 
 import numpy as np
 import pytest

@@ -52,7 +52,7 @@ def test_a_patch_further_than_its_size_stays_where_it_began():
 def test_without_texture_the_start_stays():
     coarse = np.random.default_rng(0).normal(size=(12, 12, 2)).astype(np.float32)
     stripes = np.zeros((24, 24, 3), np.float32)
-    stripes[:, ::4] = 200  # no texture along the stripes: motion along them cannot be told
+    stripes[:, ::4] = 200  # no texture along the stripes: motion along them cannot be measured
     for image in (np.full((24, 24, 3), 9, np.float32), stripes):
         found = inverse_search(flat(image), flat(np.roll(image, 1, axis=1)), coarse, 8, 8, 12)
         # patches begin at 0, 8, 16; their centres lie at 3.5, which is 1.5 in pixels of the coarse flow

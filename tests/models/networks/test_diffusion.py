@@ -21,7 +21,7 @@ def schedule():
 
 
 def test_the_schedule_is_nichol_and_dhariwals(schedule):
-    """Equation 17 of their paper, and equations 6, 10 and 11 of Ho et al. 2020, in a float64 loop."""
+    """Equation 17 of the paper, and equations 6, 10 and 11 of Ho et al. 2020, in a float64 loop."""
 
     def f(step):
         return math.cos((step / 1000 + 0.008) / 1.008 * math.pi / 2) ** 2

@@ -1,4 +1,4 @@
-"""SAMFlow by name: the authors' file layout, tiles, and what is said when something does not fit."""
+"""SAMFlow by name: the authors' file layout, tiles, and messages when something does not fit."""
 
 import inspect
 
@@ -78,6 +78,6 @@ def test_a_checkpoint_of_another_size_is_refused(checkpoint):
     from robustflow.models.torch.weights import load_weights
 
     other = SamFlow("tiny")
-    other.wadd_1 = None  # what tells the two published files of the largest size apart
+    other.wadd_1 = None  # distinguishes the two published files of the largest size
     with pytest.raises(ModelError, match=r"1 unexpected \(wadd_1\.add_weight\)"):
         load_weights(other, read_checkpoint(checkpoint), "samflow_h")

@@ -1,4 +1,4 @@
-"""Multi-frame models of ptlflow: the same bits as from the library itself, anywhere in a sequence, in any order."""
+"""Multi-frame models of ptlflow give the same bits as the library itself, anywhere in a sequence and in any order."""
 
 import contextlib
 import io
@@ -68,7 +68,7 @@ def side_of(name):
 
 
 def ask(name, first):
-    """What a run asks for the pair that begins at `first` of the sequence."""
+    """The run's request for the pair that begins at `first` of the sequence."""
     model, frames = adapter(name), sequence(side_of(name))
     offsets = model.window.offsets(range(-first, LENGTH - first))
     return model.predict_clip(tuple(frames[first + offset] for offset in offsets), place_of_pair(offsets))
@@ -118,8 +118,9 @@ def from_the_library(net, name, first):
 
 
 def videoflow(net, sequence, first):
-    """As its authors evaluate it: five frames of the sequence that has its first frame twice, the asked one as near to
-    the middle as can be. The library answers for the middle only, so the flows are taken before it chooses."""
+    """Like its authors' evaluation: five frames of the sequence with its first frame repeated, the requested one as
+    near to the middle as possible. The library returns only the middle flow, so the flows are read before it
+    chooses."""
     start = min(max(first - 2, 0), len(sequence) - 5)
     upsampled = []
     upsample = net.upsample_flow

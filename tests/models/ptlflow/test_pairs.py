@@ -1,4 +1,4 @@
-"""Models of ptlflow: the same bits as from the library itself, nothing on stdout, and what is said when one fails."""
+"""Models of ptlflow give the same bits as the library itself, print nothing, and fail with a clear message."""
 
 import inspect
 import subprocess
@@ -57,7 +57,7 @@ def adapter(name, iterations=2):
 
 
 def from_the_library(ptlflow, name, model, frames, iterations):
-    """What a user of the library alone would write; the weights are the adapter's."""
+    """The code of somebody who only uses the library; the weights are the adapter's."""
     import torch
     from ptlflow.utils.io_adapter import IOAdapter
 

@@ -1,4 +1,4 @@
-"""The small network by name: what it knows, with and without PyTorch."""
+"""The small network by name, with and without PyTorch."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""A small matching network with trained weights: on BGR in -1..1, so that other conventions make it worse.
+"""A small matching network trained on BGR in -1..1, so that other conventions make it worse.
 
 `matcher.npz` are its weights after 120 steps of Adam (3e-3) on `shifted_pair(100)` to `shifted_pair(219)` at 48x64.
 """

@@ -12,7 +12,7 @@ from robustflow.models.torch.weights import load_weights
 
 
 class Payload:
-    """A pickle of this runs a command when it is loaded carelessly."""
+    """A pickle of this runs a command when it is loaded unsafely."""
 
     def __init__(self, marker) -> None:
         self.marker = marker

@@ -100,7 +100,7 @@ def test_a_plain_pickle_with_a_payload_is_refused_and_not_run(tmp_path, recwarn)
 
 
 def test_what_stands_for_things_beside_weights_runs_nothing(tmp_path, state):
-    """The names that are let through must not lead to what they name."""
+    """The allowed names must not load what they name."""
     marker = tmp_path / "ran"
 
     class Crafted:

@@ -1,4 +1,4 @@
-"""The project's own networks by name: what is asked for, what is recorded, and rows that no worker count changes."""
+"""The project's own networks by name: options, identity, and rows that do not depend on the number of workers."""
 
 import hashlib
 from importlib import util

@@ -1,4 +1,4 @@
-"""The adapter of PyTorch networks: what goes in, what comes out, and that batches change nothing."""
+"""The adapter of PyTorch networks: input, output, and that batches change nothing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A user's own PyTorch module: declared, known by its library, or found by trying; and what cannot be found."""
+"""The convention of a user's PyTorch module: declared, known by its library, found by trying, or not found."""
 
 import warnings
 
@@ -169,7 +169,7 @@ def test_the_whole_convention_of_a_trained_network_is_found():
 
 
 class AnyRange(nn.Module):
-    """The trained network behind a norm: it answers to every range alike, so none can be found."""
+    """The trained network behind a norm works equally well with every range, so none can be found."""
 
     def __init__(self):
         super().__init__()
@@ -334,7 +334,7 @@ def test_finest_output_is_used_where_none_is_declared():
 
 
 def test_undeclared_network_that_fits_several_conventions_names_them_best_first():
-    """`tiny` is as good in BGR; the first that is named is the one it was trained with."""
+    """`tiny` is as good in BGR; the convention named first is the one it was trained with."""
     with pytest.raises(ModelError, match="several conventions fit shifted textures") as error:
         rf.TorchModel(Version(scaling="0-255"), layout="pair", device="cpu")
     one_line(error)

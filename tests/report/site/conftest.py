@@ -1,4 +1,4 @@
-"""Runs for pages: one real small one, and imaginary ones of many images with known rows."""
+"""Runs for pages: a small real one, and made-up ones of many images with known rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a folder that anyone may have made: only pixels reach the page, and only from that folder."""
+"""Pictures in a folder from anyone: only pixels reach the page, and only from that folder."""
 
 from __future__ import annotations
 

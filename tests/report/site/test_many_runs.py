@@ -1,4 +1,4 @@
-"""What bounds a page of many runs: pictures, curves, and an embedded pair that is drawn once."""
+"""A page of many runs has a limited number of pictures and curves, and draws the embedded pair once."""
 
 import json
 from functools import partial
@@ -27,7 +27,7 @@ def test_panels_of_twelve_runs_and_of_more_the_first(tmp_path):
 
 
 def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):
-    """Handed in from the worst to the best, so that the order of the runs says nothing."""
+    """Runs in order from worst to best, so that a page cannot rely on their order."""
     runs = [many_images("m" * index, 1 + 0.1 * index) for index in range(9, 0, -1)]
     for run in runs:
         change_manifest(run, identity_digest=small_run.manifest.identity_digest)  # whose folder they share

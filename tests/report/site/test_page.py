@@ -1,4 +1,4 @@
-"""A page is one file that says everything, the same every time, and takes no name for markup."""
+"""A page is a complete single file, the same bytes every time, and treats no name as markup."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def published_page() -> str:
 
 
 def data_of(text: str) -> dict:
-    """What the page's script makes rows and model pages of."""
+    """The data from which the page's script makes rows and model pages."""
     blocks = (json.loads(body) for kind, body in Page(text).scripts if kind == "application/json")
     return next(block for block in blocks if "boards" in block)  # the other is the slider's
 
@@ -235,8 +235,8 @@ def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary)
 
 
 def test_a_model_has_one_colour_on_a_page(three_runs_page):
-    """Of two groups of runs and the published values: a colour never means a kind in one figure and a model in
-    another, nor one model here and a different one there."""
+    """With two groups of runs and the published values, a colour never means a kind in one figure and a model in
+    another, nor two different models."""
     meanings: dict[str, set[str]] = {}
     for colour, label in re.findall(r'stroke: (?:var\()?([\w-]+)\)?"></path></svg>([^<]*)</li>', three_runs_page):
         meanings.setdefault(colour, set()).add(label)

@@ -1,4 +1,4 @@
-"""A figure inside a page: its marks say what they are, its ids are its own, its colours are the page's."""
+"""A figure inside a page: marks have labels, ids are unique, colours are the page's."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -68,7 +68,7 @@ def test_a_hostile_name_is_a_text_of_the_svg():
 
 
 def test_panels_are_apart_and_all_of_one_size():
-    """So that a page can put them on as many lines as it needs: a view of its own for each, without overlap."""
+    """Each panel is a separate element without overlap, so that a page can arrange them in lines."""
     figure = relations(_KITTI)
     panels = _svg(figure).findall("svg")
     boxes = [list(map(float, panel.get("viewBox").split())) for panel in panels]
