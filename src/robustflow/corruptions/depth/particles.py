@@ -73,10 +73,8 @@ class Particles(NamedTuple):
     """Relative to the world, m/s."""
     diameters: npt.NDArray[np.float64]
     """float64 (n,), metres."""
-    focal: tuple[float, float]
-    """See `Camera`."""
-    centre: tuple[float, float]
-    """See `Camera`."""
+    lenses: npt.NDArray[np.float64]
+    """float64 (2, 4): fx, fy, cx, cy of each frame."""
     motion: Motion
     """Motion of the camera from frame 1 to frame 2."""
 
@@ -107,12 +105,10 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     table = np.empty((2 * count, 13))
     keys = np.array([rng.spawn("frame", index).key for index in (0, 1)], np.uint64)
     box = np.array([-0.5 - margin, -0.5 - margin, width + 2 * margin, height + 2 * margin, reach])
-    lens = np.array([*camera.focal, *camera.centre], np.float64)
-    kept = _draw(keys, count, box, lens, np.array(sizes), np.array([*fall, *wind]), *motion, table)
+    lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
+    kept = _draw(keys, count, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
     parts = [np.ascontiguousarray(table[:kept, first : first + 3]) for first in (0, 3, 6, 9)]
-    return Particles(
-        (parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), camera.focal, camera.centre, motion
-    )
+    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), lenses, motion)
 
 
 def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
@@ -136,7 +132,7 @@ def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
     (x, y) at the beginning and at the end of the exposure in pixels, depth in metres, the particle's radius, and the
     radius in pixels to which lens and pixel spread a point of it.
     """
-    lens = np.array([*particles.focal, *particles.centre], np.float64)
+    lens = particles.lenses[index]
     out = np.empty((len(particles.diameters), 7))
     kept = _project(
         particles.positions[index], particles.velocities[index], particles.diameters, lens, *particles.motion, out
@@ -169,7 +165,7 @@ def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _draw(
-    keys: Any, count: int, box: Any, lens: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
+    keys: Any, count: int, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
     """Fill rows of (position, velocity) in frame 1, the same in frame 2, diameter; return their number.
 
@@ -180,6 +176,7 @@ def _draw(
     kept = 0
     still = np.zeros(3)
     for frame in range(2):
+        lens = lenses[frame]
         for i in range(count):
             key = hash64(keys[frame], np.uint64(i))
             product = _uniform(key, 0) * _uniform(key, 1) * _uniform(key, 2) * _uniform(key, 3)
@@ -198,7 +195,7 @@ def _draw(
                 x = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0] * dz - FRAME_INTERVAL * vx
                 y = rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1] * dz - FRAME_INTERVAL * vy
                 z = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2] * dz - FRAME_INTERVAL * vz
-                if _seen(x, y, z, diameter, box, lens):
+                if _seen(x, y, z, diameter, box, lenses[0]):
                     continue
             row = out[kept]
             row[0], row[1], row[2], row[3], row[4], row[5] = x, y, z, vx, vy, vz
