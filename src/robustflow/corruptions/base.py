@@ -17,8 +17,8 @@ from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES, check_severity
 
 VARIANTS = ("default", "reference", "paper")
-"""`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the paper's
-text to the letter. If a corruption makes no difference, the three are the same."""
+"""`default`: the rule of docs/design/discrepancies.md; `reference`: the reference code's behaviour; `paper`: the
+paper's text followed literally. If a corruption makes no difference, the three are the same."""
 
 BGR = "reference-bgr"
 """Like `reference`, with BGR frames passed to code that expects RGB, as in the reference code: see channel_order."""
@@ -37,7 +37,7 @@ class Corruption(ABC):
     name: ClassVar[str]
     family: ClassVar[str]
     temporal: ClassVar[bool] = False
-    """True for the seven that the paper calls temporal: made for pairs and clips, not for single images."""
+    """Whether the paper calls it temporal: made for pairs and clips, not for single images."""
     paper_severities: ClassVar[tuple[Any, ...]]
     level: ClassVar[type[NamedTuple] | None] = None
     """The names of a severity's parameters, if it has several."""
@@ -87,10 +87,10 @@ class Corruption(ABC):
 
     @abstractmethod
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Every random choice for frames of `shape` (H, W); the state that `apply` takes."""
+        """Make every random choice for frames of `shape` (H, W), and return the state for `apply`."""
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """`draw` for a sample whose depth may be known; what `corrupt_clip` calls."""
+        """`draw` for a sample whose depth may be known; `corrupt_clip` calls it."""
         return self.draw(rng, severity, shape)
 
     @abstractmethod
@@ -131,4 +131,4 @@ class DepthCorruption(Corruption):
 
     @abstractmethod
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
-        """Every random choice for a pair, and what `apply` needs of its depth."""
+        """Make every random choice for a pair, and return it with the depth that `apply` needs."""

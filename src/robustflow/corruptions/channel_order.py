@@ -1,4 +1,4 @@
-"""The channel order of the published measurements: the reference code reads frames as BGR and corrupts them as RGB."""
+"""The channel order of the published measurements: the reference code reads BGR frames and corrupts them as RGB."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .base import BGR, Corruption
 class ChannelsReversed(Corruption):
     """A corruption whose code is given blue where it expects red (variant "reference-bgr"); frames stay RGB outside.
 
-    Mud turns blue, JPEG takes another luma, and psf_blur blurs red as the lens blurs blue.
+    Mud turns blue, JPEG uses a wrong luma, and psf_blur blurs red as the lens blurs blue.
 
     >>> import numpy as np
     >>> from robustflow.corruptions import load_corruption

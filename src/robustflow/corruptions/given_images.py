@@ -1,4 +1,4 @@
-"""Images as users have them: arrays, or images of Pillow."""
+"""Convert users' images: arrays, or images of Pillow."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _EIGHT_BITS = ("RGB", "L", "P", "1")
 
 
 def as_frame(image: Any) -> Frame:
-    """An image as RGB uint8 (H, W, 3); an array as it is, to be checked by what takes it.
+    """Convert an image to RGB uint8 (H, W, 3); an array is returned as it is, and checked where it is used.
 
     Raises:
-        DataError: an image of Pillow with transparency, or not of 8 bits: the conversion is the user's to choose.
+        DataError: an image of Pillow with transparency, or not of 8 bits: the user has to choose a conversion.
 
     >>> as_frame(Image.new("L", (4, 3), 7)).shape
     (3, 4, 3)

@@ -1,4 +1,4 @@
-"""Whether this machine gives the bytes that the package promises: every corruption of pairs against stored digests."""
+"""Check that this machine gives the promised bytes: every corruption of pairs against stored digests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .api import corrupt
 from .registry import CLIP, SHIPPED
 
 CHECKED: tuple[str, ...] = tuple(name for name in SHIPPED if name not in CLIP)
-"""The corruptions with digests: all that need no clip."""
+"""The corruptions with digests: all but those of clips."""
 SEVERITIES = (1, 3, 5)
 _SEED = 3
 _BLOCKS, _SIDE = (12, 20), 8
@@ -25,7 +25,7 @@ _SHIFT = (2, 5)
 
 
 def compare_with_package() -> Iterator[tuple[str, str]]:
-    """Each corruption, and how this machine's frames differ from the package's: an empty text if they do not."""
+    """Yield each corruption and how this machine's frames differ from the package's; an empty text if they do not."""
     path = resources.files(__package__) / "data" / "digests.json"
     expected = json.loads(path.read_text(encoding="utf-8"))
     for name in CHECKED:

@@ -1,6 +1,6 @@
-"""A user's own corruption: an object, a class or `module:Attribute`, checked, and known by its name from then on.
+"""A user's own corruption: an object, a class or `module:Attribute`, which is checked and then known by its name.
 
-What it returns is checked on every call, so that a mistake stops with a sentence instead of becoming a number;
+Its results are checked on every call, so that a mistake becomes a clear error instead of a number;
 `robustflow.testing.check_corruption` looks further (determinism, draws).
 """
 
@@ -24,7 +24,7 @@ from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
 
 Made = Any
-"""A class that makes a corruption, or one that is made."""
+"""A class of corruptions, or an object of one."""
 
 _own: dict[str, Made] = {}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -32,7 +32,7 @@ _GUIDE = "see the guide 'add your corruption'"
 
 
 class OwnCorruption(Corruption):
-    """A user's corruption as the package sees it: what is requested of it and what it returns are checked.
+    """Wraps a user's corruption, and checks its arguments and results.
 
     Args:
         made: anything with `draw(rng, severity, shape)` and `apply(frame, state, index)`; see `Corruption`.
@@ -96,7 +96,7 @@ class OwnCorruption(Corruption):
 
 
 def register_custom(made: Made) -> str:
-    """Register a class or an object under its name, and return that name; a later registration replaces an earlier one.
+    """Register a class or an object under its name, which is returned; a later registration replaces an earlier one.
 
     Raises:
         UsageError: it has no `draw` and `apply`, an unusable name, or one of this package's.

@@ -1,8 +1,8 @@
-"""The calibrated scale: the table that `robustflow calibrate` writes, as it ships with the package.
+"""The calibrated scale: the shipped table, as `robustflow calibrate` writes it.
 
-The paper says that its severities cannot be compared between corruptions. On this scale they can, as far as SSIM can
-tell: severity s of any corruption leaves the same mean SSIM to the clean image. A severity that a corruption cannot
-reach does not exist on the scale, and nothing replaces it.
+The paper says that its severities cannot be compared between corruptions. On this scale they can, by SSIM: severity s
+of any corruption leaves the same mean SSIM to the clean image. A severity that a corruption cannot reach does not exist
+on the scale, and nothing replaces it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Level(FrozenFinite):
 
     Attributes:
         parameter: what the corruption's `severities` hold; None where the target cannot be reached.
-        ssim: the mean SSIM of that parameter; where there is none, of the nearest one found.
+        ssim: the mean SSIM of that parameter, or of the nearest one found if there is none.
     """
 
     parameter: _Number | tuple[_Number, ...] | None
@@ -41,7 +41,7 @@ class Level(FrozenFinite):
 
 
 class CalibratedCorruption(FrozenFinite):
-    """One corruption: its five levels, and the lowest and highest mean SSIM met on its path."""
+    """One corruption: its five levels, and the lowest and highest mean SSIM on its path."""
 
     reachable: tuple[Similarity, Similarity]
     levels: Annotated[tuple[Level, ...], Field(min_length=5, max_length=5)]
@@ -52,7 +52,7 @@ class CalibrationTable(FrozenFinite):
 
     Attributes:
         version: of this layout.
-        method: how the parameters were found, in words.
+        method: describes how the parameters were found.
         seed: of every draw.
         draws: of a random corruption, per picture.
         images: name of each picture of the reference set, and the SHA-256 of its pixels.

@@ -11,7 +11,7 @@ from ..kernels.line_motion import LineKernel, line_kernel, move_frame
 
 
 class Shake(NamedTuple):
-    """A severity: how far the camera moves."""
+    """A severity: the movement of the camera."""
 
     radius: int
     """alpha, pixels: 2 * radius + 1 taps."""
@@ -35,7 +35,7 @@ class CameraMotionBlur(Corruption):
     paper_severities = ((10, 3), (15, 5), (15, 8), (15, 12), (20, 15))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LineKernel:
-        """The taps in a direction from the stream."""
+        """Draw the direction; the state holds the taps."""
         shake: Shake = self.parameter(severity)
         return line_kernel(shake.radius, shake.sigma, rng.uniform(-45.0, 45.0))
 

@@ -1,4 +1,4 @@
-"""Defocus blur: the disk the frames are convolved with. How the sum is taken is in disk.py."""
+"""Defocus blur: frames are convolved with a disk, see disk.py."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class DefocusBlur(Corruption):
     """Both frames convolved with an anti-aliased disk (paper, appendix "Corruption Details", blur).
 
     A severity is (radius in pixels, standard deviation of the anti-aliasing). The paper says "circular mean filter";
-    the reference code smooths a disk inside an array that at radius 8 and 10 has no room around it, mirrored at the
+    the reference code smooths a disk inside an array that at radius 8 and 10 is too small for it, and mirrors it at the
     array's edge, so that these kernels sum to 1.013 and 1.011 and brighten the image. That is kept: it is what the
-    published numbers measured. Borders mirror the image without repeating the edge pixel.
-    `variant="paper"` is the plain disk; `variant="reference"` cuts the fraction off instead of rounding.
+    published numbers measured. Borders mirror the image without repeating the edge pixel. `variant="paper"` is the
+    plain disk; `variant="reference"` cuts the fraction off instead of rounding.
     """
 
     name = "defocus_blur"

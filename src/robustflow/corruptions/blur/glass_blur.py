@@ -14,16 +14,16 @@ from ..base import Corruption
 from ..kernels.separable import FLOOR, gaussian_frame
 
 SourceIndex = npt.NDArray[np.int32]
-"""int32 (H, W): the flat index of the pixel that is seen at each place."""
+"""int32 (H, W): the flat index of the source of each pixel."""
 
 
 class Glass(NamedTuple):
-    """A severity: the pane."""
+    """A severity: the pane of glass."""
 
     sigma: float
     """Standard deviation of both blurs, pixels."""
     reach: int
-    """alpha, pixels: how far a pixel's partner may be."""
+    """alpha, pixels: largest distance of a pixel's partner."""
     iterations: int
     """beta: passes of the shuffle."""
 
@@ -46,7 +46,7 @@ class GlassBlur(Corruption):
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, SourceIndex]:
-        """(sigma, where each pixel comes from)."""
+        """Draw the shuffle; the state is (sigma, the source of each pixel)."""
         glass: Glass = self.parameter(severity)
         return float(glass.sigma), draw_shuffle(rng, shape, glass.reach, glass.iterations, swap=self.variant == "paper")
 
@@ -60,7 +60,8 @@ class GlassBlur(Corruption):
 
 
 def draw_shuffle(rng: Rng, shape: tuple[int, int], reach: int, iterations: int, swap: bool) -> SourceIndex:
-    """Shuffle the indices of an image of `shape` (H, W); pixels closer than `reach` to the border are only partners."""
+    """Shuffle the indices of an image of `shape` (H, W); pixels closer than `reach` to the border only serve as
+    partners."""
     height, width = shape
     source = np.arange(height * width, dtype=np.int32)
     steps = np.arange(-reach, reach)

@@ -19,10 +19,10 @@ from ...sample import Frame
 from ..base import Corruption
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
-"""Environment variable that names the folder of the reference's stacks, for all instances made without `psf_dir`."""
+"""Environment variable with the folder of the reference's stacks, for instances made without `psf_dir`."""
 
 _WHOLE = np.float32(1e-3)
-"""Grey levels by which a value may lie below a whole number that `blur` meant: ten times its rounding errors."""
+"""Grey levels by which rounding errors may put a value of `blur` below a whole number: ten times the largest."""
 
 
 class PsfBlur(Corruption):
@@ -53,7 +53,7 @@ class PsfBlur(Corruption):
         severities: tuple[Any, ...] | None = None,
         psf_dir: str | Path | None = None,
     ) -> None:
-        """`psf_dir`: a folder with the reference code's five `.pth` stacks; `ROBUSTFLOW_PSF_DIR` when None."""
+        """`psf_dir` is a folder with the reference code's five `.pth` stacks; `ROBUSTFLOW_PSF_DIR` if None."""
         super().__init__(variant, severities)
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
         self.psf_dir = Path(chosen) if chosen else None
@@ -70,7 +70,7 @@ class PsfBlur(Corruption):
 
     @property
     def source(self) -> str:
-        """Empty for this package's own lenses, else a digest of each of the reference's five stacks."""
+        """Empty for this package's lenses, else a digest of each of the reference's five stacks."""
         if self.psf_dir is None:
             return ""
         return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)

@@ -1,1 +1,1 @@
-"""Severities that are comparable between corruptions: the search for them and the scale that ships."""
+"""Severities that are comparable between corruptions: the search for them and the shipped scale."""

@@ -1,9 +1,9 @@
-"""One path per corruption through the space of its parameters, from hardly visible to destroyed.
+"""A path through the parameters of each corruption, from hardly visible to destroyed.
 
-The calibrated scale takes its five parameters from these paths. A path is a list of segments; inside one every number
-goes linearly from start to end (whole numbers are rounded, the others kept to four digits), and between two the
-parameters may jump. Where the paper's severities are on one path, they are the corners, extended below severity 1
-to almost nothing and above 5 as far as the corruption can continue. They do not for five corruptions:
+The calibrated scale takes its five parameters from these paths. A path is a list of segments; within one, every number
+changes linearly from start to end (whole numbers are rounded, others kept to four digits), and between two the
+parameters may jump. Where the paper's severities are on one path, they are the corners, extended below severity 1 to
+almost nothing and above 5 as far as the corruption can continue. They do not for five corruptions:
 
 saturate            oversaturates as severities 3 to 5 do; 1 and 2 desaturate, which SSIM, on luma, hardly sees
 spatter             water (severities 1, 2 and half way to 3), then mud (4, 5 and on)
@@ -51,7 +51,7 @@ def _between(start: Any, end: Any, share: float) -> Any:
 
 
 def path(name: str) -> list[Segment]:
-    """The path of a corruption, mildest first; empty for those that are on no such path (a clip's, a user's own).
+    """The path of a corruption, mildest first; empty for corruptions of clips and a user's own.
 
     >>> path("contrast")[0].at(0.5), path("h264_crf")
     (0.7, [])
@@ -82,7 +82,7 @@ _ENDS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "gaussian_blur": (0.2, (30.0,)),
     "elastic_transform": (0.05, (100.0,)),
 }
-"""What the paper's five severities are extended to: (below 1, above 5)."""
+"""Parameters beyond the paper's five severities: (below 1, above 5)."""
 
 _LENSES = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
 

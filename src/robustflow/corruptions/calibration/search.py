@@ -1,9 +1,9 @@
 """Find the parameters at which every corruption leaves the same mean SSIM.
 
 Along a corruption's path (paths.py) the mean SSIM is measured at fixed shares of every segment; between the two
-that enclose a target, ten halvings follow. Of all parameters measured the one nearest the target is taken, if it is
-within the tolerance. Nothing else decides, and both SSIM and corruptions are the same on every machine, so the same
-seed and pictures give the same table.
+that enclose a target, ten halvings follow. The measured parameter nearest to the target is chosen, if it is within the
+tolerance. Nothing else decides, and both SSIM and corruptions are the same on every machine, so the same seed and
+pictures give the same table.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .paths import Segment, path
 from .ssim import Ssim
 
 TARGETS = (0.92, 0.85, 0.78, 0.71, 0.64)
-"""Mean SSIM of severities 1 to 5: what most corruptions can be brought to."""
+"""Mean SSIM of severities 1 to 5, which most corruptions can reach."""
 TOLERANCE = 0.01
 DRAWS = 4
 PHOTOGRAPHS = (
@@ -142,7 +142,7 @@ class _Curve:
         for draw in range(self._draws):
             rng = stream_for(corruption, 1, self._seed, f"{key}/{draw}")
             state = corruption.draw(rng, 1, picture.shape[:2])
-            # Which frame is exposed is a toss of a coin, and says nothing about how strongly.
+            # only the exposed frame is drawn at random, not the strength
             index = getattr(state, "exposed", None) or 0
             frame = corruption.apply(picture, state, index)
             if first is not None and np.array_equal(frame, first):

@@ -74,7 +74,7 @@ def _moments(image: Any, other: Any) -> tuple[npt.NDArray[np.float64], ...]:
 
 @njit(cache=True, nogil=True)
 def _along(padded: Any, taps: Any, out: Any) -> None:
-    """`padded` has its middle filled; mirrored here at both ends, then filtered into `out`."""
+    """Mirror the two ends of `padded`, whose middle is filled, and filter it into `out`."""
     width = out.size
     for j in range(RADIUS):
         padded[RADIUS - 1 - j] = padded[RADIUS + mirrored(-1 - j, width)]

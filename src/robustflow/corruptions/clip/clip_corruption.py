@@ -1,4 +1,4 @@
-"""A corruption of a whole clip, for code that has only images: a name, five numbers, and an error."""
+"""A corruption of a whole clip, for code that only has images: a name, five numbers, and an error."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ClipCorruption(Corruption):
     temporal: ClassVar[bool] = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
-        """Refuse: there is no clip here.
+        """Refuse, because there is no clip.
 
         Raises:
             UsageError: always.
@@ -30,5 +30,5 @@ class ClipCorruption(Corruption):
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:
-        """Refuse, as `draw`."""
+        """Refuse, like `draw`."""
         raise UsageError(f"{self.name} needs the clip that the frames come from, not one image")

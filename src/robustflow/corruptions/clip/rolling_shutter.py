@@ -6,11 +6,11 @@ from .clip_corruption import ClipCorruption
 
 
 class RollingShutter(ClipCorruption):
-    """Rows of a key frame read one after the other, each from the master frame of its time; parameter the readout time
-    in master frames, 6 to 31 ms at 960 frames per second.
+    """Reads the rows of a key frame one after the other, each from the master frame of its time; parameter the readout
+    time in master frames, 6 to 31 ms at 960 frames per second.
 
     Row y of H comes from the master frame nearest to readout ((y + 1/2) / H - 1/2) after the key frame. It changes the
-    true flow, so errors against ground truth mean nothing: RCRE alone is measured. In none of the paper's averages.
+    true flow, so errors against ground truth mean nothing: only RCRE is measured. In none of the paper's averages.
     """
 
     name = "rolling_shutter"

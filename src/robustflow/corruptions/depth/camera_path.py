@@ -1,4 +1,4 @@
-"""How points move in the coordinates of the camera between two frames."""
+"""The motion of points in the camera's coordinates between two frames."""
 
 from __future__ import annotations
 

@@ -15,9 +15,9 @@ from ..base import DepthCorruption
 from ..kernels.layered_disk import blur_layers
 
 _NEAR, _FAR = 0.1, 0.9
-"""Shares of frame 1's pixels that are nearer than what is called near, and far."""
+"""Shares of frame 1's pixels that are nearer than the "near" and the "far" depth."""
 _EVERY = 16
-"""Every so many pixels are looked at for them."""
+"""Stride in pixels for finding these depths."""
 _LARGEST = 2.0
 """No disk is larger than this many times the one at the stated depth."""
 _FINEST, _STEPS = 1.0, 6
@@ -35,7 +35,7 @@ class ThinLens(NamedTuple):
     infinity: float
     """Radius at infinity, pixels."""
     largest: float
-    """Radius that is not exceeded, pixels."""
+    """Largest radius, pixels."""
 
 
 class DefocusState(NamedTuple):
@@ -56,7 +56,7 @@ class Defocus3d(DepthCorruption):
 
     @abstractmethod
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """The lens that blurs what it is not focused on by `radius` pixels."""
+        """The lens that blurs the part out of focus by `radius` pixels."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
         """The lens; nothing is random."""
@@ -70,7 +70,7 @@ class Defocus3d(DepthCorruption):
 
 
 class NearFocus(Defocus3d):
-    """Both frames focused on what is near, as a thin lens does: the background is blurred.
+    """Focuses both frames on the near part of the scene with a thin lens: the background is blurred.
 
     The focus is at the depth that a tenth of frame 1's pixels are nearer than. A severity is the radius in pixels of
     the disk of a point at the depth that a tenth are farther than; at other depths Z the radius goes with |Z - F| / Z,
@@ -87,7 +87,7 @@ class NearFocus(Defocus3d):
 
 
 class FarFocus(Defocus3d):
-    """Both frames focused on what is far, as a thin lens does: the foreground is blurred, and spreads.
+    """Focuses both frames on the far part of the scene with a thin lens: the foreground is blurred, and spreads.
 
     The focus is at the depth that a tenth of frame 1's pixels are farther than. A severity is the radius in pixels of
     the disk of a point at the depth that a tenth are nearer than; at other depths Z the radius goes with |Z - F| / Z,

@@ -1,4 +1,4 @@
-"""What rain and snow have in common: particles and a veil over both frames."""
+"""The base of rain and snow: particles and a veil over both frames."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Precipitation(DepthCorruption):
         return PrecipitationState(particles, depth.maps, veil_of(sizes, shape[1], depth.camera))
 
     def apply(self, frame: Frame, state: PrecipitationState, index: int) -> Frame:
-        """Let it fall on frame `index`, 0 or 1."""
+        """Add the particles and the veil to frame `index`, 0 or 1."""
         depth = np.ascontiguousarray(state.depth[index])
         density, start = state.veil
         passed = transmission(depth, density, start)
@@ -69,7 +69,7 @@ def _cover(streaks: Any, depth: Any, passed: Any) -> None:
         x0, y0, dx, dy = streaks[i, 0], streaks[i, 1], streaks[i, 2] - streaks[i, 0], streaks[i, 3] - streaks[i, 1]
         z, radius, soft = streaks[i, 4], streaks[i, 5], streaks[i, 6]
         length = np.sqrt(dx * dx + dy * dy)
-        if length < 0.1:  # too short to see which way it points
+        if length < 0.1:  # too short to have a direction
             x0, y0 = x0 + 0.5 * dx - 0.05, y0 + 0.5 * dy
             length, dx, dy = 0.1, 0.1, 0.0
         outer, inner = radius + soft, max(radius - soft, 0.0)

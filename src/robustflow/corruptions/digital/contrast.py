@@ -14,7 +14,7 @@ from ..kernels.rounding import to_bytes
 
 
 class Contrast(Corruption):
-    """(I - mean) c + mean; `severities` are c (paper, "Contrast").
+    """out = (I - mean) c + mean; `severities` are c (paper, "Contrast").
 
     The mean is per channel, as in the code; `variant="paper"` takes one mean over the frame, as its formula reads.
     `variant="reference"` cuts fractions of a grey level off, as the code does.

@@ -12,7 +12,7 @@ from ..base import Corruption
 
 
 class JpegCompression(Corruption):
-    """Through a baseline JPEG file with 4:2:0 chroma; `severities` are its quality (paper, "JPEG compression")."""
+    """Encodes frames as baseline JPEG with 4:2:0 chroma; `severities` are the quality (paper, "JPEG compression")."""
 
     name = "jpeg_compression"
     family = "digital"

@@ -9,7 +9,8 @@ from ..kernels.box_resize import pixelated
 
 
 class Pixelate(Corruption):
-    """Shrunk by a box filter to a factor of the size, grown back; `severities` are the factor (paper, "Pixelation")."""
+    """Shrinks frames by a factor with a box filter and enlarges them; `severities` are the factor (paper,
+    "Pixelation")."""
 
     name = "pixelate"
     family = "digital"

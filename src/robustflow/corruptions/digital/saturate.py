@@ -22,7 +22,7 @@ class Saturation(NamedTuple):
 class Saturate(Corruption):
     """S' = S alpha + beta in HSV; `severities` are (alpha, beta) (paper, "Saturate").
 
-    The reference code has the first two severities the other way round and cuts fractions of a grey level off
+    The reference code exchanges the first two severities and cuts fractions of a grey level off
     (`variant="reference"`). Hue and V stay, so
     with V = max(R, G, B) and m = min(R, G, B) a channel c becomes V - V S' (V - c) / (V - m). Grey has hue 0: where
     beta > 0 it turns red.
@@ -34,7 +34,7 @@ class Saturate(Corruption):
     paper_severities = ((0.1, 0.0), (0.3, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2))
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """The reference code's order of the first two for the variant "reference"."""
+        """For the variant "reference", the first two in the reference code's order."""
         first, second, *rest = self.paper_severities
         return (second, first, *rest) if variant == "reference" else self.paper_severities
 

@@ -13,14 +13,14 @@ from ..kernels.value_table import Table, gain_table, look_up
 
 
 class LightState(NamedTuple):
-    """The table, and which frames it is for, by index modulo 2."""
+    """The table, and the frames to expose, by index modulo 2."""
 
     table: Table
     exposed: int
 
 
 class OverExposure(Corruption):
-    """V' = V 2**ev in one of two successive frames, by the toss of a coin (paper, "Over Exposure").
+    """V' = V 2**ev in one of two successive frames, chosen at random (paper, "Over Exposure").
 
     `severities` are ev. The paper says "one image"; which one is random, as in the reference code. In a clip every
     second frame is exposed.
@@ -32,7 +32,7 @@ class OverExposure(Corruption):
     paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        """The table, and which of two successive frames it is for."""
+        """Draw the frame to expose; the state also holds the table."""
         return LightState(gain_table(2.0 ** self.parameter(severity)), rng.integer(0, 2))
 
     def apply(self, frame: Frame, state: LightState, index: int) -> Frame:

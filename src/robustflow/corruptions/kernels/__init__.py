@@ -1,1 +1,1 @@
-"""Compiled loops and filters that corruptions are made of."""
+"""Compiled loops and filters that corruptions share."""

@@ -1,4 +1,4 @@
-"""Drawing from a discrete distribution with one table look-up: Walker's alias method on integers.
+"""Draw from a discrete distribution with one table look-up: Walker's alias method on integers.
 
 A table of 2**b columns of equal height holds at most two outcomes per column. A 32-bit random word picks the column by
 its top b bits and, by the next bits, which of the two. Everything is an integer: probabilities are counts that sum to

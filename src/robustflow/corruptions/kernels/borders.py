@@ -1,4 +1,4 @@
-"""What lies beyond the border of an image: its mirror image, with or without the edge pixel repeated."""
+"""Continue an image beyond its border by mirroring, with or without repeating the edge pixel."""
 
 from __future__ import annotations
 

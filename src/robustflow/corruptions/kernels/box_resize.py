@@ -1,4 +1,4 @@
-"""Shrinking by a box filter and growing by nearest neighbour, bit for bit as in Pillow.
+"""Shrink by a box filter and enlarge by nearest neighbour, bit for bit as in Pillow.
 
 A box filter weighs the n pixels under it alike, so a pixel of the result is (sum * round(2**22 / n) + 2**21) >> 22.
 Columns are shrunk first, then rows, with 8-bit values between (as Pillow 10 does; Pillow 13 starts
@@ -20,7 +20,7 @@ _HALF = 1 << 21
 
 
 class _AxisResize(NamedTuple):
-    """How one axis of `size` pixels shrinks to `small` and grows back."""
+    """How one axis of `size` pixels shrinks to `small` pixels and is enlarged again."""
 
     first: npt.NDArray[np.int64]  # (small,) first pixel under the box
     covered: npt.NDArray[np.int64]  # (small,) how many
@@ -44,7 +44,7 @@ def _axis_resize(size: int, small: int) -> _AxisResize:
 
 
 def pixelated(frame: Frame, factor: float) -> Frame:
-    """`frame` shrunk to int(factor * size) by a box filter and grown back, uint8 (H, W, 3)."""
+    """Shrink `frame` to int(factor * size) by a box filter and enlarge it again, uint8 (H, W, 3)."""
     height, width = frame.shape[:2]
     rows = _axis_resize(height, max(1, int(height * factor)))
     columns = _axis_resize(width, max(1, int(width * factor)))
@@ -63,7 +63,7 @@ def pixelated(frame: Frame, factor: float) -> Frame:
 
 @njit(cache=True, nogil=True)
 def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any) -> None:
-    """Box sums of every width that occurs at every position (a loop that vectorises), then pick."""
+    """Compute box sums of every width at every position, in a loop that vectorises, then pick the needed ones."""
     width = source.shape[1]
     sums = np.empty(width, np.uint32)
     means = np.empty((weights.size, width), np.uint8)

@@ -1,7 +1,7 @@
 """Distance to the nearest edge, in integers.
 
-OpenCV's `distanceTransform` runs through Intel's library where it can and then differs in the last bits of a float,
-which its later rounding turns into whole grey levels. The weights are its own for a 5 x 5 mask: 1, 1.4 and 2.1969.
+OpenCV's `distanceTransform` may use Intel's library and then differs in the last bits of a float, which later rounding
+turns into whole grey levels. The weights are its own for a 5 x 5 mask: 1, 1.4 and 2.1969.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _mean(values: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _sweep(distance: Any, far: int) -> None:
-    """Shortest ways from the rows above and from the left."""
+    """Shortest paths from the rows above and from the left."""
     height, width = distance.shape
     above = np.full((2, width + 4), far, np.int32)
     line = np.empty(width, np.int32)

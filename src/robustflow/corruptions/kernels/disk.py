@@ -1,8 +1,8 @@
-"""Convolution with an anti-aliased disk in a time that grows with its radius, not its area.
+"""Convolve with an anti-aliased disk in a time proportional to its radius, not its area.
 
-The image is first summed over the flat disk, exactly, as differences of integer running sums along the rows; the sum is
-then blurred down and along. The rim (see disk_kernel.py) is added as rows before, and as columns after, the blur along
-the row.
+The image is first summed over the flat disk, exactly, as differences of integer running sums along the rows; then the
+sum is blurred along both axes. The rim (see disk_kernel.py) is added as rows before, and as columns after, the blur
+along the row.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .separable import FLOOR
 
 _U = np.uint64  # an index that is never negative needs no test for it
 _STRIP = 640
-"""Columns worked on at a time: few enough for the rows that a sum reads to stay in the first-level cache."""
+"""Columns processed at a time: the rows that a sum reads stay in the first-level cache."""
 
 
 def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
     """The frame convolved with the kernel of disk_kernel.py: uint8 (H, W, 3) in and out, borders mirrored.
 
-    Rounds once, or cuts the fraction off with `floor`.
+    Rounds once, or truncates with `floor`.
     """
     height, width = frame.shape[:2]
     source = contiguous(frame).reshape(height, width * 3)
@@ -60,7 +60,7 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
-    """Rows are passed whole, with where a segment begins: a slice takes longer to compile than this loop."""
+    """Takes whole rows and the start of a segment, because a slice takes longer to compile than this loop."""
     for i in range(_U(total.size)):
         total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
 
@@ -142,7 +142,7 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
     """`columns[h]` is room for the running sums of the rows y - h, ..., y + h together; `columns[-1]` stays zero."""
     window = len(ring)
     row, first_sums = ring[y % window], columns[0]
-    for i in range(row.size):  # an assignment of slices would compile its error messages, for three seconds
+    for i in range(row.size):  # assigning slices would compile error messages, which takes three seconds
         first_sums[i] = row[i]
     for h in range(1, len(columns) - 1):
         _add_three(columns[h - 1], ring[(y - h) % window], ring[(y + h) % window], columns[h])

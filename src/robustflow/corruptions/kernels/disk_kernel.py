@@ -1,4 +1,4 @@
-"""The anti-aliased disk of the defocus blur, in the parts that disk.py sums.
+"""The anti-aliased disk of the defocus blur, split into the parts that disk.py sums.
 
 The kernel is a flat disk blurred by a tiny Gaussian g (3 or 5 taps) inside an array. Where the disk comes within reach
 of the array's edge (radius 8 and 10 of the paper's five) the reference code mirrors it there, and what g would spread
@@ -19,7 +19,7 @@ _NEGLIGIBLE = 1e-9
 """Taps of g below this are zero: at a smoothing of 0.1 they are 1e-22."""
 
 _ROOM = 8
-"""The array reaches this far from its centre, or as far as the disk if that is farther."""
+"""Smallest distance from the array's centre to its edge; a larger disk enlarges the array."""
 
 
 class DiskParts(NamedTuple):
@@ -30,7 +30,7 @@ class DiskParts(NamedTuple):
     taps: npt.NDArray[np.float32]
     """Half of g, centre first, float32 (g + 1,), divided by the square root of the disk's area."""
     rim: npt.NDArray[np.int64]
-    """int64 (n, 4): (distance, half-width) of a segment to add and of one to take away; -1 wide is none."""
+    """int64 (n, 4): (distance, half-width) of a segment to add and of one to subtract; a half-width of -1 is none."""
     rim_weights: npt.NDArray[np.float32]
     """Their common weights, float32 (n,), in the units of `taps`."""
 
@@ -48,7 +48,7 @@ def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
 def disk_parts(radius: float, smoothing: float) -> DiskParts:
     """The parts of the kernel of a radius and a smoothing, in pixels.
 
-    The paper's radii are whole; one between them takes in the pixels whose centres it covers.
+    The paper's radii are whole; a disk of any other radius has the pixels whose centres it covers.
     """
     whole = int(radius)
     widths = np.array([isqrt(int(radius**2) - dy**2) for dy in range(whole + 1)])
@@ -67,10 +67,10 @@ def disk_parts(radius: float, smoothing: float) -> DiskParts:
 
 
 def _mirrored_rim(radius: int, reach: int) -> list[tuple[int, int, int, int, int]]:
-    """What mirroring adds to, and takes from, the disk blurred by taps up to `reach`.
+    """The segments that mirroring adds to, and subtracts from, the disk blurred by taps up to `reach`.
 
-    (tap, distance and row of the disk to add there, distance and row to take away there): tap j carries a row to the
-    place `over` beyond the edge, from where it is folded back.
+    (tap, distance and row of the disk to add there, distance and row to take away there): tap j moves a row `over`
+    beyond the edge, from where it is mirrored back.
     """
     edge = max(radius, _ROOM)
     pairs = [(over, j) for over in range(1, reach + 1) for j in range(over, reach + 1)]

@@ -1,4 +1,4 @@
-"""Blur with flat disks whose radius goes with depth: layer by layer, from the nearest to the farthest.
+"""Blur with flat disks whose radius depends on depth, layer by layer, from the nearest to the farthest.
 
 Every layer and its mask are blurred separately, with the running sums of disk.py. What a layer covers
 of a pixel hides that share of the layers behind it, and the colours that are left are divided by the shares they have:
@@ -23,7 +23,7 @@ from .disk_kernel import disk_parts
 _ROWS, _COLUMNS = 32, 128
 """Pixels worked on at a time: their running sums stay in the second-level cache."""
 _BLOCK = 16
-"""Which layers there are is known for squares of this size."""
+"""Side of the squares for which the set of layers is stored."""
 _U = np.uint64  # an index that is never negative needs no test for it
 
 Layers = npt.NDArray[np.uint8]

@@ -1,7 +1,7 @@
-"""Motion along a straight line: a sparse kernel with one tap per pixel of the way.
+"""Motion along a straight line: a sparse kernel with one tap per pixel of the line.
 
-The taps are where the reference code puts them, at the line's points rounded to pixels. Their weights are the half of
-a Gaussian that starts at the pixel itself, so the kernel is one-sided. Borders repeat the edge.
+The taps are at the line's points rounded to pixels, as in the reference code. Their weights are half of a Gaussian that
+starts at the pixel itself, so the kernel is one-sided. Borders repeat the edge.
 
 Weights are 16-bit integers and pixels 16-bit fractions, so the sum is the same on every machine; each tap loses less
 than 1/256 of a grey level, and the mean of that loss is added back.
@@ -38,10 +38,10 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
     """
     steps = np.arange(2 * radius + 1)
     down, right = math.sin(math.radians(angle)), math.cos(math.radians(angle))
-    # a point half way between two pixels goes to the lower index; the guard keeps the last bit of sin and cos out
+    # a point halfway between two pixels is rounded down; the offset hides the last bit of sin and cos
     offsets = np.ceil(steps[:, None] * np.array([down, right]) - 0.5 - 1e-9).astype(np.int64)
     profile = np.exp(-(steps**2) / (2 * sigma**2))
-    # differences of the rounded running sum: each within a unit, the total exact
+    # differences of the rounded running sum: each is exact to a unit, and so is the total
     running = np.rint(np.cumsum(profile) / profile.sum() * 65535)
     return LineKernel(offsets, np.diff(running, prepend=0).astype(np.uint16))
 
@@ -66,7 +66,7 @@ def _moved(rows: npt.NDArray[np.uint16], step: int, kernel: LineKernel) -> npt.N
 
 
 def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
-    """How far the taps reach up (not above 0), down, left (not above 0) and right."""
+    """Extent of the taps: up and left (0 or negative), down and right."""
     (up, left), (down, right) = kernel.offsets.min(axis=0).tolist(), kernel.offsets.max(axis=0).tolist()
     return min(0, up), max(0, down), min(0, left), max(0, right)
 

@@ -1,4 +1,4 @@
-"""Fields of normal noise for layers that are blurred afterwards: one table look-up per sample."""
+"""Fields of normal noise, to be blurred afterwards: one table look-up per sample."""
 
 from __future__ import annotations
 

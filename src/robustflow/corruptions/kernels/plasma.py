@@ -1,8 +1,8 @@
 """Plasma fractal by the diamond-square method: the fog map.
 
 A square torus of 2**k points starts as one zero and is doubled k times; each new point is the mean of its four
-neighbours plus a uniform number of amplitude 10000 / decay**(2 * level). A point's number is a hash of its place, so
-any part can be refined alone: the whole torus is grown to 512 x 512 only, and then just the corner that is seen.
+neighbours plus a uniform number of amplitude 10000 / decay**(2 * level). A point's number is a hash of its position, so
+any part can be refined separately: the whole torus is only grown to 512 x 512, and then just the visible corner.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArra
     """The top left corner, float32 (height, width) in [0, 1], of the smallest plasma map that holds it.
 
     The map is scaled by its extremes over the whole torus, as the reference code does; beyond 512 x 512 points, by
-    those of the 512 x 512 points and of the corner. What is left out has amplitude below 0.2 % of the range.
+    those of the 512 x 512 points and of the corner. The rest has an amplitude below 0.2 % of the range.
 
     >>> corner = plasma_corner(Rng.of("demo"), 40, 70, 2.0)
     >>> corner.shape, bool(corner.min() >= 0), bool(corner.max() <= 1)
@@ -38,7 +38,7 @@ def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArra
     low, high = grid.min(), grid.max()
     if len(grid) < size:
         rows, columns = _reach(height, size // len(grid)), _reach(width, size // len(grid))
-        start = -2  # two points before the corner on every level: a doubling uses one up and doubles the other
+        start = -2  # two points before the corner on every level: a doubling uses one and doubles the other
         corner = np.take(grid, range(start, start + rows), 0, mode="wrap")
         corner = np.take(corner, range(start, start + columns), 1, mode="wrap")
         points = len(grid)

@@ -24,7 +24,7 @@ Plane = npt.NDArray[np.float32]
 """float32, shape (H, W)."""
 
 FLOOR = -0.499
-"""`offset` that makes rounding cut the fraction off, as a conversion to uint8 does. It stops short of -0.5 so that
+"""`offset` with which rounding truncates, as a conversion to uint8 does. It is a little above -0.5 so that
 arithmetic noise of a few 1e-5 below an integer (a white area summing to 254.99998) does not lose a grey level."""
 
 

@@ -1,4 +1,4 @@
-"""Uniform noise blurred by a wide Gaussian, in a time that does not grow with the Gaussian's width.
+"""Uniform noise blurred by a wide Gaussian, in a time that does not depend on the Gaussian's width.
 
 A field blurred with standard deviation s varies slowly, so it is computed at every (s / 2.5)-th row and column only and
 interpolated by cubics between them, which leaves an error of about half a percent of the field's standard deviation.

@@ -1,4 +1,4 @@
-"""A change of V in HSV as a table.
+"""Change V in HSV by a table.
 
 Hue and saturation stay, so every channel is scaled by V'/V where V = max(R, G, B): one table of 256 x 256 bytes, row V,
 column the channel's value, holds the whole corruption, and is computed once in float64.

@@ -21,7 +21,7 @@ class GaussianNoise(Noise):
     """I + c n with n ~ N(0, 1) per sample, on [0, 1]; `severities` are c (paper, "Gaussian Noise").
 
     The noise is drawn as an integer number of grey levels, from the exact probabilities of the rounded normal
-    distribution in units of 2**-23; what is beyond +-255 saturates every sample and is lumped.
+    distribution in units of 2**-23; numbers beyond +-255 saturate every sample and are merged.
     `variant="reference"` cuts fractions of a grey level off instead of rounding, as the code does.
     """
 

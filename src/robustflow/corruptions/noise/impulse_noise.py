@@ -13,10 +13,11 @@ from .noise import BLOCK, Noise
 
 
 class ImpulseNoise(Noise):
-    """A share of the samples becomes 0 or 255, each as likely; `severities` are the share (paper, "Impulse Noise").
+    """A share of the samples becomes 0 or 255 with equal probability; `severities` are the share (paper, "Impulse
+    Noise").
 
     The paper replaces pixels, the code samples (each channel for itself): the default is the code,
-    `variant="paper"` replaces all three channels of a pixel alike. The share is exact to 2**-16.
+    `variant="paper"` replaces all three channels of a pixel together. The share is exact to 2**-16.
     """
 
     name = "impulse_noise"

@@ -1,8 +1,8 @@
-"""What the three noises share: the amount of noise, and a stream for each frame.
+"""The base of the three noises: the amount of noise, and a stream for each frame.
 
 Sample s of a frame (row-major, channels last) is decided by lane s of the frame's hash words alone: 32-bit lanes for
-Gaussian and shot noise, 16-bit lanes for impulse noise. So any part of a frame can be computed by itself, and nothing
-but integers is compared.
+Gaussian and shot noise, 16-bit lanes for impulse noise. So any part of a frame can be computed separately, and only
+integers are compared.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ...sample import Frame
 from ..base import Corruption
 
 BLOCK = 256
-"""Hash words computed at a time: they stay in the first-level cache, and their loop vectorises."""
+"""Hash words computed at a time, so that they stay in the first-level cache and the loop vectorises."""
 
 
 @dataclass(frozen=True)
 class NoiseState:
-    """What a pair shares: the amount of noise. `stream` names the streams of its frames."""
+    """The state of a pair: the amount of noise, and the stream from which its frames' streams are made."""
 
     parameter: float
     stream: Rng
@@ -33,12 +33,12 @@ class NoiseState:
 
 
 class Noise(Corruption):
-    """What the three noises share."""
+    """The base class of the three noises."""
 
     family = "noise"
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoiseState:
-        """The amount of noise, and the stream that frames spawn theirs from."""
+        """The state: the amount of noise, and the stream of the pair."""
         return NoiseState(float(self.parameter(severity)), rng)
 
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:

@@ -54,7 +54,7 @@ def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uin
 
 
 def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
-    """The table with grey levels in place of the outcomes' numbers."""
+    """Replace the outcomes' numbers in the table by grey levels."""
     names = np.zeros(256, np.uint32)
     names[: levels.size] = levels
     return (table & np.uint32(0xFFFF0000)) | (names[(table >> 8) & 255] << np.uint32(8)) | names[table & 255]
