@@ -120,13 +120,14 @@ def _expose(
     by the next 16. The high 16 bits are for the read noise.
     """
     words = np.empty(_BLOCK, np.uint64)
-    counts = np.empty(_BLOCK, np.float32)
+    counts, first, second = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     for start in range(0, light.size, _BLOCK):
         fill_bits(key, np.uint64(start), words)
         means, o = light[start : start + _BLOCK], out[start : start + _BLOCK]
+        for i in range(_BLOCK):
+            first[i], second[i] = normal[words[i] & np.uint64(0xFFFF)], normal[words[i] >> np.uint64(48)]
         for i in range(means.size):
-            mean = means[i] * electrons
-            z = np.float32(normal[words[i] & np.uint64(0xFFFF)]) * np.float32(UNIT)
+            mean, z = means[i] * electrons, first[i] * np.float32(UNIT)
             skewness = (z * z - np.float32(1.0)) * np.float32(1.0 / 6.0)
             counts[i] = np.rint(mean + np.sqrt(mean) * z + skewness)
         for i in range(means.size):
@@ -142,6 +143,5 @@ def _expose(
                 below = (e >> np.uint32(19)) > (high & np.uint32(0x1FFF))
                 counts[i] = np.float32(n + ((e if below else e >> np.uint32(3)) & np.uint32(7)))
         for i in range(means.size):
-            noise = read * np.float32(normal[words[i] >> np.uint64(48)])
-            value = np.rint(np.float32(BLACK) + level * counts[i] + noise)
-            o[i] = np.uint16(min(max(value, np.float32(0.0)), np.float32(WHITE)))
+            value = np.rint(np.float32(BLACK) + level * counts[i] + read * second[i])
+            o[i] = np.uint16(np.int32(min(max(value, np.float32(0.0)), np.float32(WHITE))))

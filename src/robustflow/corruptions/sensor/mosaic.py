@@ -125,19 +125,20 @@ def _mean_of_alike(v: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: An
 @njit(cache=True, nogil=True, error_model="numpy")
 def _balance(linear: Any, gains: Any) -> None:
     """Invert the gains of `_mosaic`, in place."""
-    knee = np.float32(KNEE)
+    one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
+    own = np.empty((2, linear.shape[1]), np.float32)  # the gains of the pixels of even and of odd rows
+    for y in range(2):
+        for x in range(own.shape[1]):
+            own[y, x] = gains[y + (x & 1)]
     for y in range(linear.shape[0]):
-        row = linear[y]
-        for first in range(2):
-            gain = gains[(y & 1) + first]
-            inverse, limit = np.float32(1.0) / gain, gain * knee
-            bend = np.float32(4.0) * (np.float32(1.0) - gain) * slope * slope
-            for x in range(first, row.size, 2):
-                value = row[x]
-                beyond = max(value - limit, np.float32(0.0))
-                root = np.sqrt(gain * gain + bend * beyond)
-                row[x] = min(value, limit) * inverse + np.float32(2.0) * beyond / (gain + root)
+        row, gain_row = linear[y], own[y & 1]
+        for x in range(row.size):
+            gain = gain_row[x]
+            limit = gain * knee
+            beyond = max(row[x] - limit, np.float32(0.0))
+            root = np.sqrt(gain * gain + np.float32(4.0) * (one - gain) * slope * slope * beyond)
+            row[x] = min(row[x], limit) * (one / gain) + np.float32(2.0) * beyond / (gain + root)
 
 
 @njit(cache=True, nogil=True)
