@@ -25,32 +25,34 @@ def _results(models: dict[str, tuple[float, float]], setting: str = "OOD") -> li
 
 def test_a_planted_power_law_and_a_model_off_it():
     models = {f"m{i}": (1.0 + i, 3.0 * (1.0 + i) ** 0.7) for i in range(8)}
-    on_line = effective_robustness(_results(models))
-    assert on_line["factor"].to_list() == pytest.approx([1.0] * 8)
-    assert on_line["slope"][0] == pytest.approx(0.7)
-    assert on_line["r_squared"][0] == pytest.approx(1.0)
+    on_line = effective_robustness(_results(models))["OOD"]
+    assert [one.factor for one in on_line] == pytest.approx([1.0] * 8)
+    assert on_line[0].slope == pytest.approx(0.7)
+    assert on_line[0].r_squared == pytest.approx(1.0)
     models["m3"] = (4.0, 0.6 * 3.0 * 4.0**0.7)
-    found = effective_robustness(_results(models)).row(0, named=True)
+    first = effective_robustness(_results(models))["OOD"][0]
     # The others lie on their line exactly, so the factor is the planted one and not diluted by the model itself.
-    assert found["model"] == "m3"
-    assert found["factor"] == pytest.approx(0.6)
+    assert first.line.name == "m3"
+    assert first.factor == pytest.approx(0.6)
 
 
 def test_units_do_not_matter():
-    table = effective_robustness(_OF_KITTI)
     scaled = [
         replace(line, values={key: replace(value, number=7 * value.number) for key, value in line.values.items()})
         for line in _OF_KITTI
     ]
-    assert effective_robustness(scaled)["factor"].to_list() == pytest.approx(table["factor"].to_list())
+    for setting, models in effective_robustness(_OF_KITTI).items():
+        again = effective_robustness(scaled)[setting]
+        assert [one.factor for one in again] == pytest.approx([one.factor for one in models])
 
 
 def test_settings_apart_or_together():
     apart, together = effective_robustness(_OF_KITTI), effective_robustness(_OF_KITTI, by_setting=False)
-    assert set(apart["setting"]) == {"OOD", "ID"}
-    assert together.height == 29
-    assert len(set(together["slope"])) == 1
-    assert "FlowDiffuser" not in set(effective_robustness(_OF_KITTI, without=("FlowDiffuser",))["model"])
+    assert set(apart) == {"OOD", "ID"}
+    assert len(together[""]) == 29
+    assert len({one.slope for one in together[""]}) == 1
+    (without,) = effective_robustness(_OF_KITTI, by_setting=False, without=("FlowDiffuser",)).values()
+    assert {one.line.name for one in together[""]} - {one.line.name for one in without} == {"FlowDiffuser"}
 
 
 def test_too_few_models():
@@ -67,4 +69,4 @@ def test_the_trend_of_all_against_normal_equations():
     n, mean_x, mean_y = len(xs), sum(xs) / len(xs), sum(ys) / len(ys)
     slope = sum(x * y for x, y in zip(xs, ys, strict=True)) - n * mean_x * mean_y
     slope /= sum(x * x for x in xs) - n * mean_x**2
-    assert effective_robustness(_results(models))["slope"][0] == pytest.approx(slope)
+    assert effective_robustness(_results(models))["OOD"][0].slope == pytest.approx(slope)

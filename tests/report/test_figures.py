@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -170,12 +171,13 @@ def _vertical_lines(figure: Figure) -> list[tuple[float, float]]:
         (lambda results, looks: effective_trend(results, looks, together=True), ("epe", "average")),
     ],
 )
-def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key):
+def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key, monkeypatch):
     results = _own("OOD", "OOD", "OOD", "own", "own", weather=True)
     without = draw(results, None)
     assert "intervals" not in without.caption
     assert not _vertical_lines(without)
-    figure = draw(results, Looks(intervals={"M1": _ENDS}))
+    monkeypatch.setattr(ModelResult, "intervals", property(lambda line: _ENDS if line.name == "M1" else {}))
+    figure = draw(results, None)
     assert "Whiskers are 95 % confidence intervals." in figure.caption
     assert _ENDS[key] in [pytest.approx(line) for line in _vertical_lines(figure)]
     low, high = _ENDS[key]
@@ -215,8 +217,8 @@ def test_no_colour_of_a_kind_is_that_of_a_model():
 
 def test_a_model_looks_alike_in_every_figure():
     results = _own("knowledge", "OOD", "ID", "own", "own", weather=True)
-    looks = Looks({f"M{index}": MODEL_STYLES[7 - index] for index in range(5)})
-    figures = figures_by_sample_set(results, {"own frames": looks})["own frames"]
+    looks = Looks({line: MODEL_STYLES[7 - int(line.name[1:])] for line in results})
+    figures = figures_by_sample_set(results, looks)["own frames"]
     seen: dict[str, set[str]] = {}
     for figure in figures.values():
         for artist in figure.findobj(lambda artist: hasattr(artist, "get_facecolor")):
@@ -273,8 +275,13 @@ def test_files_open_and_are_the_same_every_time(tmp_path):
         assert path.read_bytes() == figure_bytes(crer_by_family(_KITTI), path.suffix[1:])
 
 
+def _measured(frames: str, name: str, seed: int = 0) -> ModelResult:
+    """The line of a run that has rows and no means."""
+    return ModelResult("kitti-fc", frames, "OOD", name, "", {}, run=SimpleNamespace(rows=_rows(seed)))
+
+
 def test_what_can_be_drawn_is_drawn():
-    figures = all_figures(published_results(), {"own": {"a": _rows()}})
+    figures = all_figures([*published_results(), _measured("own", "a")])
     assert set(figures) == {
         "clean_against_cre",
         "crer_by_family",
@@ -283,11 +290,11 @@ def test_what_can_be_drawn_is_drawn():
         "severity_rcre",
         "severity_epe",
     }
-    assert not all_figures([], {})
+    assert not all_figures([])
 
 
 def test_severity_curves_of_different_frames_are_different_figures():
-    figures = all_figures([], {"one": {"a": _rows(1), "b": _rows(2)}, "two": {"c": _rows(3)}})
+    figures = all_figures([_measured("one", "a", 1), _measured("one", "b", 2), _measured("two", "c", 3)])
     assert [name for name in figures if name.startswith("severity_rcre")] == ["severity_rcre_1", "severity_rcre_2"]
 
 

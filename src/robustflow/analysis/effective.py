@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 
 from ..errors import UsageError
 from .model_result import ModelResult
@@ -21,21 +20,31 @@ from .results import AVERAGE, CLEAN
 
 LEAST_MODELS = 5
 
-EFFECTIVE_SCHEMA: dict[str, Any] = {
-    "setting": pl.String,
-    "model": pl.String,
-    "epe_clean": pl.Float64,
-    "epe": pl.Float64,
-    "expected": pl.Float64,
-    "factor": pl.Float64,
-    "slope": pl.Float64,
-    "r_squared": pl.Float64,
-}
+
+@dataclass(frozen=True)
+class EffectiveRobustness:
+    """A model against the trend of the others.
+
+    Attributes:
+        line: the model.
+        clean, corrupted: measured EPE, px.
+        expected: corrupted EPE by the trend of the others, px.
+        factor: measured by expected EPE; below 1 is more robust than accurate.
+        slope, r_squared: of the trend through all models, in logarithms.
+    """
+
+    line: ModelResult
+    clean: float
+    corrupted: float
+    expected: float
+    factor: float
+    slope: float
+    r_squared: float
 
 
 def effective_robustness(
     results: Sequence[ModelResult], *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
-) -> pl.DataFrame:
+) -> dict[str, list[EffectiveRobustness]]:
     """Corrupted EPE against what the clean EPE of the other models predicts.
 
     Args:
@@ -46,47 +55,42 @@ def effective_robustness(
         without: models that are left out of every trend and of the result.
 
     Returns:
-        Columns of `EFFECTIVE_SCHEMA`, the most robust first within each setting: `expected` is the corrupted EPE by the
-        trend of the others, `factor` the measured one divided by it, `slope` and `r_squared` those of the trend through
-        all models (in logarithms). Settings with fewer than 5 models are left out.
+        By setting, "" for one trend over all: its models, the most robust first. Settings with fewer than 5 models are
+        left out.
 
     Raises:
         UsageError: no setting has 5 models with a clean and a corrupted EPE.
 
     >>> from robustflow.analysis.published.tables import published_results
     >>> of_kitti = [line for line in published_results() if line.benchmark == "kitti-fc"]
-    >>> effective_robustness(of_kitti).filter(setting="ID").row(0, named=True)["model"]
+    >>> effective_robustness(of_kitti)["ID"][0].line.name
     'ARFlow'
     """
-    entries = [
-        (line.setting, line.name, clean, value)
-        for line in results
-        if line.name not in without
-        and (clean := line.number("epe", CLEAN) or 0.0) > 0
-        and (value := line.number("epe", corruption) or 0.0) > 0
-    ]
-    groups: dict[str, list[tuple[str, str, float, float]]] = {}
-    for entry in entries:
-        groups.setdefault(entry[0] if by_setting else "", []).append(entry)
-    records = []
-    for group in groups.values():
-        if len(group) >= LEAST_MODELS and len({clean for _, _, clean, _ in group}) > 2:
-            records += sorted(_group(group), key=lambda record: record[5])
-    if not records:
+    groups: dict[str, list[tuple[ModelResult, float, float]]] = {}
+    for line in results:
+        clean, corrupted = line.number("epe", CLEAN) or 0.0, line.number("epe", corruption) or 0.0
+        if line.name not in without and clean > 0 and corrupted > 0:
+            groups.setdefault(line.setting if by_setting else "", []).append((line, clean, corrupted))
+    of_setting = {
+        setting: sorted(_against_trend(group), key=lambda one: one.factor)
+        for setting, group in groups.items()
+        if len(group) >= LEAST_MODELS and len({clean for _, clean, _ in group}) > 2
+    }
+    if not of_setting:
         raise UsageError(
             f"effective robustness needs {LEAST_MODELS} models of a setting with a clean and corrupted EPE"
         )
-    return pl.DataFrame(records, schema=EFFECTIVE_SCHEMA, orient="row")
+    return of_setting
 
 
-def _group(entries: list[tuple[str, str, float, float]]) -> list[tuple[Any, ...]]:
-    clean, corrupted = (np.log([entry[index] for entry in entries]) for index in (2, 3))
-    slope = np.polyfit(clean, corrupted, 1)[0]
+def _against_trend(group: Sequence[tuple[ModelResult, float, float]]) -> list[EffectiveRobustness]:
+    clean, corrupted = np.log([(clean, corrupted) for _, clean, corrupted in group]).T
+    slope = float(np.polyfit(clean, corrupted, 1)[0])
     r_squared = float(np.corrcoef(clean, corrupted)[0, 1] ** 2)
-    records = []
-    for index, entry in enumerate(entries):
-        others = np.arange(len(entries)) != index
-        line = np.polyfit(clean[others], corrupted[others], 1)
-        expected = math.exp(float(np.polyval(line, clean[index])))
-        records.append((*entry, expected, entry[3] / expected, float(slope), r_squared))
-    return records
+    out = []
+    for index, one in enumerate(group):
+        others = np.arange(len(group)) != index
+        trend = np.polyfit(clean[others], corrupted[others], 1)
+        expected = math.exp(float(np.polyval(trend, clean[index])))
+        out.append(EffectiveRobustness(*one, expected, one[2] / expected, slope, r_squared))
+    return out

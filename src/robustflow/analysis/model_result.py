@@ -55,6 +55,7 @@ class ModelResult:
         values: (metric, condition) -> value.
         run: whose line it is; None for the paper and results files.
         beside_published: whether averages are over the paper's corruptions only, to compare with the published ones.
+        detailed: whether each corruption has an interval, or the averages alone.
         exclusion: gives `excluded`, which depends on the runs that this one was read with.
     """
 
@@ -66,6 +67,7 @@ class ModelResult:
     values: Mapping[ValueKey, Value]
     run: Run | None = None
     beside_published: bool = False
+    detailed: bool = True
     exclusion: Callable[[], str] = field(default=str, repr=False)
 
     @property
@@ -101,6 +103,12 @@ class ModelResult:
             given = (epe - clean) / clean
         return given
 
+    @cached_property
+    def intervals(self) -> Mapping[ValueKey, IntervalEnds]:
+        """The 95 % intervals of a run's means, also of families of corruptions, see `interval_ends`; empty for
+        others."""
+        return interval_ends(self.run, self.detailed, self.beside_published) if self.run else {}
+
     def number(self, metric: str, condition: str) -> float | None:
         """A value as a number; None if there is none."""
         value = self.values.get((metric, condition))
@@ -109,10 +117,6 @@ class ModelResult:
     def numbers(self, metric: str) -> dict[str, float]:
         """Condition -> value of a metric."""
         return {of: value.number for (kind, of), value in self.values.items() if kind == metric}
-
-    def intervals(self, corruptions: bool = True) -> dict[ValueKey, IntervalEnds]:
-        """The 95 % intervals of a run, see `interval_ends`; empty for others."""
-        return interval_ends(self.run, corruptions, self.beside_published) if self.run else {}
 
 
 def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:

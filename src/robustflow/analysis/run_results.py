@@ -27,12 +27,12 @@ _MOST_NAMED = 3
 
 
 def run_results(
-    runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None
+    runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None, detailed: bool = True
 ) -> list[ModelResult]:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average.
 
     Next to published results (`beside_published`), the averages of a run with all of the paper's corruptions and others
-    are the paper's mean, `Summary.paper`.
+    are the paper's mean, `Summary.paper`. Each corruption has an interval if `detailed`.
 
     Runs of one `sample_set` may be compared; `note` says what was measured: one of `notes`, by default
     `comparison_notes` of the runs. Two runs of the same name are distinguished by what differs.
@@ -52,7 +52,7 @@ def run_results(
         values = {key: Value(float(number), source=digest) for key, number in numbers.items() if number is not None}
         head = (run.benchmark, sample_set(run), run_setting(run), name, note)
         exclusion = partial(lambda index: reasons()[index], index)
-        results.append(ModelResult(*head, values, run, beside_published, exclusion))
+        results.append(ModelResult(*head, values, run, beside_published, detailed, exclusion))
     return results
 
 

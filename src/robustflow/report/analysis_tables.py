@@ -62,12 +62,10 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
     Raises:
         UsageError: too few models.
     """
-    effective = effective_robustness(results)
     columns = tuple(map(Column, ("clean EPE", "EPE", "expected EPE", "factor")))
     sections = []
-    for setting in dict.fromkeys(effective["setting"]):
-        rows = effective.filter(setting=setting).iter_rows(named=True)
-        lines = [Line.of(r["model"], (f"{r[c]:.2f}" for c in ("epe_clean", "epe", "expected", "factor"))) for r in rows]
+    for setting, models in effective_robustness(results).items():
+        lines = [_line(one.line.name, (one.clean, one.corrupted, one.expected, one.factor)) for one in models]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
     remark = "factor: EPE over what the other models' clean EPE predicts; below 1 is more robust than accurate."
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))

@@ -116,16 +116,10 @@ def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Tabl
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     """Every figure that can be made from the runs, and from the published results if requested. Runs on the same frames
     are drawn together; excluded ones only where each run has a curve."""
-    from .figures import Looks, all_figures, displacement_figure
+    from .figures import all_figures, displacement_figure
     from .figures.displacement_histogram import MOST_LINES
 
-    results = results_of(runs, published)
-    of_runs = by_frames(line for line in results if line.run)
-    looks = {
-        frames: Looks(intervals={line.name: line.intervals() for line in lines}) for frames, lines in of_runs.items()
-    }
-    rows = {key: {line.name: line.run.rows for line in lines if line.run} for key, lines in of_runs.items()}
-    figures = all_figures(ranked(results), rows, looks)
+    figures = all_figures(results_of(runs, published))
     moved = displacements_of(runs)
     if 0 < len(moved) <= MOST_LINES:
         figures["displacement"] = displacement_figure(moved)

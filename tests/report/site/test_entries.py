@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from statistics import fmean
+from typing import ClassVar
 
 import pytest
 
@@ -119,9 +120,7 @@ class _Measured(ModelResult):
     """The line of a run without cost, coverage and intervals."""
 
     cost = coverage = None
-
-    def intervals(self, corruptions=True):
-        return {}
+    intervals: ClassVar = {}
 
 
 def _measured(*models: tuple[str, str, float]):

@@ -49,8 +49,7 @@ class RunFacts:
     def means(self) -> list[RunMean]:
         """Clean and average means first, then those of each corruption."""
         (line,) = run_results([self.run])
-        ends = line.intervals()
-        known = [RunMean(*key, value.number, ends.get(key)) for key, value in line.values.items()]
+        known = [RunMean(*key, value.number, line.intervals.get(key)) for key, value in line.values.items()]
         return sorted(known, key=lambda mean: mean.condition not in ("clean", AVERAGE))
 
     @property

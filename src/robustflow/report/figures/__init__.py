@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 
-import polars as pl
 from matplotlib.figure import Figure
 
-from ...analysis.model_result import ModelResult, by_frames
+from ...analysis.model_result import ModelResult, by_frames, ranked
 from ...analysis.published.tables import PAPER, of_paper
 from ...benchmarks import benchmark_facts
 from ...errors import UsageError
@@ -44,47 +44,39 @@ _DRAWN: dict[str, Callable[[Sequence[ModelResult], Looks, bool], MarkedFigure]] 
 }
 
 
-def all_figures(
-    results: Sequence[ModelResult],
-    sample_sets: Mapping[str, Mapping[str, pl.DataFrame]],
-    looks: Mapping[str, Looks] | None = None,
-) -> dict[str, Figure]:
-    """Every figure that can be made from these results and runs (sample set -> name -> rows), by name.
+def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
+    """Every figure that can be made from these results, by name; those that are not ranked are drawn only where each
+    run has a curve.
 
     Results measured on other frames are not drawn together: the figures of the published values and of each sample
     set are separate, the latter with the number of the set in their names. Own models on the same frames are drawn
-    together, whatever their settings. `looks` by sample set.
+    together, whatever their settings.
     """
-    looks = looks or {}
     figures: dict[str, Figure] = {}
-    of_results = figures_by_sample_set(results, looks)
+    of_results = figures_by_sample_set(ranked(results))
     for index, (frames, drawn) in enumerate(of_results.items()):
         suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in of_results else f"_{index}"
         figures |= {name + suffix: figure for name, figure in drawn.items()}
-    for index, (frames, runs) in enumerate(sample_sets.items(), 1):
-        suffix = f"_{index}" if len(sample_sets) > 1 else ""
-        styles = looks[frames].styles if frames in looks else {}
+    of_runs = by_frames(line for line in results if line.run)
+    for index, lines in enumerate(of_runs.values(), 1):
+        suffix = f"_{index}" if len(of_runs) > 1 else ""
+        rows = {line.name: line.run.rows for line in lines if line.run}
         for metric in ("rcre", "epe"):
-            try:
-                figures[f"severity_{metric}{suffix}"] = severity_curves(runs, metric, Looks(styles))
-            except UsageError:
-                continue
+            with suppress(UsageError):  # too many runs, or none that measured the metric
+                figures[f"severity_{metric}{suffix}"] = severity_curves(rows, metric)
     return figures
 
 
 def figures_by_sample_set(
-    results: Iterable[ModelResult], looks: Mapping[str, Looks] | None = None
+    results: Iterable[ModelResult], looks: Looks | None = None
 ) -> dict[str, dict[str, MarkedFigure]]:
-    """Sample set -> the figures of results by name, of all benchmarks with ground truth; `looks` by sample set."""
+    """Sample set -> the figures of results by name, of all benchmarks with ground truth."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
     for frames, part in by_frames(line for line in results if benchmark_facts(line.benchmark).has_flow).items():
         figures[frames] = {}
         for name, draw in _DRAWN.items():
-            try:
-                figures[frames][name] = draw(part, (looks or {}).get(frames, Looks()), not _by_setting(part))
-            except UsageError:
-                # Not every set of results has what each figure needs; the result shows which could be made.
-                continue
+            with suppress(UsageError):  # Not every set of results has what each figure needs.
+                figures[frames][name] = draw(part, looks or Looks(), not _by_setting(part))
     return figures
 
 

@@ -12,10 +12,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from ...analysis.uncertainty.of_runs import IntervalEnds
 from ...text import name_text
 from .files import any_script
 from .marks import MarkedFigure
-from .styles import GRID, Ends
+from .styles import GRID
 
 LEAST_PX = 1.0
 """Pixels that an axis of errors spans at least: less would make a difference of a tenth of a pixel look large."""
@@ -80,7 +81,9 @@ def fair_limits(
     return low - (0.0 if zero and low == 0 else space), high + (0.0 if zero and high == 0 else space)
 
 
-def whiskers(panel: Axes, x: float, y: float, across: Ends | None, up: Ends | None, colour: str) -> bool:
+def whiskers(
+    panel: Axes, x: float, y: float, across: IntervalEnds | None, up: IntervalEnds | None, colour: str
+) -> bool:
     """Draw the intervals of a point; returns whether there is one."""
     if across is not None:
         panel.plot(across, (y, y), color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
@@ -89,7 +92,7 @@ def whiskers(panel: Axes, x: float, y: float, across: Ends | None, up: Ends | No
     return across is not None or up is not None
 
 
-def ends_text(ends: Ends | None) -> str:
+def ends_text(ends: IntervalEnds | None) -> str:
     """ " [1.02, 1.71]", or "" if there is no interval."""
     return "" if ends is None else f" [{ends[0]:.2f}, {ends[1]:.2f}]"
 

@@ -35,7 +35,7 @@ def clean_against_cre(
 
     Args:
         results: with clean and average EPE.
-        looks: styles and intervals of the models.
+        looks: styles of the models.
         together: all models in one panel, including knowledge-driven ones.
 
     Raises:
@@ -62,9 +62,8 @@ def clean_against_cre(
     for panel, (title, models) in zip(axes, panels.items(), strict=True):
         points, radii = [], []
         for line, clean, cre in models:
-            model = line.name
-            colour = styles[model].colour
-            ends = looks.ends(model, "epe", CLEAN), looks.ends(model, "cre", AVERAGE)
+            colour = styles[line].colour
+            ends = line.intervals.get(("epe", CLEAN)), line.intervals.get(("cre", AVERAGE))
             any_interval |= whiskers(panel, clean, cre, *ends, colour)
             for axis, value, interval in zip(reached, (clean, cre), ends, strict=True):
                 axis += (value, *(interval or ()))
@@ -75,10 +74,10 @@ def clean_against_cre(
                 ("CRE", f"{cre:.2f} px{ends_text(ends[1])}"),
                 ("CREr", f"{cre / clean:.2f}"),
             )
-            figure.mark(bubble, [Mark(model, line.setting, values)])
+            figure.mark(bubble, [Mark(line.name, line.setting, values)])
             panel.scatter(clean, cre, s=6, color=colour)
             radii.append(math.sqrt(area / math.pi))
-            points.append((clean, cre, f"{model} {cre / clean:.2f}"))
+            points.append((clean, cre, f"{line.name} {cre / clean:.2f}"))
         panel.set_title(name_text(SETTING_LABELS.get(title, title)))
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean
 
 import numpy as np
@@ -18,7 +18,7 @@ from ...figure_style import default_style
 from ...text import name_text
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure
 from .marks import Mark, MarkedFigure
-from .styles import MODEL_STYLES, OTHER, Looks, Style, told_apart
+from .styles import MODEL_STYLES, OTHER, Looks, Style, distinct_styles
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
@@ -49,7 +49,7 @@ def crer_by_family(
     Args:
         results: with EPE per corruption.
         models: which; by default the paper's example models (Fig. 1), or all if there are none of these; at most eight.
-        looks: styles and intervals of the models.
+        looks: styles of the models.
 
     Raises:
         UsageError: none of the models has a clean EPE, or there is a single bar.
@@ -65,7 +65,11 @@ def crer_by_family(
     families = [family for family in MEMBERS if any(family in crer[line] for line in lines)]
     if len(lines) * len(families) < 2:
         raise UsageError("one class of corruptions and one model make one bar: measure another, or read the table")
-    styles = looks.of(results) if published else told_apart(shown, looks.styles)
+    if published:
+        styles = looks.of(results)
+    else:
+        by_name = distinct_styles({line.name: looks.styles.get(line) for line in lines})
+        styles = {line: by_name[line.name] for line in lines}
     by_setting = published or len(lines) > len(shown)
     reached: list[float] = []
     if published:
@@ -76,7 +80,7 @@ def crer_by_family(
             extra.remove()
         for panel, model in zip(axes, shown, strict=False):
             drawn = [line for line in lines if line.name == model]
-            reached += _bars(figure, panel, drawn, families, crer, styles, looks, by_setting)
+            reached += _bars(figure, panel, drawn, families, crer, styles, by_setting)
             panel.set_title(name_text(model), fontsize=10)
         axes, legend = axes[: len(shown)], []
         figure.caption = "CREr of each class of corruptions, all models on one axis."
@@ -84,8 +88,8 @@ def crer_by_family(
             figure.caption += " What an outlined bar is above its filled one is what fine-tuning costs."
     else:
         figure, axes = new_figure(5.0, 3.4)
-        reached += _bars(figure, axes[0], lines, families, crer, styles, looks, by_setting)
-        legend = [(model, Style(styles[model].colour, "s"), True) for model in shown]
+        reached += _bars(figure, axes[0], lines, families, crer, styles, by_setting)
+        legend = [(name, Style(style.colour, "s"), True) for name, style in by_name.items()]
         figure.caption = "Mean CREr over the corruptions of each class: CRE divided by the clean EPE."
     if by_setting:
         settings = dict.fromkeys(line.setting for line in lines)
@@ -94,7 +98,7 @@ def crer_by_family(
         panel.set_xlim(-0.6, len(families) - 0.4)
         panel.set_ylim(fair_limits(reached, LEAST_CRER, zero=True))
         panel.set_ylabel("CREr")
-    if any(looks.ends(line.name, "crer", family) for line in lines for family in families):
+    if any(("crer", family) in line.intervals for line in lines for family in families):
         figure.caption += f" {WITH_INTERVALS}"
     figure.explain(legend, looks.legend)
     return figure
@@ -106,8 +110,7 @@ def _bars(
     lines: Sequence[ModelResult],
     families: list[str],
     crer: dict[ModelResult, dict[str, float]],
-    styles: dict[str, Style],
-    looks: Looks,
+    styles: Mapping[ModelResult, Style],
     by_setting: bool,
 ) -> list[float]:
     """A bar of each line in each family, with `by_setting` an outline in-domain. Returns everything the axis must
@@ -117,7 +120,7 @@ def _bars(
     for index, line in enumerate(lines):
         heights = [crer[line].get(family, np.nan) for family in families]
         at = np.arange(len(families)) + (index - (len(lines) - 1) / 2) * width
-        colour = styles[line.name].colour
+        colour = styles[line].colour
         bars = panel.bar(
             at,
             heights,
@@ -129,7 +132,7 @@ def _bars(
         for bar, family, height in zip(bars, families, heights, strict=True):
             if np.isnan(height):
                 continue
-            ends = looks.ends(line.name, "crer", family)
+            ends = line.intervals.get(("crer", family))
             if ends is not None:
                 panel.plot([bar.get_x() + bar.get_width() / 2] * 2, ends, color="#000000", linewidth=0.9)
             reached += (height, *(ends or ()))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import polars as pl
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ...analysis.effective import effective_robustness
@@ -34,22 +33,18 @@ def effective_trend(
         UsageError: too few models, see `effective_robustness`.
     """
     looks = looks or Looks()
-    table = effective_robustness(results, by_setting=not together)
-    table = table.with_columns(panel=pl.lit("") if together else pl.col("setting"))
-    titles = list(dict.fromkeys(table["panel"]))
+    panels = effective_robustness(results, by_setting=not together)
     styles = looks.of(results)
-    figure, axes = panel_figure(len(titles))
+    figure, axes = panel_figure(len(panels))
     any_interval = False
     reached: tuple[list[float], list[float]] = ([], [])
-    for panel, title in zip(axes, titles, strict=True):
-        models = table.filter(panel=title)
-        clean, epe = models["epe_clean"].to_numpy(), models["epe"].to_numpy()
+    for panel, (title, models) in zip(axes, panels.items(), strict=True):
+        clean, corrupted = (np.array([getattr(one, what) for one in models]) for what in ("clean", "corrupted"))
         panel.set_xscale("log")
         panel.set_yscale("log")
-        for row in models.iter_rows(named=True):
-            style = styles[row["model"]]
-            ends = looks.ends(row["model"], "epe", CLEAN), looks.ends(row["model"], "epe", AVERAGE)
-            at = row["epe_clean"], row["epe"]
+        for one in models:
+            style, at = styles[one.line], (one.clean, one.corrupted)
+            ends = one.line.intervals.get(("epe", CLEAN)), one.line.intervals.get(("epe", AVERAGE))
             any_interval |= whiskers(panel, *at, *ends, style.colour)
             for along, value, interval in zip(reached, at, ends, strict=True):
                 along += (value, *(end for end in interval or () if end > 0))
@@ -57,11 +52,11 @@ def effective_trend(
             values = (
                 ("clean EPE", f"{at[0]:.2f} px{ends_text(ends[0])}"),
                 ("corrupted EPE", f"{at[1]:.2f} px{ends_text(ends[1])}"),
-                ("expected", f"{row['expected']:.2f} px"),
-                ("factor", f"{row['factor']:.2f}"),
+                ("expected", f"{one.expected:.2f} px"),
+                ("factor", f"{one.factor:.2f}"),
             )
-            figure.mark(point, [Mark(row["model"], row["setting"], values)])
-        line = np.polyfit(np.log(clean), np.log(epe), 1)
+            figure.mark(point, [Mark(one.line.name, one.line.setting, values)])
+        line = np.polyfit(np.log(clean), np.log(corrupted), 1)
         span = np.array([clean.min() * 0.9, clean.max() * 1.1])
         panel.plot(span, np.exp(np.polyval(line, np.log(span))), color="black", linewidth=1)
         for axis in (panel.xaxis, panel.yaxis):
@@ -71,13 +66,13 @@ def effective_trend(
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("corrupted EPE (px)")
         panel.set_title(
-            f"{name_text(SETTING_LABELS.get(title, title))}: R² = {models['r_squared'][0]:.2f}".removeprefix(": "),
+            f"{name_text(SETTING_LABELS.get(title, title))}: R² = {models[0].r_squared:.2f}".removeprefix(": "),
             fontsize=10,
         )
     for panel in axes:
         panel.set_xlim(_log_limits(reached[0]))
         panel.set_ylim(_log_limits(reached[1]))
-    shown = {kind_of(model) for model in table["model"]} if of_paper(results) else set()
+    shown = {kind_of(one.line.name) for models in panels.values() for one in models} if of_paper(results) else set()
     figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
     figure.caption = (
         "Corrupted against clean EPE on logarithmic axes, with the trend through the models: below the line is more "
@@ -85,15 +80,10 @@ def effective_trend(
     ) + (f" {WITH_INTERVALS}" if any_interval else "")
     set_heading(figure, "Effective robustness: below the line is more robust than the clean error predicts")
     settle_layout(figure)
-    for panel, title in zip(axes, titles, strict=True):
-        models = table.filter(panel=title)
-        labels = [
-            (row["epe_clean"], row["epe"], f"{row['model']} ×{row['factor']:.2f}")
-            for row in models.iter_rows(named=True)
-        ]
-        named = zip(models["model"], models["setting"], spread_labels(panel, labels), strict=True)
-        for model, setting, text in named:
-            figure.mark(text, [Mark(model, setting)])
+    for panel, models in zip(axes, panels.values(), strict=True):
+        labels = [(one.clean, one.corrupted, f"{one.line.name} ×{one.factor:.2f}") for one in models]
+        for one, text in zip(models, spread_labels(panel, labels), strict=True):
+            figure.mark(text, [Mark(one.line.name, one.line.setting)])
     return figure
 
 

@@ -41,35 +41,35 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     """
     looks = looks or Looks()
     without, styles = not_discussed(results), looks.of(results)
-    points: dict[str, dict[str, dict[str, float]]] = {}
+    points: dict[str, dict[ModelResult, dict[str, float]]] = {}
     for line in results:
         clean, whole, moved = (line.number(*_OF[name]) for name in ("clean EPE", "corrupted EPE", "RCRE"))
         if clean is not None and whole is not None and moved is not None and line.name not in without:
             values = {"clean EPE": clean, "corrupted EPE": whole, "CRE": whole - clean, "RCRE": moved}
-            points.setdefault(line.setting, {})[line.name] = values
+            points.setdefault(line.setting, {})[line] = values
     if len(points) > 1 and not together:
         points.pop("knowledge", None)
-    drawn = [(setting, model) for setting, models in points.items() for model in models]
+    drawn = {line: values for models in points.values() for line, values in models.items()}
     if len(drawn) < LEAST_MODELS:
         raise UsageError(
             f"how EPE, CRE and RCRE are related needs {LEAST_MODELS} models with ground truth: there are {len(drawn)}"
         )
     figure, axes = new_figure(6.6, 6.4, 2, 2)
-    ends = {(model, name): looks.ends(model, *key) for _, model in drawn for name, key in _OF.items()}
+    ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _OF.items()}
     limits = {
-        name: fair_limits([value for s, m in drawn for value in (points[s][m][name], *(ends[m, name] or ()))])
+        name: fair_limits([value for line in drawn for value in (drawn[line][name], *(ends[line, name] or ()))])
         for name in _OF
     }
     for letter, panel, (x, y) in zip("abcd", axes, _PANELS, strict=True):
-        for setting, model in drawn:
-            style, at = styles[model], points[setting][model]
-            whiskers(panel, at[x], at[y], ends[model, x], ends[model, y], style.colour)
-            face = "white" if setting == "ID" and not together else style.colour
+        for line, at in drawn.items():
+            style = styles[line]
+            whiskers(panel, at[x], at[y], ends[line, x], ends[line, y], style.colour)
+            face = "white" if line.setting == "ID" and not together else style.colour
             dot = panel.scatter(
                 at[x], at[y], s=26, marker=style.marker, facecolor=face, edgecolor=style.colour, linewidth=1.1
             )
-            said = tuple((name, f"{value:.2f} px{ends_text(ends[model, name])}") for name, value in at.items())
-            figure.mark(dot, [Mark(model, setting, said)])
+            printed = tuple((name, f"{value:.2f} px{ends_text(ends[line, name])}") for name, value in at.items())
+            figure.mark(dot, [Mark(line.name, line.setting, printed)])
         panel.set_xlim(limits[x])
         panel.set_ylim(limits[y])
         panel.set_xlabel(f"{x} (px)", fontsize=9)
@@ -77,16 +77,16 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
         panel.tick_params(labelsize=8)
         groups = {f"{name_text(setting)}: ": list(of.values()) for setting, of in points.items()}
         if together:
-            groups = {"": [at for group in groups.values() for at in group]}
+            groups = {"": list(drawn.values())}
         enough = {head: group for head, group in groups.items() if len(group) >= LEAST_MODELS}
         correlations = [f"{head}{_correlation(group, x, y)}" for head, group in enough.items()]
         panel.set_title(f"({letter}) " + "\n".join(correlations), fontsize=8, loc="left")
     if of_paper(results):
-        kinds = {kind_of(model) for _, model in drawn}
+        kinds = {kind_of(line.name) for line in drawn}
         key = [(kind, style, True) for kind, style in KIND_STYLES.items() if kind in kinds]
         key += [(setting, OTHER, setting != "ID") for setting in points]
     else:
-        key = model_key([model for _, model in drawn], styles)
+        key = model_key({line.name: styles[line] for line in drawn})
     figure.explain(key, looks.legend)
     figure.caption = (
         "A point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with Pearson's r and "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import polars as pl
@@ -18,7 +19,7 @@ from ...text import name_text
 from .canvas import LEAST_PX, ends_text, fair_limits, new_figure
 from .crer_by_family import LEAST_CRER
 from .marks import Mark, MarkedFigure
-from .styles import MODEL_STYLES, Looks, told_apart
+from .styles import MODEL_STYLES, Style, distinct_styles
 
 _COLUMNS = 5
 _LEGEND_PT = 8
@@ -26,7 +27,12 @@ _LEGEND_PT = 8
 
 @default_style()
 def severity_curves(
-    runs: Mapping[str, pl.DataFrame], metric: str = "rcre", looks: Looks | None = None, *, seed: int = 0
+    runs: Mapping[str, pl.DataFrame],
+    metric: str = "rcre",
+    styles: Mapping[str, Style] = MappingProxyType({}),
+    *,
+    legend: bool = True,
+    seed: int = 0,
 ) -> MarkedFigure:
     """A metric at each severity of each corruption, with 95 % intervals if there are enough images. All panels have the
     same axes.
@@ -34,7 +40,8 @@ def severity_curves(
     Args:
         runs: name -> rows; at most eight.
         metric: "epe", "cre", "crer" or "rcre".
-        looks: styles of the runs.
+        styles: of the runs; by their place where it is empty.
+        legend: whether the figure draws its legend, or a page writes it.
         seed: of the bootstrap.
 
     Raises:
@@ -42,8 +49,7 @@ def severity_curves(
     """
     if len(runs) > len(MODEL_STYLES):
         raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(MODEL_STYLES)}")
-    looks = looks or Looks()
-    styles = told_apart(list(runs), looks.styles)
+    styles = distinct_styles({name: styles.get(name) for name in runs})
     curves = {
         name: intervals(rows, seed=seed, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
         for name, rows in runs.items()
@@ -91,7 +97,7 @@ def severity_curves(
     key = [(name, styles[name], True) for name in curves]
     figure.explain(key, legend=False)
     above = 0.3
-    if looks.legend:
+    if legend:
         above += 0.17 * _legend(figure)
     figure.caption = f"{metric_label(metric)} at severity 1 to 5, a panel per corruption, all on the same axes." + (
         " Bands are 95 % confidence intervals." if banded else ""

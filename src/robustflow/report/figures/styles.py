@@ -57,33 +57,25 @@ MODEL_STYLES = (
 OTHER = Style("#666666")
 """Style of models beyond `MODEL_STYLES` in a figure that prints names next to its points."""
 
-Ends = tuple[float, float]
-
 
 @dataclass(frozen=True)
 class Looks:
     """What a figure is given besides the results of its models.
 
     Attributes:
-        styles: by model; published models are coloured by kind, and others in their order, where it is empty.
-        intervals: model -> (metric, corruption, family, "clean" or "average") -> ends of the 95 % interval.
+        styles: by line; published models are coloured by kind, and others in their order, where it is empty.
         legend: whether the figure draws its legend, or a page writes it (`MarkedFigure.key`).
     """
 
-    styles: Mapping[str, Style] = field(default_factory=dict)
-    intervals: Mapping[str, Mapping[tuple[str, str], Ends]] = field(default_factory=dict)
+    styles: Mapping[ModelResult, Style] = field(default_factory=dict)
     legend: bool = True
 
-    def ends(self, model: str, metric: str, what: str) -> Ends | None:
-        """The interval of a mean, None if there is none."""
-        return self.intervals.get(model, {}).get((metric, what))
-
-    def of(self, results: Sequence[ModelResult]) -> dict[str, Style]:
-        """The style of every model of some results."""
-        models = list(dict.fromkeys(line.name for line in results))
+    def of(self, results: Sequence[ModelResult]) -> dict[ModelResult, Style]:
+        """The style of every line of some results."""
         if of_paper(results):
-            return {model: KIND_STYLES.get(kind_of(model), OTHER) for model in models}
-        return {model: self.styles.get(model, other) for model, other in model_styles(models).items()}
+            return {line: KIND_STYLES.get(kind_of(line.name), OTHER) for line in results}
+        by_place = model_styles(line.name for line in results)
+        return {line: self.styles.get(line, by_place[line.name]) for line in results}
 
 
 def kind_of(model: str) -> str:
@@ -112,17 +104,15 @@ def model_styles(models: Iterable[str]) -> dict[str, Style]:
     }
 
 
-def told_apart(models: Sequence[str], styles: Mapping[str, Style]) -> dict[str, Style]:
-    """The styles of a few models; by their place among these if they would not all differ."""
-    known = [styles.get(model, OTHER) for model in models]
-    if OTHER in known or len(set(known)) < len(known):
-        return model_styles(models)
-    return dict(zip(models, known, strict=True))
+def distinct_styles(styles: Mapping[str, Style | None]) -> dict[str, Style]:
+    """The styles of a few models, if known; by their place among these if they would not all differ."""
+    known = {model: style for model, style in styles.items() if style not in (None, OTHER)}
+    return {**known} if len(set(known.values())) == len(styles) else model_styles(styles)
 
 
-def model_key(models: Iterable[str], styles: Mapping[str, Style]) -> list[tuple[str, Style, bool]]:
+def model_key(styles: Mapping[str, Style]) -> list[tuple[str, Style, bool]]:
     """A legend of models; those without their own style share a line."""
-    key = [(model, styles[model], True) for model in dict.fromkeys(models)]
+    key = [(model, style, True) for model, style in styles.items()]
     own = [entry for entry in key if entry[1] != OTHER]
     return [*own, ("other models", OTHER, True)] if len(own) < len(key) else own
 

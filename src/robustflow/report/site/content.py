@@ -107,7 +107,7 @@ def _content(
     for frames, group in of_frames.items():
         notes = [note_of_run[id(run)] for run in group]
         titles[frames] = f"Measured here: {notes[0] or 'the frames of the paper'}"
-        lines += run_results(group, beside, notes)
+        lines += run_results(group, beside, notes, detailed)
     for index, (name, read) in enumerate(files, 1):
         here = f"file {index}"
         lines += (replace(line, frames=here) if line.frames == FILE else line for line in read)
@@ -118,4 +118,4 @@ def _content(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
     costs = published_costs() if published else {}
-    return Content(title, lines, costs, entries_of(lines, costs, detailed), titles, alone, beside)
+    return Content(title, lines, costs, entries_of(lines, costs), titles, alone, beside)

@@ -75,22 +75,19 @@ class LeaderboardEntry:
             self.numbers[key], self.texts[key] = value, number_text(value, decimals)
 
 
-def entries_of(
-    results: Sequence[ModelResult], costs: Mapping[str, Cost], detailed: bool = True
-) -> list[LeaderboardEntry]:
+def entries_of(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> list[LeaderboardEntry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
 
     Args:
         results: of any source.
         costs: the paper's, by model: its CREr is shown as printed.
-        detailed: whether each corruption has an interval, or only the averages.
     """
     slugs = Slugs()
     ranks = cost_ranks(costs) if costs else {}
     own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     entries = []
     for line in results:
-        entry = LeaderboardEntry(line, slugs.of(line.key, line.name), line.intervals(detailed))
+        entry = LeaderboardEntry(line, slugs.of(line.key, line.name), line.intervals)
         entries.append(entry)
         for key, value in line.values.items():
             entry.set(key, value.number, value.decimals)

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from ...analysis.confidence import confidence_scores
 from ...analysis.displacements import displacements_of
-from ...analysis.model_result import ranked
+from ...analysis.model_result import ModelResult, ranked
 from ...analysis.published.tables import PAPER
 from ...analysis.security_curves import security_curves
 from ...errors import UsageError
@@ -97,7 +97,7 @@ def page_figures(content: Content) -> list[FigureGroup]:
         note = f"Not drawn, because not ranked: {', '.join(excluded)}. " if excluded else ""
         for figures in figures_by_sample_set(part, looks).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
-        drawn += _of_runs(frames, content, looks.get(frames, Looks()))
+        drawn += _of_runs(frames, content, looks)
         pages = {entry.line.name: entry.page for entry in content.entries if entry.line.frames == frames}
         made = []
         for name, figure, note in drawn:
@@ -117,30 +117,29 @@ def attack_figure(number: int, run: Run) -> PageFigure | None:
     return _page_figure(f"attacks-{number}", "security_curves", security_figure(points, legend=False), "", {})
 
 
-def page_looks(content: Content) -> dict[str, Looks]:
-    """Sample set -> the looks of its models: those of one name are alike in every set, and nothing else is."""
+def page_looks(content: Content) -> Looks:
+    """The looks of the models: those of one name are alike in every sample set, and nothing else is."""
     places: dict[tuple[str, int], int] = {}
-    looks = {}
+    styles: dict[ModelResult, Style] = {}
     for frames in dict.fromkeys(entry.line.frames for entry in content.entries if entry.line.frames != PAPER):
         seen: Counter[str] = Counter()
-        styles: dict[str, Style] = {}
         entries = sorted((entry for entry in content.entries if entry.line.frames == frames), key=default_order)
         for entry in entries:
             run = entry.line.run
             name = entry.line.name if run is None else run.name
             place = places.setdefault((name, seen[name]), len(places))
-            styles[entry.line.name] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
+            styles[entry.line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
             seen[name] += 1
-        looks[frames] = Looks(styles, {entry.line.name: entry.intervals for entry in entries}, legend=False)
-    return {PAPER: Looks(legend=False), **looks}
+    return Looks(styles, legend=False)
 
 
 def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str, MarkedFigure, str]]:
     """(name, figure, what it leaves out) of the figures that need rows."""
     of_frames = {line.name: line.run for line in content.lines if line.frames == frames and line.run is not None}
+    styles = {line.name: looks.styles[line] for line in content.lines if line.frames == frames and line.run}
     runs = _best_runs(list(of_frames), frames, content)
     try:
-        curves = severity_curves({name: of_frames[name].rows for name in runs}, looks=looks)
+        curves = severity_curves({name: of_frames[name].rows for name in runs}, styles=styles, legend=looks.legend)
     except UsageError:
         pass  # Runs in which no pixel could be measured have no curve.
     else:
