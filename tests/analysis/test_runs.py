@@ -16,9 +16,9 @@ from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import UsageError
 from robustflow.images.io import write_image
 from robustflow.report.assemble import ALL_TABLES, ATTACK_TABLES, figures_of, results_of, tables_of
+from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
-from robustflow.report.site.entries import default_order
 from robustflow.report.site.figures import page_figures
 from robustflow.runs.comparable import sample_set
 from robustflow.runs.manifest import Selection
@@ -114,8 +114,8 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
         assert cells["AVG EPE"] == f"{101 * mean / 2:.2f}"
         assert "average over contrast and elastic transform" in note
     content = whole_content([whole])
-    entry = next(entry for entry in content.entries if entry.model == "DIS" and entry.note)
-    assert entry.texts["epe", "average"] == f"{mean:.2f}"
+    line = next(line for line in content.lines if line.name == "DIS" and line.note)
+    assert content.cells[line]["epe", "average"].text == f"{mean:.2f}"
 
 
 def test_an_excluded_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tmp_path):
@@ -135,10 +135,10 @@ def test_an_excluded_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, 
     assert best["Good"][0] > 0
     assert {line.name for line in ranked(run_results([useless, *others]))} == {"Good", "Bad"}
     content = whole_content([useless, *others], published=False)
-    entries = {entry.model: entry for entry in content.entries}
-    assert not entries["Useless"].best
-    assert ("epe", "average") in entries["Good"].best
-    assert "zero flow" in entries["Useless"].line.excluded
+    lines = {line.name: line for line in content.lines}
+    assert not any(cell.best for cell in content.cells[lines["Useless"]].values())
+    assert content.cells[lines["Good"]]["epe", "average"].best
+    assert "zero flow" in lines["Useless"].excluded
 
 
 def _made(base, name, rows, tmp_path):
@@ -181,7 +181,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
     trend = next(one for one in group.figures if one.title == "Effective robustness")
     assert {label for label, _ in trend.lines} == set(models)
     assert "Not drawn, because not ranked: Useless." in trend.caption
-    assert [entry.model for entry in sorted(content.entries, key=default_order)][-1] == "Useless"
+    assert [line.name for line in sorted(content.lines, key=by_error)][-1] == "Useless"
 
 
 def _marked(runs):
@@ -201,8 +201,8 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs, tmp_path):
     gaps = _with_rows(runs[0], half, tmp_path)
     cells, _ = _average(gaps, published=True)
     assert cells["Coverage"] == f"{gaps.summary.coverage:.2f}" == "0.75"
-    entry = next(entry for entry in whole_content([gaps], published=False).entries)
-    assert entry.texts["coverage", ""] == "0.75"
+    (cells_of_line,) = whole_content([gaps], published=False).cells.values()
+    assert cells_of_line["coverage", ""].text == "0.75"
 
 
 def test_settings_and_notes(runs):

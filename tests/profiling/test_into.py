@@ -38,10 +38,11 @@ def profile(monkeypatch, capsys):
 def test_the_cost_of_a_run(profile, tmp_path):
     spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
-    counted, known = read_cost(run), whole_content([Run(run.path)]).entries[0].texts
+    content = whole_content([Run(run.path)])
+    counted, known = read_cost(run), content.cells[content.lines[0]]
     assert (counted.height, counted.width, counted.seconds) == (432, 720, None)
-    assert known["parameters", ""] == f"{counted.parameters_m:.2f}"
-    assert known["flops", ""] == f"{counted.flops_g:.1f}"
+    assert known["parameters", ""].text == f"{counted.parameters_m:.2f}"
+    assert known["flops", ""].text == f"{counted.flops_g:.1f}"
     code, out, err = profile("arflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
     assert code == 0, err
     assert "kept in" in out

@@ -20,8 +20,7 @@ from robustflow.digest import digest_of_value
 from robustflow.images.io import write_image
 from robustflow.models import load_model
 from robustflow.records.pack import record_bytes
-from robustflow.report.site.board import boards_of
-from robustflow.report.site.entries import entries_of
+from robustflow.report.leaderboard import boards_of
 from robustflow.report.tables import build_table
 from robustflow.runner.submission import Robustness, Submitted
 from robustflow.runs.source import RunSource
@@ -128,8 +127,8 @@ def test_it_stands_in_tables_and_on_pages_like_any_other(run):
     table = build_table("rcre", results)
     headings = [(column.label, column.group) for column in table.columns]
     assert headings == [("RS fog", "Weather"), ("RS zoom blur", "Blur"), ("AVG RCRE", "")]
-    (board,) = boards_of(entries_of(results, {}), {})
-    assert board.label == "RobustSpring"
+    (board,) = boards_of(results, {}, {})
+    assert board.title == "RobustSpring"
     assert [view for view, _ in board.views] == ["overview", "compact", "classes", "weather", "blur"]
     assert ("rcre", "robustspring_fog") in [column.key for column in board.columns]
 

@@ -35,6 +35,15 @@ class Value:
     source: str = ""
 
     @property
+    def text(self) -> str:
+        """The number as it was printed, or with two decimals.
+
+        >>> Value(4.2, 2).text, Value(1.23456).text
+        ('4.20', '1.23')
+        """
+        return f"{self.number:.{2 if self.decimals is None else self.decimals}f}"
+
+    @property
     def half(self) -> float:
         """Half a unit of the last printed digit: the exact value is at most that far off.
 

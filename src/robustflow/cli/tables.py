@@ -12,14 +12,13 @@ from pathlib import Path
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from ..analysis.attacks import attack_scores
-from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
+from ..analysis.conclusion import conclusions, enough_to_compare
 from ..analysis.conditions import seed_groups, seeds_of
 from ..analysis.exclusion import exclusion_reasons
 from ..analysis.labels import METRIC_LABELS
-from ..analysis.model_result import ModelResult, not_ranked, ranked
+from ..analysis.model_result import ModelResult, ranked
 from ..analysis.run_results import run_results
 from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
@@ -27,12 +26,13 @@ from ..atomic import write_bytes
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import estimate_remark, sample_noun, truth_remark
 from ..errors import UsageError, unknown_name
-from ..metrics.summary import METRICS, Scores, has_gaps
-from ..report import table as report_table
+from ..metrics.summary import METRICS, Scores
 from ..report.attack_table import attack_table
 from ..report.confidence_table import confidence_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
+from ..report.run_tables import corruptions_table, runs_table, severities_table
+from ..report.table import Table
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
 from ..text import counted, plain
@@ -64,9 +64,10 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     attacked = attack_table(result) if metric == "all" else None
     confidence = confidence_table(result) if metric == "all" else None
     if metric == "all" and (summary.corruptions or attacked is None):
-        console.print(_overview(result, whose))
+        pairs = counted(summary.samples, sample_noun(result.benchmark))
+        print(for_stdout(corruptions_table(result, f"{whose}, {pairs}")), end="")
     elif metric != "all":
-        console.print(_by_severity(result, metric, whose))
+        print(for_stdout(severities_table(result, metric, f"{whose}, {metric}")), end="")
     console.print(_sentence(result), highlight=False, soft_wrap=True)
     selected = result.manifest.selection
     if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
@@ -108,33 +109,13 @@ def print_results(results: Sequence[Run]) -> None:
     """Print one line per run, the mean and standard deviation over the seeds of a model, and the command that tells
     whether the runs differ, if there are pairs enough to tell."""
     console = Console(width=None if Console().is_terminal else 120, markup=False)
-    summaries = [result.summary for result in results]
-    headings = {"epe_clean": "clean EPE", **{name: METRIC_LABELS[name] for name in ("epe", "cre", "crer", "rcre")}}
-    if all(summary.epe_clean is None for summary in summaries):
-        headings["clean_flow_length"] = "clean flow (px)"
-    shown = [name for name in headings if any(getattr(summary, name) is not None for summary in summaries)]
     lines, groups = run_results(results), seed_groups(results)
-    names = [line.name for line in lines]
-    table = Table(title=f"{len(results)} {'runs' if groups else 'models'}", title_justify="left")
-    table.add_column("model")
-    for name in shown:
-        table.add_column(headings[name], justify="right")
-    values = {name: [getattr(summary, key) for key in shown] for name, summary in zip(names, summaries, strict=True)}
-    for name, numbers in values.items():
-        table.add_row(plain(name), *map(cell, numbers))
-    for group in groups:
-        of_runs = zip(*(values[name] for _, name in group.runs), strict=True)
-        table.add_row(plain(group.label), *map(report_table.spread_text, of_runs), style="bold")
-    console.print(table)
-    for note in dict.fromkeys(group.note for group in groups):
-        console.print(f"{note[0].upper()}{note[1:]}.", highlight=False)
+    print(for_stdout(runs_table(lines, groups)), end="")
     for remark in {truth_remark(result.manifest.identity.frames.protocol) for result in results} - {""}:
         console.print(f"Errors are on {remark}.")
     for run in results:
         if phantom := phantom_motion(run):
             console.print(f"{plain(run.name)}: {plain(phantom, None)}", highlight=False, soft_wrap=True)
-    for sentence in not_ranked(line for line in lines if line.run is not None and not without_truth(line.run)):
-        console.print(sentence, highlight=False, soft_wrap=True)
     _print_conclusions(console, lines)
     if all(map(enough_to_compare, results)) and (question := _question(lines, len(groups))):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)
@@ -164,7 +145,7 @@ def check_format(format: str, as_json: bool) -> None:
         raise UsageError(f"--json and --format {format} exclude each other; leave out one of them")
 
 
-def as_text(table: report_table.Table, format: str, output: Path | None) -> str:
+def as_text(table: Table, format: str, output: Path | None) -> str:
     """A table in a format; on the terminal, which has no `output`, see `for_stdout`."""
     return for_stdout(table) if format == "terminal" and output is None else render(table, format)
 
@@ -178,53 +159,11 @@ def write_text(text: str, output: Path | None) -> None:
         typer.echo(str(output))
 
 
-def for_stdout(table: report_table.Table) -> str:
+def for_stdout(table: Table) -> str:
     """The text of a table, coloured and as wide as the window where stdout is a terminal."""
     if not sys.stdout.isatty():
         return render_terminal(table)
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
-
-
-def _overview(result: Run, whose: str) -> Table:
-    summary = result.summary
-    table = Table(title=f"{whose}, {counted(summary.samples, sample_noun(result.benchmark))}", title_justify="left")
-    table.add_column("corruption")
-    shown = [
-        m
-        for m in ("epe", "cre", "crer", "rcre")
-        if any(getattr(s, m) is not None for s in summary.corruptions.values())
-    ]
-    if has_gaps(summary):
-        shown.append("coverage")
-    if summary.spread is not None:
-        shown.append("spread")
-    for metric in shown:
-        table.add_column(METRIC_LABELS.get(metric, metric), justify="right")
-    at_each = "epe" if "epe" in shown else "rcre"
-    levels = summary.severities()
-    for level in levels:
-        table.add_column(f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level), justify="right")
-    family = None
-    for corruption, scores in summary.corruptions.items():
-        if family is not None and scores.family != family:
-            table.add_section()
-        family = scores.family
-        values = dict(zip(scores.severities, scores.by_severity[at_each], strict=True))
-        means = [getattr(scores, metric) for metric in shown]
-        table.add_row(corruption, *map(cell, means), *(cell(values.get(level)) for level in levels))
-    table.add_section()
-    table.add_row("mean", *(cell(getattr(summary, metric)) for metric in shown), *[""] * len(levels), style="bold")
-    return table
-
-
-def _by_severity(result: Run, metric: str, whose: str) -> Table:
-    frame = uncoupled(result.rows).table(metric) if metric in UNCOUPLED else result.table(metric)
-    table = Table(title=f"{whose}, {metric}", title_justify="left")
-    for column in frame.columns:
-        table.add_column(column, justify="left" if column in ("corruption", "family") else "right")
-    for row in frame.iter_rows():
-        table.add_row(*(value if isinstance(value, str) else cell(value) for value in row))
-    return table
 
 
 def _whose(result: Run, with_seed: bool) -> str:

@@ -23,12 +23,10 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 
-def means_table(
-    runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, seeds: Sequence[SeedGroup] = (), brackets: bool = True
-) -> Table:
+def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
     """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets if there are too few
     images for one; a remark says so. `seeds` are groups of the runs; each gets a line of its mean and standard
-    deviation below its last run. Without `brackets` there are no intervals."""
+    deviation below its last run."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = [Column("clean EPE (px)")]
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
@@ -38,7 +36,7 @@ def means_table(
         estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
-        lines.append(Line.of(name, (_estimate(estimates.get(key), brackets) for key in keys), note))
+        lines.append(Line.of(name, (_estimate(estimates.get(key)) for key in keys), note))
         known.append(any(row["low"] is not None for row in estimates.values()))
         values[name] = [estimates[key]["estimate"] if key in estimates else None for key in keys]
         for group in seeds:
@@ -52,8 +50,8 @@ def means_table(
             f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share "
             "one."
         ) + ("" if all(known) else f" Means without one are over fewer than {needed}.")
-    title = "Means with intervals" if any(known) and brackets else "Means"
-    return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,) if brackets else ())
+    title = "Means with intervals" if any(known) else "Means"
+    return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
 
 
 def effective_table(results: Sequence[ModelResult]) -> Table:
@@ -108,10 +106,10 @@ def observations_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]
     return Table("observations", "The paper's observations", columns, tuple(sections), row_header="Part")
 
 
-def _estimate(row: dict[str, float | None] | None, brackets: bool) -> str:
+def _estimate(row: dict[str, float | None] | None) -> str:
     if row is None:
         return "-"
-    interval = "" if row["low"] is None or not brackets else f" [{row['low']:.2f}, {row['high']:.2f}]"
+    interval = "" if row["low"] is None else f" [{row['low']:.2f}, {row['high']:.2f}]"
     return f"{row['estimate']:.2f}{interval}"
 
 

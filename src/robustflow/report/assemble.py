@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..analysis.conclusion import conclusions
-from ..analysis.conditions import SeedGroup, seed_groups
+from ..analysis.conditions import seed_groups
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import on_benchmark
 from ..analysis.model_result import ModelResult, by_frames, ranked
@@ -19,7 +19,8 @@ from ..errors import UsageError, unknown_name
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .attack_table import ATTACK_TABLES, attack_tables
-from .table import Table, with_exclusion
+from .run_tables import runs_table
+from .table import Table
 from .tables import TABLES, build_table
 from .uncoupled_table import uncoupled_table
 
@@ -83,7 +84,7 @@ def tables_of(
     }
     makers |= {
         "means": lambda: [means_table(_some(runs, "means"), seed=seed, seeds=seeds)],
-        ROW: lambda: [_row_table(_some(runs, ROW), seeds)],
+        ROW: lambda: [replace(runs_table(run_results(_some(runs, ROW)), seeds), name=ROW)],
         "uncoupled": lambda: [_uncoupled(_some(runs, "uncoupled"))],
         "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
@@ -134,16 +135,6 @@ def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
 
 def _attack_tables(name: str, runs: Sequence[Run], seed: int) -> list[Table]:
     return attack_tables(name, _some(runs, name), seed)
-
-
-def _row_table(runs: Sequence[Run], seeds: Sequence[SeedGroup]) -> Table:
-    """The means as lines for a table of the reader's own; a line's note says how they were measured."""
-    table = means_table(runs, seeds=seeds, brackets=False)
-    reasons = {line.name: line.excluded for line in run_results(runs)}
-    lines = tuple(
-        replace(line, note=with_exclusion(line.note, reasons.get(line.label, ""))) for line in table.sections[0].lines
-    )
-    return replace(table, name=ROW, sections=(replace(table.sections[0], lines=lines),))
 
 
 def _uncoupled(runs: Sequence[Run]) -> Table:

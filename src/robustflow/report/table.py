@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import compress
 from statistics import mean, stdev
 
+from ..analysis.model_result import ModelResult, Value
+
 DASH = "-"
 """The text of a cell without a number."""
 
@@ -30,23 +32,39 @@ class Column:
 
 @dataclass(frozen=True)
 class TableCell:
-    """The text of a cell; `best` if it is the smallest of its column among the lines it can be compared with. A page
-    prints `interval` small beside it."""
+    """The text of a cell.
+
+    Attributes:
+        text: what is printed.
+        best: whether it is the smallest of its column among the lines it can be compared with.
+        interval: what a page prints small beside it.
+        derived: whether the number is computed from others where its source prints none; a page sets it in italics.
+    """
 
     text: str
     best: bool = False
     interval: str = ""
+    derived: bool = False
 
 
 @dataclass(frozen=True)
 class Line:
-    """A model. `note` is "" or how it differs from the paper's measurement; `best` if the line as a whole is the
-    recommended choice, as the paper shades the lines of the best average rank."""
+    """A model.
+
+    Attributes:
+        label: its name.
+        cells: one a column.
+        note: how it differs from the paper's measurement; "" if not at all.
+        best: whether the line as a whole is the recommended choice, as the paper shades the lines of the best average
+            rank.
+        result: whose numbers the cells are, for what a page shows beside them.
+    """
 
     label: str
     cells: tuple[TableCell, ...]
     note: str = ""
     best: bool = False
+    result: ModelResult | None = None
 
     @classmethod
     def of(cls, label: str, texts: Iterable[str], note: str = "") -> Line:
@@ -124,10 +142,19 @@ def spread_text(values: Sequence[float | None]) -> str:
     return DASH if len(known) < len(values) else f"{mean(known):.2f} ± {stdev(known):.2f}"
 
 
-def number_text(value: float | None, decimals: int | None) -> str:
+def interval_text(ends: tuple[float, float] | None) -> str:
+    """The ends of an interval; "" if there is none.
+
+    >>> interval_text((1.024, 1.7)), interval_text(None)
+    ('[1.02, 1.70]', '')
+    """
+    return "" if ends is None else f"[{ends[0]:.2f}, {ends[1]:.2f}]"
+
+
+def number_text(value: float | None, decimals: int | None = None) -> str:
     """A number as it was printed, or with two decimals.
 
-    >>> number_text(4.2, 2), number_text(1.23456, None), number_text(None, 2)
+    >>> number_text(4.2, 2), number_text(1.23456), number_text(None)
     ('4.20', '1.23', '-')
     """
-    return DASH if value is None else f"{value:.{2 if decimals is None else decimals}f}"
+    return DASH if value is None else Value(value, decimals).text

@@ -130,10 +130,7 @@ def _lines(
     chosen: Mapping[ModelResult, Mapping[str, Value]], keys: Sequence[str], seeds: Sequence[SeedGroup]
 ) -> tuple[Line, ...]:
     """The lines of one setting; knowledge-driven models have no marks."""
-    texts = {
-        line: {of: number_text(value.number, value.decimals) for of, value in values.items()}
-        for line, values in chosen.items()
-    }
+    texts = {line: {of: value.text for of, value in values.items()} for line, values in chosen.items()}
     compared = [
         Compared(line.frames, {} if line.setting == "knowledge" else shown, bool(line.excluded))
         for line, shown in texts.items()

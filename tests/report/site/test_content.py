@@ -12,7 +12,6 @@ from robustflow.analysis.results_file import parse_results
 from robustflow.analysis.uncertainty import intervals
 from robustflow.api import evaluate
 from robustflow.errors import DataError, UsageError
-from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
@@ -30,14 +29,14 @@ def _file(text: str):
 def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     one, two = _file("OOD,A,epe,average,1.00,\n"), _file("OOD,A,epe,average,2.00,\n")
     content = whole_content([small_run], [("one.csv", one), ("two.csv", two)])
-    boards = {board.benchmark: board for board in boards_of(content.entries, dict(content.group_titles))}
-    assert [group.title for group in boards["kitti-fc"].groups] == [
+    boards = {board.benchmark: board for board in content.boards}
+    assert [section.title for section in boards["kitti-fc"].sections] == [
         "From one.csv",
         "From two.csv",
         "Published values",
     ]
-    assert [group.published for group in boards["kitti-fc"].groups] == [False, False, True]
-    assert "1 pair of the demo" in boards["demo"].groups[0].title
+    assert [section.lines[0].result.frames for section in boards["kitti-fc"].sections] == ["file 1", "file 2", "paper"]
+    assert "1 pair of the demo" in boards["demo"].sections[0].title
     assert boards["demo"].settings == (("knowledge", "knowledge-driven", "learns nothing from data"),)
 
 
@@ -45,8 +44,7 @@ def test_what_was_measured_comes_before_what_was_published(small_run, many_image
     """Benchmarks by their runs, those without by their models."""
 
     def order(*runs):
-        content = whole_content(runs)
-        return [board.benchmark for board in boards_of(content.entries, dict(content.group_titles))]
+        return [board.benchmark for board in whole_content(runs).boards]
 
     assert order(small_run) == ["demo", "kitti-fc", "gopro-fc"]
     assert order(small_run, many_images("A"), many_images("Bb")) == ["kitti-fc", "demo", "gopro-fc"]
@@ -56,14 +54,15 @@ def test_a_value_given_twice_is_refused():
     of_paper = _file("OOD,RAFT,epe,clean,1.00,paper\n")
     with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean appears twice for the sample set 'paper'"):
         whole_content([], [("mine.csv", of_paper)])
-    assert whole_content([], [("mine.csv", of_paper)], published=False).entries[0].model == "RAFT"
+    assert whole_content([], [("mine.csv", of_paper)], published=False).lines[0].name == "RAFT"
 
 
 def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
     content = whole_content([many_images("A"), many_images("Bb", 1.5)], published=False)
-    for entry in content.entries:
-        low, high = entry.intervals["cre", "average"]
-        assert low < entry.numbers["cre", "average"] < high
+    for line, cells in content.cells.items():
+        low, high = line.intervals["cre", "average"]
+        assert low < line.number("cre", "average") < high
+        assert cells["cre", "average"].interval == f"[{low:.2f}, {high:.2f}]"
     best = headline(content)
     assert "the error grows least under corruption for A (CRE " in best[0]
     assert "the error of A grows less under corruption, and A is as accurate on clean frames." in best[1]
@@ -107,7 +106,7 @@ def test_headline_of_a_lowest_cre_whose_flow_changes_more_says_so(many_images, m
     rows = noisy.rows.with_columns(rcre_sum=pl.col("rcre_sum") * 10)
     monkeypatch.setitem(noisy.__dict__, "rows", rows)
     content = whole_content([noisy, steady], published=False)
-    moved = {entry.model: entry.numbers["rcre", "average"] for entry in content.entries}
+    moved = {line.name: line.number("rcre", "average") for line in content.lines}
     assert moved["Noisy"] > moved["Steady"]
     values = f"(RCRE {moved['Steady']:.2f} against {moved['Noisy']:.2f} px)"
     assert f"; the flow of Steady changes less {values}." in headline(content)[0]
@@ -135,8 +134,8 @@ def test_the_paper_has_no_significance():
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
     content = run_content(small_run)
-    assert {line.frames for line in content.focus} == {content.entries[0].line.frames}
-    assert len(content.entries) == 1 + 29 + 11
+    assert {line.frames for line in content.focus} == {content.lines[0].frames}
+    assert len(content.lines) == 1 + 29 + 11
 
 
 class Blind(ConstantFlow):
@@ -154,10 +153,9 @@ def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path, rea
     with real_pictures():
         run = evaluate(Blind(), "demo", output=tmp_path, **options)
     content = run_content(run)
-    assert content.entries[0].model == "blind"
-    assert content.entries[0].texts == {("coverage", ""): "0.00"}
-    board = boards_of(content.entries, dict(content.group_titles))[0]
-    assert (board.benchmark, board.count, [column.label for column in board.columns]) == ("demo", 1, ["Coverage"])
+    board = content.boards[0]
+    assert (board.benchmark, [column.label for column in board.columns]) == ("demo", ["Coverage"])
+    assert [(line.label, [cell.text for cell in line.cells]) for line in board.lines] == [("blind", ["0.00"])]
     text = (run.path / "report.html").read_text()
     assert "predicted pixels were NaN or infinite" in text
     assert 'id="primary" data-page="blind"' in text

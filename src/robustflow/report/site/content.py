@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ...analysis.exclusion import exclusion_reasons
 from ...analysis.labels import benchmark_words
-from ...analysis.model_result import ModelResult, merged
+from ...analysis.model_result import ModelResult, ValueKey, merged
 from ...analysis.published.tables import PAPER, Cost, published_costs, published_results
 from ...analysis.results_file import FILE
 from ...analysis.run_results import comparison_notes, run_results
@@ -16,7 +18,8 @@ from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import UsageError
 from ...runs.comparable import sample_set
 from ...text import plain
-from .entries import LeaderboardEntry, entries_of
+from ..leaderboard import Board, boards_of
+from ..table import TableCell
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -35,7 +38,7 @@ class Content:
         title: of the page.
         lines: of runs, then of files and of the paper.
         costs: the paper's, empty if its results are not shown.
-        entries: the lines of the leaderboard.
+        pages: line -> the id of its model's page.
         group_titles: sample set -> heading.
         alone: whether the page is about its runs, and the paper's results are only shown for comparison: then there are
             no figures, observations and audit of the latter.
@@ -46,7 +49,7 @@ class Content:
     title: str
     lines: Sequence[ModelResult]
     costs: Mapping[str, Cost]
-    entries: Sequence[LeaderboardEntry]
+    pages: Mapping[ModelResult, str]
     group_titles: Mapping[str, str]
     alone: bool
     of_paper: bool
@@ -55,6 +58,17 @@ class Content:
     def of_one_run(self) -> bool:
         """Whether the page is the report of a single run, whose own page then comes first."""
         return self.alone and sum(line.run is not None for line in self.lines) == 1
+
+    @cached_property
+    def boards(self) -> list[Board]:
+        """The leaderboard of each benchmark."""
+        return boards_of(self.lines, self.costs, self.group_titles)
+
+    @cached_property
+    def cells(self) -> dict[ModelResult, dict[ValueKey, TableCell]]:
+        """The cells of each line of the leaderboards."""
+        lines = ((board, line) for board in self.boards for line in board.lines)
+        return {line.result: board.cells_of(line) for board, line in lines if line.result}
 
     @property
     def focus(self) -> list[ModelResult]:
@@ -118,4 +132,33 @@ def _content(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
     costs = published_costs() if published else {}
-    return Content(title, lines, costs, entries_of(lines, costs), titles, alone, beside)
+    slugs = Slugs()
+    pages = {line: slugs.of(line.key, line.name) for line in lines}
+    return Content(title, lines, costs, pages, titles, alone, beside)
+
+
+_LONGEST_ID = 40
+
+
+class Slugs:
+    """Gives every model's page its id of letters, digits and hyphens, safe in an address and an attribute.
+
+    >>> slugs = Slugs()
+    >>> slugs.of(1, "SAMFlow-H"), slugs.of(2, "samflow h"), slugs.of(1, "SAMFlow-H"), slugs.of(3, "<>")
+    ('samflow-h', 'samflow-h-2', 'samflow-h', 'model')
+    """
+
+    def __init__(self) -> None:
+        self._of: dict[Hashable, str] = {}
+
+    def of(self, thing: Hashable, name: str) -> str:
+        """The id of a thing called `name`."""
+        if thing not in self._of:
+            words = name.replace("+", " plus ").lower()
+            stem = re.sub(r"[^a-z0-9]+", "-", words)[:_LONGEST_ID].strip("-") or "model"
+            known, slug, count = set(self._of.values()), stem, 1
+            while slug in known:
+                count += 1
+                slug = f"{stem}-{count}"
+            self._of[thing] = slug
+        return self._of[thing]

@@ -11,16 +11,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
+from ...analysis.model_result import ModelResult, ValueKey
 from ...analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ...corruptions.names import MEMBERS, ordered
 from ...text import plain
-from ..table import Table, with_exclusion
-from .board import Board
-from .entries import LeaderboardEntry, NumberKey
-from .models import ModelPage, interval_text
+from ..leaderboard import Board
+from ..table import Table, TableCell, with_exclusion
+from .content import Content
+from .models import ModelPage
 
 
-def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, Any]:
+def page_data(content: Content, pages: Sequence[ModelPage]) -> dict[str, Any]:
     """The data of a page.
 
     Returns:
@@ -28,9 +29,9 @@ def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, 
         it means), `labels`: the labels of the lines of shaded tables, which refer to them by number.
     """
     labels = {label: number for number, label in enumerate(_labels(pages))}
-    settings = {entry.setting for board in boards for group in board.groups for entry in group.entries}
+    settings = {name for board in content.boards for name, _, _ in board.settings}
     return {
-        "boards": [_board(board) for board in boards],
+        "boards": [_board(board, content.pages) for board in content.boards],
         "models": {page.id: _model(page, labels) for page in pages},
         "labels": list(labels),
         "settings": {
@@ -40,22 +41,27 @@ def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, 
     }
 
 
-def _board(board: Board) -> dict[str, Any]:
-    entries = [entry for group in board.groups for entry in group.entries]
-    keys = _keys(entries)
-    place = {key: index for index, key in enumerate(keys)}
+def _board(board: Board, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
+    place = {key: index for index, key in enumerate(_keys(board))}
     return {
         "benchmark": plain(board.benchmark),
-        "numbers": [(metric, plain(corruption)) for metric, corruption in keys if _is_number(metric, corruption)],
-        "columns": [place[column.key] for column in board.columns],
-        "groups": [[_entry(entry, place, group.title) for entry in group.entries] for group in board.groups],
+        "numbers": [(metric, plain(corruption)) for metric, corruption in place if _is_number(metric, corruption)],
+        "columns": [place[column.key] for column in board.shown],
+        "groups": [
+            [
+                _line(line.result, board.cells_of(line), place, section.title, page_of[line.result])
+                for line in section.lines
+                if line.result
+            ]
+            for section in board.sections
+        ],
     }
 
 
-def _keys(entries: Sequence[LeaderboardEntry]) -> list[NumberKey]:
+def _keys(board: Board) -> list[ValueKey]:
     """First what a download holds, in its order; then means over classes of corruptions, which follow from the rest,
     and costs."""
-    present = {key for entry in entries for key in entry.texts}
+    present = {column.key for column in board.columns}
     corruptions = {corruption for _, corruption in present}
     order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
     numbers = [(metric, name) for metric in RESULT_METRICS for name in order if (metric, name) in present]
@@ -66,41 +72,40 @@ def _is_number(metric: str, corruption: str) -> bool:
     return metric in RESULT_METRICS and corruption not in MEMBERS
 
 
-def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> dict[str, Any]:
-    """Only existing parts: most entries have no intervals, and many no note."""
+def _line(
+    result: ModelResult, cells: Mapping[ValueKey, TableCell], place: Mapping[ValueKey, int], title: str, page: str
+) -> dict[str, Any]:
+    """Only existing parts: most lines have no intervals, and many no note."""
     values: list[str | int] = [0] * len(place)
-    for key, text in entry.texts.items():
-        values[place[key]] = text
+    for key, cell in cells.items():
+        values[place[key]] = cell.text
+    note = plain(result.note, 300)
     shown = {
-        "name": entry.model,
-        "setting": entry.setting,
-        "page": entry.page,
-        "frames": plain(entry.line.frames, 200),
-        "note": entry.note,
-        "remark": _remark(entry, title),
-        "excluded": bool(entry.line.excluded),
+        "name": plain(result.name),
+        "setting": plain(result.setting, 40),
+        "page": page,
+        "frames": plain(result.frames, 200),
+        "note": note,
+        # Below the name: how it differs, unless the heading says so, and why it is not ranked.
+        "remark": with_exclusion(plain(note, 80) if note not in title else "", plain(result.excluded, 300)),
+        "excluded": bool(result.excluded),
         "values": values,
-        "best": sorted(place[key] for key in entry.best),
-        "derived": sorted(place[key] for key in entry.derived),
-        "intervals": {place[key]: interval_text(entry, key) for key in entry.intervals if key in place},
+        "best": sorted(place[key] for key, cell in cells.items() if cell.best),
+        "derived": sorted(place[key] for key, cell in cells.items() if cell.derived),
+        "intervals": {place[key]: cell.interval for key, cell in cells.items() if cell.interval},
     }
     return {name: value for name, value in shown.items() if value or name in ("name", "setting")}
-
-
-def _remark(entry: LeaderboardEntry, title: str) -> str:
-    """Below the name: how it differs, unless the heading says so, and why it is not ranked."""
-    return with_exclusion(plain(entry.note, 80) if entry.note not in title else "", plain(entry.line.excluded, 300))
 
 
 def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
     tiles = [
         {
-            "benchmark": benchmark_label(entry.line.benchmark),
-            "setting": entry.setting,
-            "note": entry.note,
-            "scores": scores,
+            "benchmark": benchmark_label(line.benchmark),
+            "setting": plain(line.setting, 40),
+            "note": plain(line.note, 300),
+            "scores": [(label, cell.text, cell.interval) for label, cell in scores],
         }
-        for entry, scores in page.tiles
+        for line, scores in page.tiles
         if scores
     ]
     return {

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from ...analysis.confidence import confidence_scores
 from ...analysis.displacements import displacements_of
-from ...analysis.model_result import ModelResult, ranked
+from ...analysis.model_result import ModelResult, by_frames, ranked
 from ...analysis.published.tables import PAPER
 from ...analysis.security_curves import security_curves
 from ...errors import UsageError
@@ -25,8 +25,8 @@ from ..figures.security_curves import security_figure
 from ..figures.severity_curves import scale_panels
 from ..figures.sparsification_curves import sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
+from ..leaderboard import by_error
 from .content import Content
-from .entries import default_order
 from .key import key_markup
 from .svg import inline_svg
 
@@ -98,7 +98,7 @@ def page_figures(content: Content) -> list[FigureGroup]:
         for figures in figures_by_sample_set(part, looks).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
         drawn += _of_runs(frames, content, looks)
-        pages = {entry.line.name: entry.page for entry in content.entries if entry.line.frames == frames}
+        pages = {line.name: page for line, page in content.pages.items() if line.frames == frames}
         made = []
         for name, figure, note in drawn:
             made.append(_page_figure(f"figure-{count}", name, figure, note, pages))
@@ -121,14 +121,12 @@ def page_looks(content: Content) -> Looks:
     """The looks of the models: those of one name are alike in every sample set, and nothing else is."""
     places: dict[tuple[str, int], int] = {}
     styles: dict[ModelResult, Style] = {}
-    for frames in dict.fromkeys(entry.line.frames for entry in content.entries if entry.line.frames != PAPER):
+    for lines in by_frames(line for line in content.lines if line.frames != PAPER).values():
         seen: Counter[str] = Counter()
-        entries = sorted((entry for entry in content.entries if entry.line.frames == frames), key=default_order)
-        for entry in entries:
-            run = entry.line.run
-            name = entry.line.name if run is None else run.name
+        for line in sorted(lines, key=by_error):
+            name = line.name if line.run is None else line.run.name
             place = places.setdefault((name, seen[name]), len(places))
-            styles[entry.line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
+            styles[line] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
             seen[name] += 1
     return Looks(styles, legend=False)
 
@@ -159,8 +157,8 @@ def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
     there are more, those that are first on the leaderboard."""
     if len(names) <= len(MODEL_STYLES):
         return names
-    entries = sorted((entry for entry in content.entries if entry.line.frames == frames), key=default_order)
-    best = {entry.line.name for entry in entries[: len(MODEL_STYLES)]}
+    lines = sorted((line for line in content.lines if line.frames == frames), key=by_error)
+    best = {line.name for line in lines[: len(MODEL_STYLES)]}
     return [name for name in names if name in best]
 
 

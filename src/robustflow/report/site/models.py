@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 from ...analysis.anatomy import by_severity
 from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
-from ...analysis.model_result import ModelResult
+from ...analysis.model_result import ModelResult, ValueKey
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.names import ORDER
 from ...text import plain
 from ..analysis_tables import anatomy_table
-from ..table import DASH, Column, Line, Section, Table, TableCell
+from ..table import DASH, Column, Line, Section, Table, TableCell, interval_text
 from .content import Content
-from .entries import LeaderboardEntry, NumberKey
 from .examples import PanelPicture
 from .facts import Facts, published_facts, run_facts
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from ...runs.run import Run
 
 _METRICS = ("cre", "rcre", "epe")
+Tiles = tuple[tuple[ModelResult, tuple[tuple[str, TableCell], ...]], ...]
 _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 
 
@@ -33,7 +33,7 @@ class ModelPage:
     Attributes:
         id: of the page.
         name: of the model.
-        tiles: per line of the leaderboard (label, text, interval) of the overall means.
+        tiles: per line of the leaderboard (label, cell) of the overall means.
         sentences: about it.
         tables: shaded, corruptions as lines, severities or settings as columns; the first one is the most telling.
         facts: what ran.
@@ -43,7 +43,7 @@ class ModelPage:
 
     id: str
     name: str
-    tiles: tuple[tuple[LeaderboardEntry, tuple[tuple[str, str, str], ...]], ...]
+    tiles: Tiles
     sentences: tuple[str, ...]
     tables: tuple[Table, ...]
     facts: Facts
@@ -52,76 +52,67 @@ class ModelPage:
 
 
 def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPicture]]) -> list[ModelPage]:
-    """A page for each model of each sample set, in the order of the entries.
+    """A page for each model of each sample set, in the order of the lines.
 
     Args:
         content: of the page.
         panels: pictures of predictions, of the lines of runs.
     """
-    by_page: dict[str, list[LeaderboardEntry]] = {}
-    for entry in content.entries:
-        by_page.setdefault(entry.page, []).append(entry)
+    by_page: dict[str, list[ModelResult]] = {}
+    for line, page in content.pages.items():
+        by_page.setdefault(page, []).append(line)
     pages = []
-    for page, entries in by_page.items():
-        line = entries[0].line
+    for page, lines in by_page.items():
+        tiles = tuple((line, _tiles(content.cells[line])) for line in lines)
+        line = lines[0]
         if line.run is None:
-            pages.append(_of_results(page, entries))
+            pages.append(_of_results(page, lines, tiles))
         else:
-            pages.append(_of_run(page, entries[0], line.run, tuple(panels.get(line, ()))))
+            pages.append(_of_run(page, line, line.run, tiles, tuple(panels.get(line, ()))))
     return pages
 
 
-def _of_run(page: str, entry: LeaderboardEntry, run: Run, panels: tuple[PanelPicture, ...]) -> ModelPage:
+def _of_run(page: str, line: ModelResult, run: Run, tiles: Tiles, panels: tuple[PanelPicture, ...]) -> ModelPage:
     return ModelPage(
         id=page,
-        name=entry.model,
-        tiles=((entry, _tiles(entry)),),
-        sentences=_sentences(entry),
-        tables=tuple(
-            _severity_table(entry, run, metric) for metric in _METRICS if any(of == metric for of, _ in entry.texts)
-        ),
+        name=plain(line.name),
+        tiles=tiles,
+        sentences=_sentences(line),
+        tables=tuple(_severity_table(line, run, metric) for metric in _METRICS if line.numbers(metric)),
         facts=run_facts(run),
         anatomy=_anatomy(run),
         panels=panels,
     )
 
 
-def _of_results(page: str, entries: list[LeaderboardEntry]) -> ModelPage:
-    first = entries[0]
-    sources = dict.fromkeys(value.source for entry in entries for value in entry.line.values.values())
+def _of_results(page: str, lines: list[ModelResult], tiles: Tiles) -> ModelPage:
+    sources = dict.fromkeys(value.source for line in lines for value in line.values.values())
     tables = []
-    for benchmark in dict.fromkeys(entry.line.benchmark for entry in entries):
-        shown = [entry for entry in entries if entry.line.benchmark == benchmark]
+    for benchmark in dict.fromkeys(line.benchmark for line in lines):
+        shown = [line for line in lines if line.benchmark == benchmark]
         tables.append(_settings_table(benchmark_label(benchmark), shown))
     return ModelPage(
         id=page,
-        name=first.model,
-        tiles=tuple((entry, _tiles(entry)) for entry in entries),
-        sentences=tuple(sentence for entry in entries for sentence in _sentences(entry)),
+        name=plain(lines[0].name),
+        tiles=tiles,
+        sentences=tuple(sentence for line in lines for sentence in _sentences(line)),
         tables=tuple(tables),
-        facts=published_facts(first.line.name, list(sources)),
+        facts=published_facts(lines[0].name, list(sources)),
         anatomy=None,
     )
 
 
-def _tiles(entry: LeaderboardEntry) -> tuple[tuple[str, str, str], ...]:
+def _tiles(cells: Mapping[ValueKey, TableCell]) -> tuple[tuple[str, TableCell], ...]:
     return tuple(
-        (f"{'clean ' if key[1] == CLEAN else ''}{METRIC_LABELS[key[0]]}", entry.texts[key], interval_text(entry, key))
-        for key in _TILES
-        if key in entry.texts
+        (f"{'clean ' if key[1] == CLEAN else ''}{METRIC_LABELS[key[0]]}", cells[key]) for key in _TILES if key in cells
     )
 
 
-def interval_text(entry: LeaderboardEntry, key: NumberKey) -> str:
-    """ "[1.02, 1.71]", or "" if there is no interval."""
-    interval = entry.intervals.get(key)
-    return f"[{interval[0]:.2f}, {interval[1]:.2f}]" if interval else ""
-
-
-def _sentences(entry: LeaderboardEntry) -> tuple[str, ...]:
+def _sentences(line: ModelResult) -> tuple[str, ...]:
     """The corruptions under which the model is worst and best."""
     for metric in ("cre", "rcre"):
-        values = {name: entry.numbers[metric, name] for name in ORDER if (metric, name) in entry.numbers}
+        numbers = line.numbers(metric)
+        values = {name: numbers[name] for name in ORDER if name in numbers}
         if len(values) < 2:
             continue
         order = sorted(values, key=lambda name: -values[name])
@@ -129,12 +120,12 @@ def _sentences(entry: LeaderboardEntry) -> tuple[str, ...]:
         named = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
         worst = named[:-1][:3]
         are = "is" if len(worst) == 1 else "are"
-        where = f"{benchmark_label(entry.line.benchmark)}, {setting_words(entry.setting)}"
+        where = f"{benchmark_label(line.benchmark)}, {setting_words(line.setting)}"
         return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {named[-1]}.",)
     return ()
 
 
-def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> Table:
+def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
@@ -142,7 +133,7 @@ def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> Table:
     lines = []
     for row in table.iter_rows(named=True):
         cells = [TableCell(_number(row[level])) for level in levels]
-        interval = interval_text(entry, (metric, row["corruption"]))
+        interval = interval_text(line.intervals.get((metric, row["corruption"])))
         cells.append(TableCell(_number(row["mean"]), interval=interval))
         if slopes:
             cells.append(TableCell(_number(slopes.get(row["corruption"]))))
@@ -152,14 +143,14 @@ def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> Table:
     return _table(f"{metric_label(metric)} by severity", columns, lines)
 
 
-def _settings_table(title: str, entries: Sequence[LeaderboardEntry]) -> Table:
-    shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in ORDER)]
-    tops = {metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in ORDER) for metric in _METRICS}
+def _settings_table(title: str, results: Sequence[ModelResult]) -> Table:
+    shown = [(m, r) for m in _METRICS for r in results if any((m, name) in r.values for name in ORDER)]
+    tops = {metric: scale_top(r.number(metric, name) for _, r in shown for name in ORDER) for metric in _METRICS}
     lines = []
-    for name in [name for name in ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
-        cells = tuple(TableCell(e.texts.get((m, name), "–")) for m, e in shown)
+    for name in [name for name in ORDER if any((m, name) in r.values for m, r in shown)] + [AVERAGE]:
+        cells = tuple(TableCell(r.values[m, name].text if (m, name) in r.values else "–") for m, r in shown)
         lines.append(Line("Average" if name == AVERAGE else long_label(name), cells))
-    columns = [Column(f"{METRIC_LABELS[m]} {setting_words(e.setting)}", strongest=tops[m]) for m, e in shown]
+    columns = [Column(f"{METRIC_LABELS[m]} {setting_words(r.setting)}", strongest=tops[m]) for m, r in shown]
     return _table(f"{title} (px)", columns, lines)
 
 

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from ...analysis.audit import Audit
 from ...analysis.model_result import ModelResult
+from ...analysis.published.tables import PAPER
 from ...errors import RunError
 from ...runs.run import Run
 from ...text import plain
@@ -18,11 +19,11 @@ from ...version import VERSION
 from ..attack_table import attack_table, prediction_table
 from ..confidence_table import confidence_table
 from ..embed import json_block, templates
+from ..leaderboard import Board
 from ..render.html import render as render_table
 from ..slider import Slider, slider_markup
 from ..table import Table
 from . import assets
-from .board import Board, boards_of
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
@@ -43,12 +44,11 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     >>> render_site(whole_content([])).splitlines()[0]
     '<!doctype html>'
     """
-    boards = boards_of(content.entries, dict(content.group_titles))
-    order = [board.benchmark for board in boards]
+    order = [board.benchmark for board in content.boards]
     runs = sorted((line for line in content.lines if line.run), key=lambda line: order.index(line.benchmark))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
     pages = model_pages(content, examples.panels if examples else {})
-    sections = _sections_of(content, boards, page_figures(content))
+    sections = _sections_of(content, page_figures(content))
     pictured = next(iter(examples.panels)).benchmark if examples and examples.panels else None
     return (
         _environment()
@@ -65,7 +65,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             examples=examples,
             pictured=None if pictured is None else order.index(pictured),
             slider=slider_markup(examples.slider) if examples else None,
-            data=json_block(page_data(boards, pages)),
+            data=json_block(page_data(content, pages)),
             style=assets.style(),
             script=assets.script(),
             policy=assets.policy(),
@@ -105,7 +105,7 @@ class BenchmarkSection:
     audits: Sequence[Audit]
 
 
-def _sections_of(content: Content, boards: Sequence[Board], figures: Sequence[FigureGroup]) -> list[BenchmarkSection]:
+def _sections_of(content: Content, figures: Sequence[FigureGroup]) -> list[BenchmarkSection]:
     return [
         BenchmarkSection(
             board=board,
@@ -114,7 +114,7 @@ def _sections_of(content: Content, boards: Sequence[Board], figures: Sequence[Fi
             observations=checked_observations(content, board.benchmark),
             audits=audits(content, board.benchmark),
         )
-        for board in boards
+        for board in content.boards
     ]
 
 
@@ -123,6 +123,7 @@ def _environment() -> Environment:
     environment = templates("robustflow.report.site")
     environment.globals.update(
         by_check=by_check,
+        paper=PAPER,
         plain=plain,
         render_table=lambda table: Markup(render_table(table)),
         verdict_classes=VERDICT_CLASSES,

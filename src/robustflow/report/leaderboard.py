@@ -1,0 +1,298 @@
+"""The leaderboard: a `Table` per benchmark, of which a page shows some columns and lines at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from ..analysis.best import Compared, best_of_columns
+from ..analysis.cost_ranks import cost_ranks, run_ranks
+from ..analysis.imported import NOTE as IMPORTED
+from ..analysis.labels import (
+    FAMILY_LABELS,
+    METRIC_LABELS,
+    SETTING_EXPLANATIONS,
+    SETTING_LABELS,
+    benchmark_label,
+    long_label,
+    setting_words,
+    short_label,
+)
+from ..analysis.model_result import ModelResult, Value, ValueKey, by_frames
+from ..analysis.published.tables import PAPER, Cost
+from ..analysis.ranking import competition_ranks
+from ..analysis.results import AVERAGE, CLEAN
+from ..benchmarks import benchmark_facts
+from ..corruptions.names import MEMBERS
+from ..runs.family_means import family_means
+from ..text import plain
+from .table import DASH, Column, Line, Section, Table, TableCell, interval_text
+
+COVERAGE: ValueKey = ("coverage", "")
+PARAMETERS: ValueKey = ("parameters", "")
+FLOPS: ValueKey = ("flops", "")
+PLACE: ValueKey = ("place", "")
+RANK: ValueKey = ("rank", "")
+CRER: ValueKey = ("crer", AVERAGE)
+
+START: tuple[ValueKey, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
+"""The initial sort key: the error under corruption, or how far the flow moves without ground truth. CRE alone would put
+the knowledge-driven methods first, whose clean error leaves little room to get worse."""
+
+OVERVIEW = "overview"
+COMPACT = "compact"
+"""The columns that fit a phone beside the names."""
+
+CLASSES = "classes"
+BOARD_METRICS = ("epe", "cre", "rcre")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardColumn(Column):
+    """A column of a leaderboard.
+
+    Attributes:
+        key: (metric, corruption, "clean", "average", or a family), or one of this module's.
+        explanation: what it is, in a few words.
+        views: the choices of columns that it is in (`OVERVIEW`, `CLASSES`, a family); none if it is only for downloads.
+        metric: the choice of metric that it is in; "" if it is in each.
+        unit: of its numbers.
+    """
+
+    key: ValueKey
+    explanation: str = ""
+    views: tuple[str, ...] = ()
+    metric: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Board(Table):
+    """The leaderboard of a benchmark: a section for each set of frames, whose lines are in the order of `by_error`. Its
+    remarks say what its marks mean.
+
+    Attributes:
+        benchmark: its name; `title` for display.
+        columns: those of no view come last.
+        views, metrics, settings: the choices as (value, label), for a setting also its meaning.
+        start: index of the column by which the lines are sorted initially.
+    """
+
+    benchmark: str
+    columns: tuple[BoardColumn, ...]
+    views: tuple[tuple[str, str], ...]
+    metrics: tuple[tuple[str, str], ...]
+    settings: tuple[tuple[str, str, str], ...]
+    start: int
+
+    @property
+    def shown(self) -> list[BoardColumn]:
+        """The columns that a view has."""
+        return [column for column in self.columns if column.views]
+
+    def cells_of(self, line: Line) -> dict[ValueKey, TableCell]:
+        """The cells of a line that hold a number, by the key of their column."""
+        cells = zip(self.columns, line.cells, strict=True)
+        return {column.key: cell for column, cell in cells if cell.text != DASH}
+
+
+_OVERVIEW = (
+    (PLACE, "Rank", "Among the models measured here on the same frames, by EPE (else RCRE)", ""),
+    (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px"),
+    (("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", "px"),
+    (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px"),
+    (CRER, "CREr", "CRE / clean EPE", ""),
+    (("rcre", AVERAGE), "RCRE", "How far the flow moves under corruption", "px"),
+    (COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are over these", ""),
+    (PARAMETERS, "Param.", "Parameters, millions", "M"),
+    (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G"),
+    (RANK, "Avg. rank", "Rank of the mean of the FLOPs and CREr ranks (Tab. 3)", ""),
+)
+_COMPACT: tuple[ValueKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", AVERAGE))
+
+
+def boards_of(
+    results: Sequence[ModelResult], costs: Mapping[str, Cost], group_titles: Mapping[str, str]
+) -> list[Board]:
+    """A board per benchmark: first that with most runs, of those without the one with most models.
+
+    Args:
+        results: of any source; the means over classes of corruptions that the paper does not print are added.
+        costs: the paper's, by model: its CREr is shown as printed.
+        group_titles: heading of each sample set.
+    """
+    of_benchmark: dict[str, dict[ModelResult, dict[ValueKey, TableCell]]] = {}
+    for line, cells in _cells(results, costs).items():
+        of_benchmark.setdefault(line.benchmark, {})[line] = cells
+
+    def place(lines: Mapping[ModelResult, object]) -> tuple[int, int]:
+        return -sum(line.run is not None for line in lines), -len({plain(line.name) for line in lines})
+
+    order = sorted(of_benchmark.items(), key=lambda item: place(item[1]))
+    return [_board(name, cells, group_titles) for name, cells in order]
+
+
+def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
+    """The initial order of lines: by `START`, then by name; excluded models, which have no rank, last."""
+    value = next((number for key in START if (number := line.number(*key)) is not None), None)
+    return bool(line.excluded), value is None, value or 0.0, plain(line.name)
+
+
+def _cells(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
+    """The cells of each line with their marks. As in the paper, knowledge-driven methods have none, and neither do
+    numbers that the paper does not print. Nor do imported lines: that they were measured on the same frames cannot be
+    verified."""
+    ranks = cost_ranks(costs) if costs else {}
+    own_ranks = run_ranks([line for line in results if line.frames != PAPER])
+    values, compared, derived = {}, [], {}
+    for line in results:
+        values[line] = {
+            **line.values,
+            **{
+                (metric, family): Value(mean)
+                for metric in BOARD_METRICS
+                for family, mean in family_means(line.numbers(metric)).items()
+            },
+            **_numbers({CRER: line.crer, COVERAGE: line.coverage}),
+        }
+        printed: dict[ValueKey, Value] = {}
+        if line.frames == PAPER and benchmark_facts(line.benchmark).has_flow and line.name in costs:
+            printed = _published(line, costs[line.name], ranks)
+        elif line.cost is not None:
+            rank = own_ranks[line].average if line in own_ranks else None
+            printed = _cost(line.cost.parameters_m, line.cost.flops_g, rank)
+        values[line] |= printed
+        derived[line] = {CRER} if line.frames == PAPER and CRER not in printed else set()
+        unmarked = {PARAMETERS, FLOPS, COVERAGE, *derived[line]}
+        if line.setting == "knowledge" or line.note == IMPORTED:
+            unmarked |= values[line].keys()
+        texts = {key: value.text for key, value in values[line].items() if key not in unmarked}
+        compared.append(Compared((line.benchmark, line.frames, line.setting), texts, bool(line.excluded)))
+    for line, place in _places(results).items():
+        values[line] |= {PLACE: Value(place, 0)}
+    return {
+        line: {
+            key: TableCell(
+                value.text, key in best, interval_text(line.intervals.get(key)), derived=key in derived[line]
+            )
+            for key, value in values[line].items()
+        }
+        for line, best in zip(results, best_of_columns(compared), strict=True)
+    }
+
+
+def _published(line: ModelResult, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> dict[ValueKey, Value]:
+    setting = line.setting.lower()
+    if setting not in ("ood", "id"):
+        return _cost(cost.parameters_m, cost.flops_g, None)
+    rank = ranks[f"average_{setting}"].get(line.name)
+    return _cost(cost.parameters_m, cost.flops_g, rank) | _numbers({CRER: getattr(cost, f"crer_{setting}")})
+
+
+def _cost(parameters: float, flops: float, rank: int | None) -> dict[ValueKey, Value]:
+    return {PARAMETERS: Value(parameters), FLOPS: Value(flops, 1), **_numbers({RANK: rank}, 0)}
+
+
+def _numbers(numbers: Mapping[ValueKey, float | None], decimals: int | None = None) -> dict[ValueKey, Value]:
+    return {key: Value(number, decimals) for key, number in numbers.items() if number is not None}
+
+
+def _places(results: Sequence[ModelResult]) -> dict[ModelResult, int]:
+    """The place of each sound run among those on the same frames, whatever their setting, by the first of `START` that
+    all of them have; equal printed values share it."""
+    groups: dict[tuple[str, str], list[ModelResult]] = {}
+    for line in results:
+        if line.run is not None and not line.excluded:
+            groups.setdefault((line.benchmark, line.frames), []).append(line)
+    places: dict[ModelResult, int] = {}
+    for group in groups.values():
+        key = next((key for key in START if all(key in line.values for line in group)), None)
+        if key is not None and len(group) > 1:
+            places |= competition_ranks({line: float(line.values[key].text) for line in group})
+    return places
+
+
+def _board(
+    benchmark: str, cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]], group_titles: Mapping[str, str]
+) -> Board:
+    keys = {key for of_line in cells.values() for key in of_line}
+    overview = [
+        BoardColumn(label, key=key, explanation=explanation, views=(OVERVIEW,), unit=unit)
+        for key, label, explanation, unit in _OVERVIEW
+        if key in keys
+    ]
+    few = [column.key for column in overview if column.key in _COMPACT][:2]
+    columns = [replace(column, views=(OVERVIEW, COMPACT)) if column.key in few else column for column in overview]
+    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in MEMBERS)]
+    families = [family for family in MEMBERS if any((metric, family) in keys for metric in metrics)]
+    for metric in metrics:
+        if (metric, AVERAGE) in keys:
+            columns.append(_mean_column(metric, AVERAGE, f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
+        for family in families:
+            columns.append(_mean_column(metric, family, FAMILY_LABELS[family], (CLASSES, family)))
+            columns += [_column(metric, name, family) for name in MEMBERS[family] if (metric, name) in keys]
+    views = [(OVERVIEW, "Overview")] + [(COMPACT, "Compact")] * (len(columns) > len(few))
+    views += [(CLASSES, "Class means")] * bool(families)
+    start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
+    hidden = sorted(keys - {column.key for column in columns})
+    columns += [BoardColumn(" ".join(filter(None, key)), key=key) for key in hidden]
+    sections = []
+    for frames, lines in by_frames(cells).items():
+        in_order = []
+        for line in sorted(lines, key=by_error):
+            of_line = tuple(cells[line].get(column.key, TableCell(DASH)) for column in columns)
+            in_order.append(Line(line.name, of_line, line.note, result=line))
+        sections.append(Section(group_titles.get(frames, plain(frames, 200)), tuple(in_order)))
+    settings = dict.fromkeys(plain(line.setting, 40) for line in cells)
+    return Board(
+        name="leaderboard",
+        title=benchmark_label(benchmark),
+        columns=tuple(columns),
+        sections=tuple(sections),
+        remarks=tuple(_remarks(cells)),
+        benchmark=benchmark,
+        views=(*views, *((family, FAMILY_LABELS[family]) for family in families)),
+        metrics=tuple((metric, METRIC_LABELS[metric]) for metric in metrics),
+        settings=tuple(
+            (name, setting_words(name), SETTING_EXPLANATIONS.get(name, ""))
+            for name in dict.fromkeys([*SETTING_LABELS, *settings])
+            if name in settings
+        ),
+        start=start,
+    )
+
+
+def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Iterator[str]:
+    every = [cell for of_line in cells.values() for cell in of_line.values()]
+    if any(cell.best for cell in every):
+        yield (
+            "Bold: the best of its column among models of one setting measured on the same frames, as the paper marks "
+            "it; knowledge-driven methods are not marked."
+        )
+    if any(cell.derived for cell in every):
+        yield "In italics: CREr where the paper prints none, from the values beside it."
+    if any(line.intervals for line in cells):
+        yield (
+            "In brackets: 95 % confidence intervals of runs, by a bootstrap over images (over sequences where pairs "
+            "share one)."
+        )
+    elif any(line.run is not None for line in cells):
+        yield "No confidence intervals: too few images, or sequences, for one."
+    if len({line.frames for line in cells}) > 1:
+        yield "Lines are sorted within their group."
+
+
+def _column(metric: str, corruption: str, family: str) -> BoardColumn:
+    return BoardColumn(
+        short_label(corruption),
+        key=(metric, corruption),
+        explanation=f"{METRIC_LABELS[metric]} under {long_label(corruption)} ({FAMILY_LABELS[family]})",
+        views=(family,),
+        metric=metric,
+        unit="px",
+    )
+
+
+def _mean_column(metric: str, over: str, label: str, views: tuple[str, ...]) -> BoardColumn:
+    explanation = f"{METRIC_LABELS[metric]}, mean over {'all corruptions' if over == AVERAGE else 'the class'}"
+    return BoardColumn(label, key=(metric, over), explanation=explanation, views=views, metric=metric, unit="px")

@@ -1,0 +1,76 @@
+"""What the terminal shows of finished runs: means under each corruption, one metric, and several runs together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+from ..analysis.conditions import SeedGroup
+from ..analysis.labels import METRIC_LABELS, family_label, metric_label
+from ..analysis.model_result import ModelResult
+from ..analysis.results import AVERAGE, CLEAN
+from ..analysis.uncoupled import UNCOUPLED, uncoupled
+from ..metrics.summary import has_gaps
+from .table import Column, Line, Section, Table, number_text, spread_text, with_exclusion
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+
+def corruptions_table(run: Run, title: str) -> Table:
+    """The means of a run under each corruption, and its EPE at each severity; without ground truth its RCRE."""
+    summary = run.summary
+    shown = [
+        metric
+        for metric in ("epe", "cre", "crer", "rcre")
+        if any(getattr(scores, metric) is not None for scores in summary.corruptions.values())
+    ]
+    at_each, levels = "epe" if "epe" in shown else "rcre", summary.severities()
+    shown += ["coverage"] * has_gaps(summary) + ["spread"] * (summary.spread is not None)
+    columns = [Column(METRIC_LABELS.get(metric, metric)) for metric in shown]
+    columns += [Column(f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level)) for level in levels]
+    lines = []
+    for corruption, scores in summary.corruptions.items():
+        values = dict(zip(scores.severities, scores.by_severity[at_each], strict=True))
+        lines.append(_line(corruption, [*(getattr(scores, metric) for metric in shown), *map(values.get, levels)]))
+    means = (number_text(getattr(summary, metric), None) for metric in shown)
+    sections = (*_by_family(lines), Section("All", (Line.of("mean", (*means, *[""] * len(levels))),)))
+    return Table("corruptions", title, tuple(columns), sections, row_header="Corruption")
+
+
+def severities_table(run: Run, metric: str, title: str) -> Table:
+    """A metric, or one of `UNCOUPLED`, of a run: corruption x severity, and the mean over severities."""
+    frame = uncoupled(run.rows).table(metric) if metric in UNCOUPLED else run.table(metric)
+    labels = [name for name in frame.columns if name not in ("corruption", "family")]
+    lines = [_line(row["corruption"], [row[label] for label in labels]) for row in frame.iter_rows(named=True)]
+    return Table("severities", title, tuple(map(Column, labels)), tuple(_by_family(lines)), row_header="Corruption")
+
+
+def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
+    """Overall means of runs; without ground truth also how far the clean flow reaches. Each group of `seeds` gets a
+    line of its mean and standard deviation below its last run."""
+    keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
+    columns = (Column("clean EPE (px)"), *(Column(metric_label(metric)) for metric in METRIC_LABELS))
+    without_truth = all(line.number("epe", CLEAN) is None for line in results)
+    lines, values = [], {}
+    for line in results:
+        length = line.run.summary.clean_flow_length if line.run and without_truth else None
+        values[line.key] = [*(line.number(*key) for key in keys), length]
+        lines.append(_line(line.name, values[line.key], with_exclusion(line.note, line.excluded)))
+        for group in seeds:
+            if line.key == group.runs[-1]:
+                columns_of = zip(*(values[run] for run in group.runs), strict=True)
+                lines.append(Line.of(group.label, map(spread_text, columns_of), group.note))
+    table = Table("runs", "Means", (*columns, Column("clean flow (px)")), (Section("Runs", tuple(lines)),))
+    return table.without_empty_columns()
+
+
+def _line(label: str, values: Iterable[float | None], note: str = "") -> Line:
+    return Line.of(label, (number_text(value, None) for value in values), note)
+
+
+def _by_family(lines: Iterable[Line]) -> Iterable[Section]:
+    """Lines of corruptions, in their order."""
+    for family, of_family in groupby(lines, lambda line: family_label(line.label) or "Others"):
+        yield Section(family, tuple(of_family))

@@ -1,0 +1,175 @@
+"""The leaderboard carries the paper's numbers, marks and ranks, and what the paper does not print is made from them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from statistics import fmean
+from types import MappingProxyType
+from typing import ClassVar
+
+import pytest
+
+from robustflow.analysis.imported import NOTE
+from robustflow.analysis.labels import SETTING_LABELS
+from robustflow.analysis.model_result import ModelResult, Value
+from robustflow.analysis.published.tables import published_costs, published_results
+from robustflow.analysis.results_file import parse_results
+from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
+from robustflow.report.leaderboard import PLACE, boards_of, by_error
+from robustflow.report.render import render
+from robustflow.report.site.content import whole_content
+from robustflow.report.tables import build_table
+
+
+def _cells_of(results, costs=MappingProxyType({})):
+    """Line -> its cells by key, in the order of the lines."""
+    boards = boards_of(results, costs, {})
+    cells = {line.result: board.cells_of(line) for board in boards for line in board.lines}
+    return {line: cells[line] for line in results}
+
+
+_CELLS = _cells_of(published_results(), published_costs())
+_SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
+
+
+def _published(benchmark: str, setting: str, name: str):
+    of = (benchmark, setting, name)
+    return next(cells for line, cells in _CELLS.items() if (line.benchmark, line.setting, line.name) == of)
+
+
+def _number(cell) -> float:
+    return float(cell.text)
+
+
+def _best(cells):
+    return {key for key, cell in cells.items() if cell.best}
+
+
+@pytest.mark.parametrize("table", ["epe", "cre", "rcre", "gopro-rcre"])
+def test_values_and_marks_are_those_of_the_tables(table):
+    """Every cell of Tab. 2, 4, 7 and 8 with its bold mark, against the table that the renderers get."""
+    metric = table.removeprefix("gopro-")
+    benchmark = "gopro-fc" if table.startswith("gopro") else "kitti-fc"
+    built = build_table(table, published_results())
+    names = ["clean"] * (metric == "epe")
+    measured = {c for line, cells in _CELLS.items() if line.benchmark == benchmark for m, c in cells if m == metric}
+    names += [name for name in PAPER_ORDER if name in measured] + ["average"]
+    count = 0
+    for section in built.sections:
+        for line in section.lines:
+            shown = _published(benchmark, _SETTING_OF[section.title], line.label)
+            for name, cell in zip(names, line.cells, strict=True):
+                assert (shown[metric, name].text, shown[metric, name].best) == (cell.text, cell.best)
+                count += 1
+    assert count == {"epe": 29 * 22, "cre": 29 * 21, "rcre": 29 * 21, "gopro-rcre": 11 * 25}[table]
+
+
+def test_ranks_and_cost_are_those_that_the_paper_prints():
+    for name, cost in published_costs().items():
+        for setting, crer, rank in (
+            ("OOD", cost.crer_ood, cost.average_rank_ood),
+            ("ID", cost.crer_id, cost.average_rank_id),
+        ):
+            if rank is None:
+                continue
+            cells = _published("kitti-fc", setting, name)
+            assert (cells["rank", ""].text, cells["rank", ""].best) == (str(rank), rank == 1)
+            assert cells["crer", "average"].text == f"{crer:.2f}"
+            assert cells["parameters", ""].text == f"{cost.parameters_m:.2f}"
+            assert cells["flops", ""].text == f"{cost.flops_g:.1f}"
+
+
+def test_crer_that_the_paper_does_not_print_is_derived_and_unmarked():
+    cells = _published("kitti-fc", "OOD", "FlowDiffuser")
+    clean, whole = _number(cells["epe", "clean"]), _number(cells["epe", "average"])
+    assert _number(cells["crer", "average"]) == pytest.approx((whole - clean) / clean, abs=0.005)
+    assert [key for key, cell in cells.items() if cell.derived] == [("crer", "average")]
+    assert not cells["crer", "average"].best
+    assert not any(("crer", "average") in cells for line, cells in _CELLS.items() if line.benchmark == "gopro-fc")
+
+
+def test_class_means_are_means_of_the_printed_values():
+    cells = _published("kitti-fc", "OOD", "CSFlow")
+    for family in ("weather", "noise"):
+        values = [_number(cells["cre", name]) for name in FAMILIES[family]]
+        assert _number(cells["cre", family]) == pytest.approx(fmean(values), abs=0.005)
+
+
+def test_knowledge_driven_methods_and_models_alone_are_not_marked():
+    assert not any(_best(cells) for line, cells in _CELLS.items() if line.setting == "knowledge")
+    head = "setting,model,metric,corruption,value\n"
+    (alone,) = _cells_of(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a")).values()
+    assert not _best(alone)
+    two = _cells_of(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a"))
+    assert [bool(_best(cells)) for cells in two.values()] == [True, False]
+
+
+def test_same_name_on_other_frames_is_another_page_and_no_rival():
+    head = "setting,model,metric,corruption,value,sample_set\n"
+    text = head + "OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n"
+    content = whole_content([], [("a.csv", parse_results(text, "a.csv", "a"))])
+    mine = content.lines[0]
+    assert mine.frames == "mine"
+    assert list(content.pages.values()).count(content.pages[mine]) == 1
+    assert ("flops", "") not in content.cells[mine]
+    before = {(line.setting, line.name): _best(cells) for line, cells in _CELLS.items() if line.benchmark == "kitti-fc"}
+    rest = [line for line in content.lines if line.benchmark == "kitti-fc" and line != mine]
+    assert {(line.setting, line.name): _best(content.cells[line]) for line in rest} == before
+
+
+def test_order_puts_what_is_missing_last():
+    head = "setting,model,metric,corruption,value\n"
+    text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
+    results = parse_results(text, "a.csv", "a")
+    assert [line.name for line in sorted(results, key=by_error)] == ["C", "A", "B"]
+    (board,) = boards_of(results, {}, {})
+    assert [line.label for line in board.lines] == ["C", "A", "B"]
+
+
+def test_imported_lines_are_the_best_of_nothing():
+    lines = "setting,model,metric,corruption,value,note\n"
+    numbers = [(model, f"own,{model},epe,fog,{value}") for model, value in (("A", "1.00"), ("B", "2.00"))]
+    for note, best in (("", 1), (NOTE, 0)):
+        text = lines + "".join(f'{line},"{note}"\n' for _, line in numbers)
+        cells = _cells_of(parse_results(text, "r.csv", "file")).values()
+        assert sum(of_line["epe", "fog"].best for of_line in cells) == best
+
+
+class _Measured(ModelResult):
+    """The line of a run without cost, coverage and intervals."""
+
+    cost = coverage = None
+    intervals: ClassVar = {}
+
+
+def _measured(*models: tuple[str, str, float]):
+    lines = [
+        _Measured(
+            *("kitti-fc", "here", setting, name, ""),
+            {("epe", "average"): Value(number)},
+            run=object(),
+            exclusion=lambda name=name: "it is blind" if name == "Blind" else "",
+        )
+        for name, setting, number in models
+    ]
+    return {line.name: cells[PLACE].text if PLACE in cells else None for line, cells in _cells_of(lines).items()}
+
+
+def test_measured_models_of_every_setting_are_ranked_together_and_excluded_ones_not():
+    sound = [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0)]
+    ranks = _measured(*sound, ("Blind", "OOD", 1.0))
+    assert ranks == {"DIS": "2", "Blind": None, "A": "1", "B": "2", "C": "4"}
+
+
+def test_a_single_measured_model_has_no_rank():
+    assert _measured(("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)) == {"DIS": None, "Blind": None}
+
+
+def test_every_renderer_writes_a_leaderboard_like_any_table():
+    head = "setting,model,metric,corruption,value\n"
+    (board,) = boards_of(parse_results(head + "OOD,A|B,epe,average,2.00\n", "a.csv", "a"), {}, {"a": "Frames of a"})
+    assert list(csv.DictReader(io.StringIO(render(board, "csv")))) == [
+        {"section": "Frames of a", "model": "A|B", "EPE": "2.00", "best": "", "note": ""}
+    ]
+    assert "A\\|B" in render(board, "markdown")
