@@ -17,10 +17,10 @@ from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
 from robustflow.corruptions.scale import calibrated_levels
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
-from robustflow.report.gallery.attacks import draw_attacks
 from robustflow.report.gallery.figure import draw_figure
 from robustflow.report.gallery.page import WIDEST, render_page
 from robustflow.report.gallery.pictures import CorruptedPicture, gallery
+from robustflow.report.gallery.strip import draw_attacks
 from robustflow.testing import TexturePairs
 
 from .elements import Elements
@@ -166,7 +166,7 @@ def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(tmp_path, m
         rows.extend((one.attack, one.linf, one.clean_flow.shape) for one in attacked)
         return draw_attacks(clean, attacked, model)
 
-    monkeypatch.setattr("robustflow.report.gallery.attacks.draw_attacks", drawn)
+    monkeypatch.setattr("robustflow.report.gallery.strip.draw_attacks", drawn)
     frames = tmp_path / "a.png", tmp_path / "b.png"
     for path, frame in zip(frames, TexturePairs(1, (40, 48)).load("0").frames, strict=True):
         write_image(path, frame)

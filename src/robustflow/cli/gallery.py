@@ -151,7 +151,7 @@ def _attacked(
     from ..attacks import attack, load_attack
     from ..attacks.api import with_controls
     from ..models import load_model
-    from ..report.gallery.attacks import draw_attacks
+    from ..report.gallery.strip import draw_attacks
 
     chosen = [load_attack(name) for name in with_controls(attacks)]
     sample, _ = _sample_of(frames)

@@ -17,7 +17,7 @@ from ..analysis.run_names import run_names
 from ..analysis.run_results import comparison_notes
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
-from .table import Column, Line, Section, Table, number_text, spread_text
+from .table import Column, Line, Section, Table, interval_text, number_text, spread_text
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -63,7 +63,7 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
     columns = tuple(map(Column, ("clean EPE", "EPE", "expected EPE", "factor")))
     sections = []
     for setting, models in effective_robustness(results).items():
-        lines = [_line(one.line.name, (one.clean, one.corrupted, one.expected, one.factor)) for one in models]
+        lines = [Line.of_numbers(one.line.name, (one.clean, one.corrupted, one.expected, one.factor)) for one in models]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
     remark = "factor: EPE over what the other models' clean EPE predicts; below 1 is more robust than accurate."
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
@@ -76,14 +76,13 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     for name, run in zip(run_names(runs), runs, strict=True):
         lines = []
         for row in anatomy.by_region(run.summary).iter_rows(named=True):
-            lines.append(
-                _line(row["label"], [row["share"], None, *(row[c] for c in ("cre", "crer", "rcre", "broken")), None])
-            )
+            cells = [row[c] for c in ("cre", "crer", "rcre", "broken")]
+            lines.append(Line.of_numbers(row["label"], [row["share"], None, *cells, None]))
         for row in anatomy.by_family(run.summary).iter_rows(named=True):
             cells = [row[c] for c in ("contribution", "cre", "crer", "rcre", "broken")]
-            lines.append(_line(f"{row['family']} corruptions", [None, *cells, None]))
+            lines.append(Line.of_numbers(f"{row['family']} corruptions", [None, *cells, None]))
         for row in anatomy.by_severity(run.summary, "rcre").iter_rows(named=True):
-            lines.append(_line(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
+            lines.append(Line.of_numbers(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
         sections.append(Section(name, tuple(lines)))
     remark = (
         "share: of the pixels; adds: what a family adds to the mean CRE, below 0 if it helps; broken: pixels that "
@@ -109,9 +108,5 @@ def observations_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]
 def _estimate(row: dict[str, float | None] | None) -> str:
     if row is None:
         return "-"
-    interval = "" if row["low"] is None else f" [{row['low']:.2f}, {row['high']:.2f}]"
-    return f"{row['estimate']:.2f}{interval}"
-
-
-def _line(label: str, values: Sequence[float | None]) -> Line:
-    return Line.of(label, (number_text(value, None) for value in values))
+    ends = None if row["low"] is None or row["high"] is None else (row["low"], row["high"])
+    return f"{number_text(row['estimate'])} {interval_text(ends)}".rstrip()

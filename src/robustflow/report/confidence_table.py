@@ -7,7 +7,7 @@ from ..analysis.labels import FAMILY_LABELS
 from ..analysis.results import AVERAGE
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
-from .table import Column, Line, Section, Table, TableCell, number_text
+from .table import Column, Line, Section, Table
 
 _COLUMNS = (
     "AUSE (px)",
@@ -43,4 +43,4 @@ def confidence_table(run: Run) -> Table | None:
 
 def _line(score: ConfidenceScore, label: str) -> Line:
     values = (score.ause, score.ause_normalised, score.error_80, score.error_50, score.spearman, score.rejected)
-    return Line(label, tuple(TableCell(number_text(value, None)) for value in values))
+    return Line.of_numbers(label, values)

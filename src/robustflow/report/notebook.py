@@ -13,12 +13,11 @@ from ..analysis.run_results import comparison_note, run_results, run_setting
 from ..errors import UsageError, unknown_name
 from ..runs.comparable import common_to, differences
 from .render import render
-from .table import Column, Line, Section, Table, number_text
+from .table import Column, Line, Section, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..metrics.summary import Scores
     from ..runs.run import Run
 
 
@@ -42,8 +41,8 @@ def result_table(run: Run) -> Table:
     summary = run.summary
     shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
     columns = [Column(metric_label(metric)) for metric in shown]
-    lines = [_line("all", summary, shown)]
-    lines += [_line(FAMILY_LABELS[name], scores, shown) for name, scores in summary.families.items()]
+    scores = [("all", summary), *((FAMILY_LABELS[name], of) for name, of in summary.families.items())]
+    lines = [Line.of_numbers(label, (getattr(of, metric) for metric in shown)) for label, of in scores]
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
     remarks += [note] if (note := comparison_note(run)) else []
     benchmark = benchmark_words(run.benchmark)
@@ -90,7 +89,3 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         raise UsageError(f"these runs did not measure the same and cannot be drawn together ({words}); plot each alone")
     results = run_results(runs)
     return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)
-
-
-def _line(label: str, scores: Scores, shown: Sequence[str]) -> Line:
-    return Line.of(label, (number_text(getattr(scores, metric), None) for metric in shown))

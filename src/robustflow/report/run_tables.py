@@ -33,9 +33,10 @@ def corruptions_table(run: Run, title: str) -> Table:
     lines = []
     for corruption, scores in summary.corruptions.items():
         values = dict(zip(scores.severities, scores.by_severity[at_each], strict=True))
-        lines.append(_line(corruption, [*(getattr(scores, metric) for metric in shown), *map(values.get, levels)]))
-    means = (number_text(getattr(summary, metric), None) for metric in shown)
-    sections = (*_by_family(lines), Section("All", (Line.of("mean", (*means, *[""] * len(levels))),)))
+        means = (getattr(scores, metric) for metric in shown)
+        lines.append(Line.of_numbers(corruption, (*means, *map(values.get, levels))))
+    texts = (number_text(getattr(summary, metric)) for metric in shown)
+    sections = (*_by_family(lines), Section("All", (Line.of("mean", (*texts, *[""] * len(levels))),)))
     return Table("corruptions", title, tuple(columns), sections, row_header="Corruption")
 
 
@@ -43,7 +44,8 @@ def severities_table(run: Run, metric: str, title: str) -> Table:
     """A metric, or one of `UNCOUPLED`, of a run: corruption x severity, and the mean over severities."""
     frame = uncoupled(run.rows).table(metric) if metric in UNCOUPLED else run.table(metric)
     labels = [name for name in frame.columns if name not in ("corruption", "family")]
-    lines = [_line(row["corruption"], [row[label] for label in labels]) for row in frame.iter_rows(named=True)]
+    rows = frame.iter_rows(named=True)
+    lines = [Line.of_numbers(row["corruption"], (row[label] for label in labels)) for row in rows]
     return Table("severities", title, tuple(map(Column, labels)), tuple(_by_family(lines)), row_header="Corruption")
 
 
@@ -57,17 +59,13 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
     for line in results:
         length = line.run.summary.clean_flow_length if line.run and without_truth else None
         values[line.key] = [*(line.number(*key) for key in keys), length]
-        lines.append(_line(line.name, values[line.key], with_exclusion(line.note, line.excluded)))
+        lines.append(Line.of_numbers(line.name, values[line.key], with_exclusion(line.note, line.excluded)))
         for group in seeds:
             if line.key == group.runs[-1]:
                 columns_of = zip(*(values[run] for run in group.runs), strict=True)
                 lines.append(Line.of(group.label, map(spread_text, columns_of), group.note))
     table = Table("runs", "Means", (*columns, Column("clean flow (px)")), (Section("Runs", tuple(lines)),))
     return table.without_empty_columns()
-
-
-def _line(label: str, values: Iterable[float | None], note: str = "") -> Line:
-    return Line.of(label, (number_text(value, None) for value in values), note)
 
 
 def _by_family(lines: Iterable[Line]) -> Iterable[Section]:

@@ -71,6 +71,15 @@ class Line:
         """A line of texts, none of which is marked."""
         return cls(label, tuple(map(TableCell, texts)), note)
 
+    @classmethod
+    def of_numbers(cls, label: str, numbers: Iterable[float | None], note: str = "") -> Line:
+        """A line of numbers with two decimals, none of which is marked.
+
+        >>> [cell.text for cell in Line.of_numbers("RAFT", [1.23456, None]).cells]
+        ['1.23', '-']
+        """
+        return cls.of(label, map(number_text, numbers), note)
+
 
 @dataclass(frozen=True)
 class Section:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..analysis.model_result import ModelResult
 from ..analysis.results import AVERAGE
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
-from .table import Column, Line, Section, Table, number_text
+from .table import Column, Line, Section, Table
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -46,7 +46,7 @@ def uncoupled_table(results: Sequence[ModelResult]) -> Table:
         measured = uncoupled(run.rows)
         if measured.overall.log_ratio is None and measured.overall.median_cre is None:
             continue
-        lines.append(Line.of(result.name, _texts(run, measured), result.note))
+        lines.append(Line.of_numbers(result.name, _numbers(run, measured), result.note))
         clean, cre, ratio = run.epe_clean, run.cre, measured.overall.log_ratio
         if clean is not None and cre is not None and ratio is not None and not result.excluded:
             same_frames.setdefault(result.frames, []).append((clean, cre, ratio))
@@ -60,9 +60,9 @@ def uncoupled_table(results: Sequence[ModelResult]) -> Table:
     )
 
 
-def _texts(run: Run, measured: Uncoupled) -> Iterable[str]:
+def _numbers(run: Run, measured: Uncoupled) -> tuple[float | None, ...]:
     scores, related = measured.overall, measured.correlation.get(AVERAGE)
-    values = (
+    return (
         run.epe_clean,
         run.cre,
         scores.log_ratio,
@@ -72,7 +72,6 @@ def _texts(run: Run, measured: Uncoupled) -> Iterable[str]:
         related.rho if related else None,
         related.given_motion if related else None,
     )
-    return (number_text(value, None) for value in values)
 
 
 def _sentence(coupling: Coupling) -> str:

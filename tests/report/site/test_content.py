@@ -205,7 +205,9 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
     assert asked == [False, False]
     assert all("rows" not in vars(run) for run in runs)
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
-    whole_content([Run(folder) for folder in folders], published=False)
+    content = whole_content([Run(folder) for folder in folders], published=False)
+    assert asked == [False, False]
+    assert not any(line.intervals for line in content.lines)  # of a single pair there are none
     assert asked == [False, False, True, True]
 
 

@@ -14,6 +14,7 @@ from matplotlib.text import Annotation
 
 from ...analysis.uncertainty.of_runs import IntervalEnds
 from ...text import name_text
+from ..table import interval_text
 from .files import any_script
 from .marks import MarkedFigure
 from .styles import GRID
@@ -94,7 +95,7 @@ def whiskers(
 
 def ends_text(ends: IntervalEnds | None) -> str:
     """ " [1.02, 1.71]", or "" if there is no interval."""
-    return "" if ends is None else f" [{ends[0]:.2f}, {ends[1]:.2f}]"
+    return "" if ends is None else f" {interval_text(ends)}"
 
 
 WITH_INTERVALS = "Whiskers are 95 % confidence intervals."
