@@ -236,7 +236,7 @@ def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows
         expected = {0.0: both.epe_clean}
         expected |= {levels[s - 1]: rows.filter(corruption=name, severity=s)["epe"].mean() for s in (1, 3)}
         assert {budget: error for (of, budget), error in errors.items() if of == name} == pytest.approx(expected)
-    assert {point.attack for point in points if point.doubtful} == {
+    assert {point.attack for point in points if point.warned} == {
         one.attack for one in attack_scores(both) if one.warnings
     }
 

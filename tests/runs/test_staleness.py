@@ -107,7 +107,7 @@ def test_a_damaged_note_costs_time_and_nothing_else(folder, damage):
     run = rf.load_run(folder)
     assert run.summary == before
     run.write_means()
-    assert rf.load_run(folder)._kept_means() == before
+    assert rf.load_run(folder)._stored_means() == before
 
 
 def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatch):

@@ -22,7 +22,7 @@ class CurvePoint:
         metric: "epe", or "rcre" without ground truth.
         error: mean over pairs, px.
         low, high: ends of the 95 % interval, px; None with too few pairs.
-        doubtful: whether a pair of it carries a warning.
+        warned: whether a pair of it carries a warning.
     """
 
     attack: str
@@ -32,7 +32,7 @@ class CurvePoint:
     error: float
     low: float | None
     high: float | None
-    doubtful: bool
+    warned: bool
 
 
 def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
@@ -46,10 +46,10 @@ def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
     if not scores:
         return []
     metric = "rcre" if scores[0].epe is None else "epe"
-    found = intervals(run.attack_rows, seed=seed, severities=True, metrics=[metric])
+    table = intervals(run.attack_rows, seed=seed, severities=True, metrics=[metric])
     ends = {
         (corruption, severity): (estimate, low, high)
-        for corruption, severity, estimate, low, high in found.filter(
+        for corruption, severity, estimate, low, high in table.filter(
             pl.col("severity").is_not_null() | (pl.col("corruption") == CLEAN)
         )
         .select("corruption", "severity", "estimate", "low", "high")
@@ -59,9 +59,9 @@ def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
     for name, norm in dict.fromkeys((score.attack, score.norm) for score in scores):
         # The distance from the clean flow is 0 on the clean frames, whatever the model.
         clean = ends.get((CLEAN, None), (0.0, None, None))
-        points.append(CurvePoint(name, norm, 0.0, metric, *clean, doubtful=False))
+        points.append(CurvePoint(name, norm, 0.0, metric, *clean, warned=False))
         for score in sorted((one for one in scores if one.attack == name), key=lambda one: one.budget):
             if (name, score.severity) in ends:
                 here = ends[name, score.severity]
-                points.append(CurvePoint(name, norm, score.budget, metric, *here, doubtful=bool(score.warnings)))
+                points.append(CurvePoint(name, norm, score.budget, metric, *here, warned=bool(score.warnings)))
     return points

@@ -1,29 +1,38 @@
-"""Start the app's server, print its address, and end with Ctrl-C."""
+"""Start the app's server, print its address, and end with Ctrl-C, whatever a model or a client does."""
 
 from __future__ import annotations
 
+import asyncio
+import os
 import secrets
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
 from types import FrameType
+from typing import Any, cast
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..errors import UsageError
 from ..models import ModelSpec
 from .choices import Models
-from .ending import end_after_signal
 from .guard import Guard
 from .pairs import SourceStore
 from .prediction_queue import PredictionQueue
-from .protocol import TimedProtocol
 from .server import build
 from .upload_folder import UploadFolder
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8642
+_HEADER_SECONDS = 10.0
+"""Seconds a client has to send its headers, from its first byte or from opening the connection."""
+_ENDING_SECONDS = 8.0
+"""Between Ctrl-C and the end of an app that does not end by itself."""
 
 
 def serve(
@@ -58,7 +67,7 @@ def serve(
     guarded = Guard(build(Models(given), sources, queue, uploads), token, number, (host or "") if others else "")
     config = uvicorn.Config(
         guarded,
-        http=TimedProtocol,
+        http=_TimedProtocol,
         log_level="error",
         access_log=False,
         server_header=False,
@@ -72,7 +81,7 @@ def serve(
     if browser:
         threading.Timer(0.5, webbrowser.open, (address,)).start()
     try:
-        end_after_signal()
+        _end_after_signal()
         _Server(config, queue).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # the intended end of this server
@@ -116,3 +125,78 @@ def _listen(host: str, port: int | None) -> socket.socket:
 
 def _is_loopback(address: str) -> bool:
     return address == "::1" or address.startswith("127.")
+
+
+class _TimedProtocol(H11Protocol):
+    """uvicorn's protocol, which closes a connection whose request headers do not come in time.
+
+    uvicorn waits for them for as long as the connection stays open. A few half-sent requests would then use up the
+    connections that the server allows, and the page would no longer be answered.
+    """
+
+    _late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """See uvicorn."""
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        """See uvicorn."""
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See uvicorn."""
+        self._forget()
+        super().connection_lost(exc)
+
+    def _watch(self) -> None:
+        """Start the time where headers are awaited, and end it where they are there."""
+        cycle = cast(Any, self.cycle)
+        if cycle is not None and not cycle.response_complete:
+            self._forget()
+        elif self._late is None:
+            self._late = self.loop.call_later(_HEADER_SECONDS, self._close)
+
+    def _forget(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+
+    def _close(self) -> None:
+        self._late = None
+        cycle = cast(Any, self.cycle)
+        if cycle is None or cycle.response_complete:
+            self.transport.abort()
+
+
+_WATCH = f"""
+import os, select, signal, sys
+while True:
+    sent = os.read(0, 1)
+    if not sent:
+        sys.exit()
+    if sent[0] in ({signal.SIGINT:d}, {signal.SIGTERM:d}):
+        break
+while select.select([0], [], [], {_ENDING_SECONDS})[0]:
+    if not os.read(0, 1):
+        sys.exit()
+os.kill(int(sys.argv[1]), signal.SIGKILL)
+"""
+
+
+def _end_after_signal() -> None:
+    """Make SIGINT and SIGTERM end this process after at most `_ENDING_SECONDS`, whatever its threads do.
+
+    Python's signal handlers run between two of its instructions, and a model that is being loaded or compiled may be
+    inside one for minutes, with the interpreter's lock held. The operating system still writes a signal's number to
+    a file descriptor (`signal.set_wakeup_fd`). Another process reads it, and ends the app if that does not end by
+    itself. It ends with this one: nobody holds the other end of its pipe then.
+    """
+    reads, writes = os.pipe()
+    os.set_blocking(writes, False)
+    command = [sys.executable, "-I", "-S", "-c", _WATCH, str(os.getpid())]
+    subprocess.Popen(command, stdin=reads, start_new_session=True)
+    os.close(reads)
+    signal.set_wakeup_fd(writes, warn_on_full_buffer=False)

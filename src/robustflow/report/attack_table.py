@@ -50,7 +50,7 @@ _CURVES = (
     "Mean error over the budget in grey levels of 255, with 95 % intervals over pairs, or groups of pairs. Budget 0: "
     "the clean frames. Without ground truth: the distance from the clean flow."
 )
-_DOUBTFUL = "a pair of it carries a warning, see the table of attacks"
+_WARNED = "a pair of it carries a warning, see the table of attacks"
 PREDICTION = "Does robustness to corruptions predict robustness to attacks?"
 
 ATTACK_TABLES = ("attacks", "security", "corruptions-and-attacks")
@@ -154,18 +154,18 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
     Raises:
         RunError: the runs have no frames in common.
     """
-    found = predictions(runs)
-    if not found:
+    predicted = predictions(runs)
+    if not predicted:
         return None
     columns = tuple(map(Column, ("severities", "models", "rank correlation", "95 % low", "95 % high")))
-    label = METRIC_LABELS[found[0].metric]
+    label = METRIC_LABELS[predicted[0].metric]
     remarks = [
         f"Spearman's rank correlation over models between the mean {label} over corruptions and that under the attack; "
         "interval by Fisher's z. A number with a warning and a model that is not ranked are left out."
     ]
-    if any(len(one.models) < LEAST_MODELS for one in found):
+    if any(len(one.models) < LEAST_MODELS for one in predicted):
         remarks.append(f"No correlation is given for fewer than {LEAST_MODELS} models.")
-    lines = tuple(map(_prediction_line, found))
+    lines = tuple(map(_prediction_line, predicted))
     return Table("corruptions-and-attacks", PREDICTION, columns, (Section("Attacks", lines),), tuple(remarks), "Attack")
 
 
@@ -173,7 +173,7 @@ def _curve_line(point: CurvePoint) -> Line:
     values = (point.error, point.low, point.high)
     texts = (point.norm, f"{point.budget:g}", point.metric, *(number_text(value, 3) for value in values))
     label = f"{point.attack} {point.budget:g}"
-    return Line.of(label, texts, _DOUBTFUL if point.doubtful else "")
+    return Line.of(label, texts, _WARNED if point.warned else "")
 
 
 def _prediction_line(one: Prediction) -> Line:

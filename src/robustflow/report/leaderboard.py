@@ -133,7 +133,7 @@ def boards_of(
 
 
 def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
-    """The initial order of lines: by `START`, then by name; excluded models, which have no rank, last."""
+    """Sort by `START`, then by name; excluded models, which have no rank, come last."""
     value = next((number for key in START if (number := line.number(*key)) is not None), None)
     return bool(line.excluded), value is None, value or 0.0, plain(line.name)
 

@@ -22,7 +22,7 @@ KEPT = ("sample", "corruption", "severity", *_FRAMES, "truth_digest", *_PREDICTI
 """The columns that are compared."""
 
 
-def kept_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
+def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
     """The clean rows that a run already holds for these samples, by sample; only the columns in `KEPT`.
 
     Raises:

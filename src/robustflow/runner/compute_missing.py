@@ -16,7 +16,7 @@ from ..runs.open_manifest import changed_files, now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
 from .attack_training import learned_patterns
-from .clean_row_check import kept_clean_rows
+from .clean_row_check import stored_clean_rows
 from .engines.base import Engine, Job
 from .progress import NamesEngine, Progress
 from .resume_check import check_before_resuming
@@ -49,7 +49,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     units = plan.missing(cells)
     learned = learned_patterns(folder, plan, named.model, units)
     job = replace(job, options=replace(plan.options, learned=learned))
-    job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
+    job = replace(job, kept=stored_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     del cells
     if units and isinstance(progress, NamesEngine):
         progress.engine(engine.describe(units))

@@ -25,7 +25,7 @@ from ..runs.run import Run
 from ..threads import one_opencv_thread
 from .attack_again import with_attack
 from .setup import Setup
-from .slider_pictures import WIDEST, kept_picture, slider_picture
+from .slider_pictures import WIDEST, slider_picture, stored_picture
 from .worker import View, Worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
@@ -112,7 +112,7 @@ def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures
     write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], WIDEST)))
     for picture in slider["pictures"]:
         corruption, severity = picture["corruption"], picture["severity"]
-        shown = kept_picture(pictures, corruption, severity)
+        shown = stored_picture(pictures, corruption, severity)
         if shown is None:
             shown = slider_picture(worker.frames(key, corruption, severity), clean)
         write_bytes(folder / picture["file"], shown)

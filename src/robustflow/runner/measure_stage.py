@@ -46,7 +46,7 @@ class MeasureStage:
         self._kept = kept
         self._seconds = seconds
 
-    def kept_clean(self, loaded: Loaded) -> Answer | None:
+    def stored_clean(self, loaded: Loaded) -> Answer | None:
         """The clean flow that another unit of the sample stored; None if it has to be predicted.
 
         Raises:

@@ -17,7 +17,7 @@ from ..metrics.rows import CLEAN
 from ..runs.open_manifest import last_changed
 from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
-from .clean_row_check import check_same_data, check_same_model, kept_clean_rows
+from .clean_row_check import check_same_data, check_same_model, stored_clean_rows
 from .engines.base import Job
 from .worker import NoMotion, Worker
 
@@ -35,7 +35,7 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
     Raises:
         RunError: different frames, ground truth or predictions.
     """
-    kept = kept_clean_rows(folder, plan.benchmark.keys)
+    kept = stored_clean_rows(folder, plan.benchmark.keys)
     if not kept:
         return
     before = kept[last_changed(plan, kept)]

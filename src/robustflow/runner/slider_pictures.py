@@ -57,7 +57,7 @@ def keep_picture(
         write_bytes(_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
 
 
-def kept_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
+def stored_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
     """The picture that `keep_picture` stored, or None."""
     try:
         return None if folder is None else _path(folder, corruption, severity).read_bytes()

@@ -115,7 +115,7 @@ class Worker:
         if self._last is None or self._last[0].sample.key != key:
             self._last = None  # release the last sample before the next one is read
             loaded = self._frames.load(key)
-            clean = self._measure.kept_clean(loaded)
+            clean = self._measure.stored_clean(loaded)
             if clean is None:
                 sample = loaded.sample
                 (clean,) = self._model.predict([self._frames.request(sample, (key, CLEAN, 0), sample.frames)])

@@ -174,7 +174,7 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
     if len({sample_set(run) for run in every}) == 1:
         return ""
     by_words: dict[str, list[str]] = {}
-    conditions = _told_apart(measured_in_words(every), parts) if parts else conditions_of(every)
+    conditions = _distinguishing_words(measured_in_words(every), parts) if parts else conditions_of(every)
     for name, words in zip(runs, conditions, strict=True):
         by_words.setdefault(words, []).append(name)
     return "; ".join(
@@ -184,7 +184,7 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
 
 def conditions_of(runs: Sequence[Run]) -> list[str]:
     """A short name for what each run measured, made from the differences among them; "" for all if there are none."""
-    words, sets = _told_apart(measured_in_words(runs)), [sample_set(run) for run in runs]
+    words, sets = _distinguishing_words(measured_in_words(runs)), [sample_set(run) for run in runs]
     of_words: dict[str, set[str]] = {}
     for each, measured in zip(words, sets, strict=True):
         of_words.setdefault(each, set()).add(measured)
@@ -194,7 +194,7 @@ def conditions_of(runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def _told_apart(parts: Sequence[Mapping[str, str]], among: Sequence[str] = ()) -> list[str]:
+def _distinguishing_words(parts: Sequence[Mapping[str, str]], among: Sequence[str] = ()) -> list[str]:
     differing = [name for name in differing_parts(parts) if not among or name in among]
     return [", ".join(one[name] for name in differing if one.get(name)) for one in parts]
 

@@ -89,7 +89,7 @@ class Run:
 
         Read from `summary.json` if that was made from these rows, otherwise computed.
         """
-        return self._kept_means() or self._means
+        return self._stored_means() or self._means
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
         """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
@@ -218,7 +218,7 @@ class Run:
     def _source(self) -> str:
         return source_digest(self.path, self.rows_digest, self.manifest, beside=False)
 
-    def _kept_means(self) -> Summary | None:
+    def _stored_means(self) -> Summary | None:
         if not is_current(self.path, SUMMARY, self._source):
             return None
         try:

@@ -75,18 +75,18 @@ def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float |
     if metric == "epe":
         return f"{lower} is more accurate"
     if metric == "rcre":
-        said = f"the flow of {lower} changes less under corruption"
+        clause = f"the flow of {lower} changes less under corruption"
     else:
         relative = " relative to its error on clean frames" if metric == "crer" else ""
-        said = f"the error of {lower} grows less under corruption{relative}"
+        clause = f"the error of {lower} grows less under corruption{relative}"
         if flow_gap is not None and flow_gap >= 0.005:
-            said += f", although its flow changes more (RCRE {flow_gap:+.2f} px)"
+            clause += f", although its flow changes more (RCRE {flow_gap:+.2f} px)"
     if clean_gap is None:
-        return said
+        return clause
     if abs(clean_gap) < 0.005:
-        return f"{said}, and {lower} is as accurate on clean frames"
+        return f"{clause}, and {lower} is as accurate on clean frames"
     how = f"but {lower} is less" if clean_gap > 0 else f"and {lower} is more"
-    return f"{said}, {how} accurate: EPE {clean_gap:+.2f} px"
+    return f"{clause}, {how} accurate: EPE {clean_gap:+.2f} px"
 
 
 def p_text(value: float) -> str:

@@ -95,15 +95,7 @@ def ptlflow_clip_model(
 
         return PtlflowClipNet(model, clip.reading, clip.least, clip.twice)
 
-    network = ptlflow_network(
-        name,
-        architecture,
-        wrap,
-        checkpoint,
-        iterations=iterations,
-        sha256=sha256,
-        execution=execution,
-    )
+    network = ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
     from ..torch.clip_model import TorchClipModel, TorchStreamModel
 
     return (TorchStreamModel if clip.streams else TorchClipModel)(network, window)

@@ -83,22 +83,13 @@ def ptlflow_model(
     """
 
     def wrap(model: Any) -> Any:
-        from .flowformer_pp import FlowFormerPlusPlusNet
-        from .net import PtlflowNet
+        from .net import FlowFormerPlusPlusNet, PtlflowNet
 
         if architecture == "flowformer_pp":
             return FlowFormerPlusPlusNet(model)
         return PtlflowNet(model, architecture in BATCHED)
 
-    return ptlflow_network(
-        name,
-        architecture,
-        wrap,
-        checkpoint,
-        iterations=iterations,
-        sha256=sha256,
-        execution=execution,
-    )
+    return ptlflow_network(name, architecture, wrap, checkpoint, iterations, sha256, execution)
 
 
 def ptlflow_network(
@@ -106,7 +97,6 @@ def ptlflow_network(
     architecture: str,
     wrap: Callable[[Any], Any],
     checkpoint: str | Path | None,
-    *,
     iterations: int | None,
     sha256: str | None,
     execution: Execution,

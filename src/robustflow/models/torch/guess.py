@@ -186,14 +186,14 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
     others = sorted((one for one in others if one.sees), key=lambda one: one.mean)
     better = [one for one in others if one.clearly_beats(mine, _WRONG)]
     if better:
-        says = (
+        message = (
             f"on shifted textures the declared {mine.way.describe()} is off by {mine.mean:.2g} px, and zero flow by "
             f"{_ZERO:.2g} px; better, best first: {_named(better, mine)}; declare the one it was trained with, the "
             f"first with {better[0].way.line()}"
         )
         if not mine.sees:
-            raise ModelError(says)
-        return declared, says
+            raise ModelError(message)
+        return declared, message
     if mine.mean > _WELL * _ZERO:
         like = mine.reading.describe() if mine.reading.explains else "as networks without trained weights are"
         return declared, (

@@ -55,8 +55,8 @@ def _check(path: Path, run: Run) -> None:
     number = next((n for n, pair in enumerate(zip(nearest, given, strict=False)) if pair[0] != pair[1]), None)
     if number is None:
         raise RunError(f"{path} has {len(given)} lines, but the record gives {len(nearest)}: export it again")
-    said, due = (plain(lines[number].decode(errors="replace"), 80) for lines in (given, nearest))
-    raise RunError(f"{path}, line {number + 1}: '{said}', but the record gives '{due}': export it again")
+    written, expected = (plain(lines[number].decode(errors="replace"), 80) for lines in (given, nearest))
+    raise RunError(f"{path}, line {number + 1}: '{written}', but the record gives '{expected}': export it again")
 
 
 def _alike(lines: Sequence[bytes], given: Sequence[bytes]) -> int:

@@ -43,7 +43,7 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
             errors = [point.error for point in curve]
             panel.plot(at, errors, color=style.colour, linewidth=1.2)
             for place, point in zip(at, curve, strict=True):
-                fill = "white" if point.doubtful else style.colour
+                fill = "white" if point.warned else style.colour
                 drawn = panel.plot(
                     place, point.error, color=style.colour, marker=style.marker, markersize=4.5, markerfacecolor=fill
                 )
@@ -71,5 +71,5 @@ def _mark(point: CurvePoint) -> Mark:
     ends = None if point.low is None or point.high is None else (point.low, point.high)
     value = f"{point.error:.2f} px{ends_text(ends)}"
     where = (("norm", point.norm), ("budget", f"{point.budget:g}"))
-    warning = "yes" if point.doubtful else "no"
+    warning = "yes" if point.warned else "no"
     return Mark(point.attack, "", (*where, (METRIC_LABELS[point.metric], value), ("warning", warning)))

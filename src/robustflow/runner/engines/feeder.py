@@ -133,7 +133,7 @@ class _Feeder:
 
     def _find_clean(self, sample: _OpenSample, cell: Cell) -> None:
         """Read the clean flow from disk, or request it; for a clean cell that is the request of the cell itself."""
-        sample.clean = self._measure.kept_clean(sample.loaded)
+        sample.clean = self._measure.stored_clean(sample.loaded)
         if sample.clean is not None:
             return
         wanted = cell[1] == CLEAN

@@ -115,7 +115,7 @@ class _Crew:
                 continue
             ready, _ = self._ray.wait(list(calls), timeout=tick)
             for call in ready:
-                done = self._hear(calls[call])
+                done = self._receive(calls[call])
                 self._hand_out()
                 if done is not None:
                     self._left -= 1
@@ -150,7 +150,7 @@ class _Crew:
             self._warned = True
             warnings.warn(f"no {kind} of the Ray cluster is free; waiting for one", stacklevel=2)
 
-    def _hear(self, member: Member) -> FinishedUnit | None:
+    def _receive(self, member: Member) -> FinishedUnit | None:
         """Read the answer to an actor's last call, and make the next one."""
         exceptions = self._ray.exceptions
         try:
