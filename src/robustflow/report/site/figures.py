@@ -27,8 +27,7 @@ from ..figures.sparsification_curves import sparsification_curves
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from ..leaderboard import by_error
 from .content import Content
-from .key import key_markup
-from .svg import inline_svg
+from .svg import inline_svg, key_markup
 
 _TITLES = {
     "clean_against_cre": "Accuracy against robustness",
