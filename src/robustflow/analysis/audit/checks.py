@@ -64,23 +64,18 @@ def below_change(epe: Values, corruption: str, rcre: Value) -> bool:
 
 def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """CRE = EPE - clean EPE."""
-    count, findings = 0, []
-    for line in results:
+    compared, findings = list(_beside_epe(results, "cre")), []
+    for line, corruption, given, expected in compared:
         values = line.values
-        for corruption, expected in expected_cre(values).items():
-            given = values.get(("cre", corruption))
-            if given is None:
-                continue
-            count += 1
-            if misfits_change(values, corruption, given):
-                epe, clean = values["epe", corruption].number, values["epe", CLEAN].number
-                message = (
-                    f"{_where(line, corruption)}: CRE {given.number:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
-                    f"{expected:.2f}"
-                )
-                numbers = (given.number, expected, change_tolerance(values, corruption, given))
-                findings.append(finding("cre", line, "cre", corruption, message, numbers))
-    return "cre", count, findings
+        if misfits_change(values, corruption, given):
+            epe, clean = values["epe", corruption].number, values["epe", CLEAN].number
+            message = (
+                f"{_where(line, corruption)}: CRE {given.number:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
+                f"{expected:.2f}"
+            )
+            numbers = (given.number, expected, change_tolerance(values, corruption, given))
+            findings.append(finding("cre", line, "cre", corruption, message, numbers))
+    return "cre", len(compared), findings
 
 
 def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
@@ -127,22 +122,24 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
 
 def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """RCRE >= |EPE - clean EPE|: a flow cannot lose more accuracy than it moves (triangle inequality)."""
-    count, findings = 0, []
+    compared, findings = list(_beside_epe(results, "rcre")), []
+    for line, corruption, given, expected in compared:
+        if below_change(line.values, corruption, given):
+            message = (
+                f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change of the EPE by "
+                f"{expected:+.2f}; it is at least as large"
+            )
+            numbers = (given.number, abs(expected), change_tolerance(line.values, corruption, given))
+            findings.append(finding("bound", line, "rcre", corruption, message, numbers))
+    return "bound", len(compared), findings
+
+
+def _beside_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[ModelResult, str, Value, float]]:
+    """Each value of a metric that has EPE beside it: line, corruption, value, and the change of the EPE."""
     for line in results:
-        values = line.values
-        for corruption, expected in expected_cre(values).items():
-            given = values.get(("rcre", corruption))
-            if given is None:
-                continue
-            count += 1
-            if below_change(values, corruption, given):
-                message = (
-                    f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change of the EPE by "
-                    f"{expected:+.2f}; it is at least as large"
-                )
-                numbers = (given.number, abs(expected), change_tolerance(values, corruption, given))
-                findings.append(finding("bound", line, "rcre", corruption, message, numbers))
-    return "bound", count, findings
+        for corruption, expected in expected_cre(line.values).items():
+            if (given := line.values.get((metric, corruption))) is not None:
+                yield line, corruption, given, expected
 
 
 def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
