@@ -32,7 +32,7 @@ DEFAULT_PORT = 8642
 _HEADER_SECONDS = 10.0
 """Seconds a client has to send its headers, from its first byte or from opening the connection."""
 _ENDING_SECONDS = 8.0
-"""Between Ctrl-C and the end of an app that does not end by itself."""
+"""Seconds between Ctrl-C and the end of an app that does not end by itself."""
 
 
 def serve(
@@ -152,7 +152,7 @@ class _TimedProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def _watch(self) -> None:
-        """Start the time where headers are awaited, and end it where they are there."""
+        """Start the timer when headers are awaited, and stop it when they have arrived."""
         cycle = cast(Any, self.cycle)
         if cycle is not None and not cycle.response_complete:
             self._forget()
@@ -192,7 +192,7 @@ def _end_after_signal() -> None:
     Python's signal handlers run between two of its instructions, and a model that is being loaded or compiled may be
     inside one for minutes, with the interpreter's lock held. The operating system still writes a signal's number to
     a file descriptor (`signal.set_wakeup_fd`). Another process reads it, and ends the app if that does not end by
-    itself. It ends with this one: nobody holds the other end of its pipe then.
+    itself. It ends with this one, because the other end of its pipe closes.
     """
     reads, writes = os.pipe()
     os.set_blocking(writes, False)
