@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
-from robustflow.training.checkpoint import TrainingProgress, read_progress, save_training  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
+from .progress import StopAfter, lines, weights  # noqa: E402
+
 pytestmark = [pytest.mark.training, pytest.mark.torch]
-
-
-def weights(path: Path) -> dict[str, torch.Tensor]:
-    return torch.load(path, weights_only=True)["model"]
 
 
 def assert_equal(first: Path, second: Path) -> None:
@@ -38,23 +32,8 @@ def assert_equal(first: Path, second: Path) -> None:
     assert all(torch.equal(one[key], other[key]) for key in one)
 
 
-def lines(folder: Path) -> list[dict]:
-    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-
-
 def without_time(entries: list[dict]) -> list[dict]:
     return [{key: value for key, value in entry.items() if key != "seconds"} for entry in entries]
-
-
-class StopAfter:
-    """Requests the end after some updates."""
-
-    def __init__(self, updates: int) -> None:
-        self.left = updates
-
-    def __call__(self) -> bool:
-        self.left -= 1
-        return self.left <= 0
 
 
 def test_stopped_anywhere_and_resumed_with_other_loaders_it_is_the_undisturbed_training(request_for):
@@ -258,90 +237,6 @@ def test_another_training_in_the_folder_is_not_overwritten_and_not_resumed(reque
         run_training(replace(request, resume=True, output=request.output.parent / "elsewhere"))
 
 
-def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for):
-    request = request_for()
-    path = run_training(request, StopAfter(1))
-    state = weights(path)
-    path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(ModelError, match="truncated or damaged"):
-        run_training(replace(request, resume=True))
-    torch.save({"model": state}, path)
-    with pytest.raises(RunError, match="start from them with --init"):
-        run_training(replace(request, resume=True))
-
-
-def _as_stored(content: object) -> str:
-    """A checkpoint's content as text."""
-    if isinstance(content, torch.Tensor):
-        return f"{content.dtype}{tuple(content.shape)}{content.flatten().tolist()}"
-    if isinstance(content, dict):
-        return str({key: _as_stored(value) for key, value in content.items()})
-    return str([_as_stored(part) for part in content]) if isinstance(content, list | tuple) else repr(content)
-
-
-@pytest.fixture
-def small(tmp_path) -> Path:
-    """A checkpoint of a small network."""
-    torch.manual_seed(0)
-    net = torch.nn.Linear(5, 3)
-    optimizer = torch.optim.AdamW(net.parameters())
-    net(torch.ones(5)).sum().backward()
-    optimizer.step()
-    about = TrainingProgress(1, {"seed": 0}, 2.5)
-    path = tmp_path / "last.pth"
-    save_training(path, net.state_dict(), about, "C+T", optimizer, torch.amp.GradScaler("cpu", enabled=False))
-    return path
-
-
-def test_a_flipped_bit_of_the_last_checkpoint_is_noticed_or_changes_nothing(small):
-    whole, rng = small.read_bytes(), np.random.default_rng(0)
-    expected = [_as_stored(part) if isinstance(part, dict) else part for part in read_progress(small)]
-    refused = 0
-    for place, bit in zip(rng.integers(0, len(whole), 200), rng.integers(0, 8, 200), strict=True):
-        flipped = bytearray(whole)
-        flipped[place] ^= 1 << bit
-        small.write_bytes(flipped)
-        try:
-            read = [_as_stored(part) if isinstance(part, dict) else part for part in read_progress(small)]
-            assert read == expected
-        except (ModelError, RunError):
-            refused += 1
-    assert refused > 100
-
-
-def test_a_checkpoint_whose_values_were_changed_with_a_valid_archive_is_refused(small):
-    content = torch.load(small, weights_only=True)
-    content["model"]["bias"][0] += 1
-    torch.save(content, small)
-    with pytest.raises(ModelError, match="does not match its digest"):
-        read_progress(small)
-
-
-def test_a_small_checkpoint_that_would_take_much_memory_is_refused_before_it_does(small):
-    content = torch.load(small, weights_only=True)
-    content["optimizer"]["state"][0]["exp_avg"] = torch.zeros(1).expand(10**9)
-    torch.save(content, small)
-    with pytest.raises(ModelError, match="its tensors are larger than the file"):
-        read_progress(small)
-    with zipfile.ZipFile(small.with_name("bomb.pth"), "w", zipfile.ZIP_DEFLATED) as bomb:
-        with zipfile.ZipFile(small) as archive:
-            for name in archive.namelist():
-                bomb.writestr(name, archive.read(name))
-        bomb.writestr("archive/data/99", bytes(10**8))
-    with pytest.raises(ModelError, match="would unpack to"):
-        read_progress(small.with_name("bomb.pth"))
-
-
-@pytest.mark.parametrize("name", ["validation", "metrics.jsonl", "last.pth"])
-def test_a_link_in_the_folder_of_a_training_is_refused(request_for, tmp_path, name):
-    request = request_for()
-    request.output.mkdir(parents=True)
-    (request.output / name).symlink_to(tmp_path / "elsewhere")
-    for resume in (False, True):
-        with pytest.raises(RunError, match=f"{name} is a link"):
-            run_training(replace(request, resume=resume))
-
-
 def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp_path):
     import shutil
 
@@ -390,51 +285,6 @@ def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):
         run_training(replace(corrupted, resume=True, data=plain.data))
 
 
-def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypatch):
-    request = request_for(steps=4, checkpoints=Checkpoints(2))
-    run_training(request, StopAfter(2))
-    before = (request.output / "last.pth").read_bytes()
-
-    def full(content, file):
-        file.write(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(torch, "save", full)
-    with pytest.raises(DataError, match=r"cannot write .*last\.pth: No space left on device"):
-        run_training(replace(request, resume=True))
-    assert (request.output / "last.pth").read_bytes() == before
-    assert not list(request.output.glob(".partial-*"))
-
-
-@pytest.mark.slow
-def test_a_disk_that_is_full_indeed(request_for, tmp_path):
-    """A file system in memory with room for only one checkpoint."""
-    request = request_for(steps=4, checkpoints=Checkpoints(2))
-    request.output.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
-    if subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no right to mount a file system here")
-    try:
-        with pytest.raises(DataError, match=r"cannot write .*last\.pth.*No space left on device"):
-            run_training(request)
-        kept = torch.load(request.output / "last.pth", weights_only=True)
-        assert json.loads(kept["robustflow_training"])["updates"] == 2
-        assert not list(request.output.glob(".partial-*"))
-    finally:
-        subprocess.run(["umount", "-l", str(request.output)], check=True)
-
-
-def test_a_checkpoint_of_another_network_is_one_line(request_for, tmp_path):
-    torch.save({"model": {"fnet.conv1.weight": torch.zeros(3, 3)}}, tmp_path / "other.pth")
-    with pytest.raises(ModelError, match=r"other\.pth") as caught:
-        run_training(request_for(start=str(tmp_path / "other.pth")))
-    assert "\n" not in str(caught.value)
-    (tmp_path / "page.pth").write_text("<html>not found</html>")
-    with pytest.raises(ModelError, match=r"page\.pth") as caught:
-        run_training(request_for(start=str(tmp_path / "page.pth")))
-    assert "\n" not in str(caught.value)
-
-
 def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chairs, tmp_path):
     (tmp_path / "mixed" / "data").mkdir(parents=True)
     for path in (chairs / "FlyingChairs_release" / "data").iterdir():
@@ -448,102 +298,6 @@ def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chair
         run_training(replace(kitti, data=DataPlan([chairs])))
     with pytest.raises(DataError, match=r"not laid out like KITTI 2015; expected .*image_2"):
         run_training(replace(kitti, data=DataPlan([f"kitti2015={chairs}"])))
-
-
-OWN_NETWORK = """
-from torch import nn
-
-class Net(nn.Module):
-    def __init__(self):
-        super().__init__()
-        self.first = nn.Conv2d(6, 8, 3, padding=1)
-        self.norm = nn.BatchNorm2d(8)
-        self.last = nn.Conv2d(8, 2, 3, padding=1)
-
-    def forward(self, image1, image2):
-        import torch
-
-        features = self.norm(self.first(torch.cat([image1, image2], dim=1)))
-        flow = self.last(features)
-        return [flow / 2, flow]
-"""
-
-
-def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
-    import robustflow as rf
-
-    (tmp_path / "own_net_for_test.py").write_text(OWN_NETWORK)
-    monkeypatch.syspath_prepend(tmp_path)
-    options = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
-    request = request_for(options=options, frozen_norms="none")
-    own = replace(request, recipe=request.recipe.changed(method="own_net_for_test:Net"))
-    path = run_training(own)
-    state = weights(path)
-    assert state["norm.num_batches_tracked"] == own.recipe.updates  # in training mode
-    assert len(lines(own.output)) == own.recipe.updates
-    model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(options))
-    assert torch.equal(model.net.module.last.weight, state["last.weight"])
-
-
-@pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net"])
-def test_the_seed_is_that_of_the_first_weights_too(request_for, tmp_path, monkeypatch, kind):
-    from robustflow.training.networks import load_network
-
-    (tmp_path / "own_net_for_seed.py").write_text(OWN_NETWORK)
-    monkeypatch.syspath_prepend(tmp_path)
-    recipe = request_for().recipe.changed(method=kind)
-    options = {"scaling": "-1-1", "order": "rgb", "layout": "pair"} if ":" in kind else {}
-    first, again, other = (load_network(recipe, "random", "cpu", options, seed)[1].weights() for seed in (3, 3, 4))
-    assert all(torch.equal(first[key], again[key]) for key in first)
-    assert any(not torch.equal(first[key], other[key]) for key in first)
-    if ":" not in kind:
-        import robustflow as rf
-
-        plain = rf.load_model(kind, checkpoint="random", device="cpu").net.model.state_dict()
-        assert all(torch.equal(plain[key], value) for key, value in load_network(recipe, "random")[1].weights().items())
-
-
-OWN_LOSS = """
-import torch
-from torch import nn
-
-class Net(nn.Module):
-    def __init__(self):
-        super().__init__()
-        self.last = nn.Conv2d(6, 2, 3, padding=1)
-
-    def forward(self, image1, image2):
-        return self.last(torch.cat([image1, image2], dim=1))
-
-    def loss(self, batch):
-        assert set(batch) == {"image1", "image2", "flow", "valid"}
-        assert batch["image1"].min() >= -1 and batch["image1"].max() <= 1
-        flow = self(batch["image1"], batch["image2"])
-        error = (flow - batch["flow"]).square().sum(1)[batch["valid"] > 0].mean()
-        return RETURNED
-"""
-
-
-def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch):
-    (tmp_path / "own_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", 'error, {"squared": error}'))
-    (tmp_path / "bad_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", "[error]"))
-    monkeypatch.syspath_prepend(tmp_path)
-    options = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
-    request = request_for(options=options, steps=2)
-    own = replace(request, recipe=request.recipe.changed(method="own_loss_for_test:Net"))
-    run_training(own)
-    entries = lines(own.output)
-    assert all(entry["loss"] == pytest.approx(entry["squared"]) for entry in entries)
-    from robustflow.training.networks import load_network
-
-    _, first = load_network(own.recipe, "random", "cpu", dict(options))
-    assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
-    bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")
-    with pytest.raises(UsageError, match=r"method loss\(batch\) returned list; return one number"):
-        run_training(bad)
-    odd = replace(own, recipe=own.recipe.changed(crop=(124, 140)), output=tmp_path / "odd")
-    with pytest.raises(UsageError, match=r"would be padded to 128x144; give --crop 128x144"):
-        run_training(odd)
 
 
 def test_a_mix_of_ones_own_and_one_that_cannot_be_read(request_for, tmp_path):

@@ -1,0 +1,153 @@
+"""Checkpoints of a training: damaged, forged or of something else, and disks that take none."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+pytest.importorskip("torchvision", reason="needs the torch extra")
+
+from robustflow.errors import DataError, ModelError, RunError  # noqa: E402
+from robustflow.training.checkpoint import TrainingProgress, read_progress, save_training  # noqa: E402
+from robustflow.training.request import Checkpoints  # noqa: E402
+from robustflow.training.session import run_training  # noqa: E402
+
+from .progress import StopAfter, weights  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch]
+
+
+def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for):
+    request = request_for()
+    path = run_training(request, StopAfter(1))
+    state = weights(path)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(ModelError, match="truncated or damaged"):
+        run_training(replace(request, resume=True))
+    torch.save({"model": state}, path)
+    with pytest.raises(RunError, match="start from them with --init"):
+        run_training(replace(request, resume=True))
+
+
+def _as_stored(content: object) -> str:
+    """A checkpoint's content as text."""
+    if isinstance(content, torch.Tensor):
+        return f"{content.dtype}{tuple(content.shape)}{content.flatten().tolist()}"
+    if isinstance(content, dict):
+        return str({key: _as_stored(value) for key, value in content.items()})
+    return str([_as_stored(part) for part in content]) if isinstance(content, list | tuple) else repr(content)
+
+
+@pytest.fixture
+def small(tmp_path) -> Path:
+    """A checkpoint of a small network."""
+    torch.manual_seed(0)
+    net = torch.nn.Linear(5, 3)
+    optimizer = torch.optim.AdamW(net.parameters())
+    net(torch.ones(5)).sum().backward()
+    optimizer.step()
+    about = TrainingProgress(1, {"seed": 0}, 2.5)
+    path = tmp_path / "last.pth"
+    save_training(path, net.state_dict(), about, "C+T", optimizer, torch.amp.GradScaler("cpu", enabled=False))
+    return path
+
+
+def test_a_flipped_bit_of_the_last_checkpoint_is_noticed_or_changes_nothing(small):
+    whole, rng = small.read_bytes(), np.random.default_rng(0)
+    expected = [_as_stored(part) if isinstance(part, dict) else part for part in read_progress(small)]
+    refused = 0
+    for place, bit in zip(rng.integers(0, len(whole), 200), rng.integers(0, 8, 200), strict=True):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << bit
+        small.write_bytes(flipped)
+        try:
+            read = [_as_stored(part) if isinstance(part, dict) else part for part in read_progress(small)]
+            assert read == expected
+        except (ModelError, RunError):
+            refused += 1
+    assert refused > 100
+
+
+def test_a_checkpoint_whose_values_were_changed_with_a_valid_archive_is_refused(small):
+    content = torch.load(small, weights_only=True)
+    content["model"]["bias"][0] += 1
+    torch.save(content, small)
+    with pytest.raises(ModelError, match="does not match its digest"):
+        read_progress(small)
+
+
+def test_a_small_checkpoint_that_would_take_much_memory_is_refused_before_it_does(small):
+    content = torch.load(small, weights_only=True)
+    content["optimizer"]["state"][0]["exp_avg"] = torch.zeros(1).expand(10**9)
+    torch.save(content, small)
+    with pytest.raises(ModelError, match="its tensors are larger than the file"):
+        read_progress(small)
+    with zipfile.ZipFile(small.with_name("bomb.pth"), "w", zipfile.ZIP_DEFLATED) as bomb:
+        with zipfile.ZipFile(small) as archive:
+            for name in archive.namelist():
+                bomb.writestr(name, archive.read(name))
+        bomb.writestr("archive/data/99", bytes(10**8))
+    with pytest.raises(ModelError, match="would unpack to"):
+        read_progress(small.with_name("bomb.pth"))
+
+
+@pytest.mark.parametrize("name", ["validation", "metrics.jsonl", "last.pth"])
+def test_a_link_in_the_folder_of_a_training_is_refused(request_for, tmp_path, name):
+    request = request_for()
+    request.output.mkdir(parents=True)
+    (request.output / name).symlink_to(tmp_path / "elsewhere")
+    for resume in (False, True):
+        with pytest.raises(RunError, match=f"{name} is a link"):
+            run_training(replace(request, resume=resume))
+
+
+def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypatch):
+    request = request_for(steps=4, checkpoints=Checkpoints(2))
+    run_training(request, StopAfter(2))
+    before = (request.output / "last.pth").read_bytes()
+
+    def full(content, file):
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(DataError, match=r"cannot write .*last\.pth: No space left on device"):
+        run_training(replace(request, resume=True))
+    assert (request.output / "last.pth").read_bytes() == before
+    assert not list(request.output.glob(".partial-*"))
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_full_indeed(request_for, tmp_path):
+    """A file system in memory with room for only one checkpoint."""
+    request = request_for(steps=4, checkpoints=Checkpoints(2))
+    request.output.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no right to mount a file system here")
+    try:
+        with pytest.raises(DataError, match=r"cannot write .*last\.pth.*No space left on device"):
+            run_training(request)
+        kept = torch.load(request.output / "last.pth", weights_only=True)
+        assert json.loads(kept["robustflow_training"])["updates"] == 2
+        assert not list(request.output.glob(".partial-*"))
+    finally:
+        subprocess.run(["umount", "-l", str(request.output)], check=True)
+
+
+def test_a_checkpoint_of_another_network_is_one_line(request_for, tmp_path):
+    torch.save({"model": {"fnet.conv1.weight": torch.zeros(3, 3)}}, tmp_path / "other.pth")
+    with pytest.raises(ModelError, match=r"other\.pth") as caught:
+        run_training(request_for(start=str(tmp_path / "other.pth")))
+    assert "\n" not in str(caught.value)
+    (tmp_path / "page.pth").write_text("<html>not found</html>")
+    with pytest.raises(ModelError, match=r"page\.pth") as caught:
+        run_training(request_for(start=str(tmp_path / "page.pth")))
+    assert "\n" not in str(caught.value)
