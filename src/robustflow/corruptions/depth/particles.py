@@ -119,7 +119,7 @@ def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
 
     >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
     >>> [round(value, 4) for value in veil_of(rain, 1242, Camera((721.0, 721.0), (609.0, 172.0)))]
-    [0.0066, 1.862]
+    [0.0066, 1.8621]
     """
     cubed = sizes.slope * sizes.slope * sizes.slope
     start = camera.focal[0] * 1e-3 / (_SMALLEST * width) * 3 / sizes.slope
