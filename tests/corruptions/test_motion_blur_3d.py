@@ -1,5 +1,7 @@
 """Motion blur in three dimensions, against points and planes that are projected in float64."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions.depth.motion_blur_3d import MotionBlur3d
 from robustflow.random.rng import Rng
+from robustflow.sample import SceneDepth
 
 from .pictures import picture, plane, seen
 
@@ -142,3 +145,13 @@ def test_layout_of_depth_and_order_of_frames_do_not_matter():
     again = moving(np.asfortranarray(first), wide[:, ::2], by=(0.2, 0, -0.7))
     assert np.array_equal(blurred(np.asfortranarray(frame), again, 4, 1), expected[1])
     assert np.array_equal(blurred(frame, again, 4, 0), expected[0])
+
+
+def test_each_frame_is_blurred_through_its_own_lens():
+    depth = moving(level((60, 100), 4.0), by=(0, 0, -1.0))
+    zoomed = SceneDepth(depth.maps, depth.measured, replace(depth.camera, second=(100.0, 100.0, 20.0, 30.0)))
+    frame = np.zeros((60, 100, 3), np.uint8)
+    frame[30, 20], frame[30, 80] = 255, 255
+    lit = [blurred(frame, zoomed, 5, index)[30, :, 0] for index in (0, 1)]
+    assert 10 < lit[0][:40].max() < 80  # beside the middle of frame 1
+    assert lit[1][20] > 200  # in the middle of frame 2

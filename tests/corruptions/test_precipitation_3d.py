@@ -68,20 +68,22 @@ def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, 
 
 
 @both
-@pytest.mark.parametrize("ahead", [0.0, -1.5])
-def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kind, ahead):
+@pytest.mark.parametrize(("ahead", "zoom"), [(0.0, 1.0), (-1.5, 1.0), (-1.5, 1.6)])
+def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kind, ahead, zoom):
     depth, smallest = plane(30.0, (375, 1242), translation=np.array([0.1, 0.0, ahead]), focal=721.0), 6e-4 * 1242
+    camera = replace(depth.camera, second=(721.0 * zoom, 721.0 * zoom, *depth.camera.centre))
+    depth = replace(depth, camera=camera)
     sizes = kind().sizes(kind.paper_severities[4])
     particles = kind().draw_scene(Rng.of("count"), 5, depth).particles
     for index in (0, 1):
         at = particles.positions[index]
-        pixel = projected(at, depth.camera)
+        pixel = projected(at, camera, index)
         inside = ((pixel >= -0.5) & (pixel < [1241.5, 374.5])).all(axis=1) & (at[:, 2] >= NEAREST)
         diameters = np.linspace(0, sizes.largest, 20001)
         for low, high in ((0.0, 0.5), (0.5, 1.0)):  # as shares of the largest diameter
             chosen = (diameters > low * sizes.largest) & (diameters <= high * sizes.largest)
             reach = np.maximum(721.0 * diameters[chosen] * 1e-3 / smallest, NEAREST)
-            volume = (reach**3 - NEAREST**3) / 3 * 1242 * 375 / 721.0**2
+            volume = (reach**3 - NEAREST**3) / 3 * 1242 * 375 / camera.intrinsics(index)[0] ** 2
             number = sizes.density * np.exp(-sizes.slope * diameters[chosen])
             expected = (number * volume).sum() * diameters[1]
             size = particles.diameters * 1e3

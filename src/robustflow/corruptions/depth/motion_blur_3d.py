@@ -70,7 +70,7 @@ class MotionBlur3d(DepthCorruption):
     def apply(self, frame: Frame, state: MotionBlurState, index: int) -> Frame:
         """Blur frame `index`, 0 or 1."""
         frame = contiguous(frame)
-        lens = np.array([*state.camera.focal, *state.camera.centre], np.float64)
+        lens = np.array(state.camera.intrinsics(index), np.float64)
         # the step of a point at depth Z is Z (turn @ ray + translation / Z) for the ray (x, y, 1) it is on
         turn = state.path.rotation - np.eye(3)
         inverse = np.float32(1) / np.ascontiguousarray(state.depth[index])

@@ -90,23 +90,23 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     height, width = shape
     margin = _MARGIN * max(shape)
     reach = camera.focal[0] * 1e-3 / (_SMALLEST * width)
-    spread = (width + 2 * margin) * (height + 2 * margin) / (camera.focal[0] * camera.focal[1])
+    lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
+    spread = (width + 2 * margin) * (height + 2 * margin) / (lenses[:, 0] * lenses[:, 1])
     # a particle is drawn up to the distance reach * D, so the integral over space and sizes is one of D^3 exp(-slope D)
     squared = sizes.slope * sizes.slope
-    expected = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
-    if not expected < _MOST:
+    counts = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
+    if not counts.max() < _MOST:
         raise UsageError(
-            f"the camera would see {expected:.3g} particles: its focal length of {camera.focal[0]:g} px does not go "
-            f"with a frame of {width} px; check the intrinsics"
+            f"the camera would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px does not "
+            f"go with a frame of {width} px; check the intrinsics"
         )
     motion = motion_of(camera) or STILL
     wind = _wind(rng.spawn("wind"), fall.wind)
-    count = int(expected + rng.uniform())
-    table = np.empty((2 * count, 13))
+    numbers = (counts + rng.uniform()).astype(np.int64)
+    table = np.empty((numbers.sum(), 13))
     keys = np.array([rng.spawn("frame", index).key for index in (0, 1)], np.uint64)
     box = np.array([-0.5 - margin, -0.5 - margin, width + 2 * margin, height + 2 * margin, reach])
-    lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
-    kept = _draw(keys, count, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
+    kept = _draw(keys, numbers, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
     parts = [np.ascontiguousarray(table[:kept, first : first + 3]) for first in (0, 3, 6, 9)]
     return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), lenses, motion)
 
@@ -165,7 +165,7 @@ def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _draw(
-    keys: Any, count: int, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
+    keys: Any, numbers: Any, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
     """Fill rows of (position, velocity) in frame 1, the same in frame 2, diameter; return their number.
 
@@ -177,7 +177,7 @@ def _draw(
     still = np.zeros(3)
     for frame in range(2):
         lens = lenses[frame]
-        for i in range(count):
+        for i in range(numbers[frame]):
             key = hash64(keys[frame], np.uint64(i))
             product = _uniform(key, 0) * _uniform(key, 1) * _uniform(key, 2) * _uniform(key, 3)
             diameter = -natural_log(product) / sizes[1]
