@@ -240,10 +240,8 @@ def test_seeds_of_a_still_run_are_draws_in_one_folder(robustflow, tmp_path):
     code, out, err = robustflow(*command, "--seeds", "2", "-o", "run", "--no-examples")
     assert code == 0, err
     assert Path("run/manifest.json").is_file()
-    lines = {line.split()[1]: line.split() for line in out.splitlines() if line.startswith("│")}
-    place = next(line for line in out.splitlines() if "spread" in line and "EPE" in line).replace("┃", "│").split("│")
-    place = [word.strip() for word in place].index("spread")
-    cells = {name: " ".join(line).split("│")[place].strip() for name, line in lines.items()}
+    place = _cells_of(out, "Corruption").index("spread")
+    cells = {name: _cells_of(out, name)[place] for name in ("contrast", "impulse_noise")}
     assert cells["contrast"] == "0.00", "it draws nothing"
     assert float(cells["impulse_noise"]) > 0
     assert "standard deviation over 2 draws" in out
