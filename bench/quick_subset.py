@@ -1,85 +1,290 @@
-"""How few corruptions rank models as all 20 of KITTI-FC do? From the paper's tables, without a run.
+"""How few corruptions, severities and pairs rank models as all of KITTI-FC do?
 
-    python bench/quick_subset.py [--largest 16]
+    python bench/quick_subset.py measure ERRORS.npz --data kitti2015=DIR --data kitti2012=DIR --data middlebury=DIR
+    python bench/quick_subset.py choose ERRORS.npz
 
-For each number of corruptions, the set whose means rank the 29 published variants most nearly as the means over all 20:
-the smallest of Kendall's tau of EPE, CRE and RCRE is maximised, greedily and by exchanges. Then a trial for each
-variant: the set is chosen without it, and tau is over all variants. A set that can replace the full run should
-reach 0.95 in 95 % of these trials. The tables hold means over severities and pairs, so that neither can be chosen from
-them. The set of 15 is `benchmarks/kitti_fc.py:KittiFC.facts.quick`.
+`measure` runs the methods that need no download (presets of DIS and Farneback, DIS-RGB, the shipped networks, and some
+of these on filtered frames) under every corruption at every severity, on pairs of reduced size: those of the given data
+sets, the demo's, and flying shapes, 80 in all. It writes after every pair and can be stopped: fewer pairs will do.
+
+`choose` looks for the fewest conditions that keep two rankings: of these methods, by EPE, CRE and RCRE over all
+conditions and pairs, and of the 29 published variants, whose tables hold means over severities and pairs. A set is some
+corruptions at some severities. Its quality is the smallest of Kendall's tau (a) of the three metrics in the two
+rankings. For each number of severities, corruptions are left out one after the other, then exchanged while that helps.
+Then a trial for each method and variant: corruptions and severities are chosen without it, and tau is over all. A set
+that can replace the full run should reach 0.95 in 95 % of these trials.
+
+**Pairs.** KITTI-FC's pairs are not among those measured, so that only a number of them could be chosen. The last lines
+say what a share of the pairs does to the ranking where nothing else is left out.
+
+The result is `benchmarks/kitti_fc.py:KittiFC.facts.quick`.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
 
+import cv2
 import numpy as np
 
 from robustflow.analysis.published.tables import published_results
+from robustflow.corruptions import corrupt
 from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.datasets import load_dataset
+from robustflow.metrics.error_maps import epe_map
+from robustflow.models import load_model
+from robustflow.sample import Flow, Frame, Sample
+from robustflow.severity import SEVERITIES
 
 METRICS = ("epe", "cre", "rcre")
 WANTED = 0.95
+PAIRS = 80
+DRAWS = 200
+Predict = Callable[[Frame, Frame], Flow]
 
 
-class Ranking:
-    """The published errors, and how well means over fewer corruptions keep the ranking by all."""
+@dataclass(frozen=True)
+class Population:
+    """Some models whose ranking a subset should keep.
 
-    def __init__(self) -> None:
-        lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
-        self.models = [f"{line.name} ({line.setting})" for line in lines]
-        self._errors = np.array(
-            [[[line.number(metric, name) for name in IMAGE_PAIR] for line in lines] for metric in METRICS], float
+    Attributes:
+        errors: float64 (3, models, 20), mean EPE, CRE and RCRE under each corruption at the chosen severities.
+        full: the same over all severities.
+    """
+
+    errors: np.ndarray
+    full: np.ndarray
+
+    def tau(self, chosen: Sequence[int], without: int = -1) -> float:
+        """The smallest tau of the three metrics between some corruptions and all; `without` one of the models."""
+        first, second = np.triu_indices(self.errors.shape[1], 1)
+        kept = (first != without) & (second != without)
+        means, full = self.errors[:, :, list(chosen)].mean(-1), self.full.mean(-1)
+        orders = np.sign(means[:, first] - means[:, second]) * np.sign(full[:, first] - full[:, second])
+        return float(orders[:, kept].mean(1).min())
+
+
+Without = tuple[int, int]
+"""The model that each of the two populations leaves out, -1 for none."""
+
+
+def quality(populations: Sequence[Population], chosen: Sequence[int], without: Without) -> tuple[float, float]:
+    """The smallest tau, then the sum of both."""
+    taus = [each.tau(chosen, lost) for each, lost in zip(populations, without, strict=True)]
+    return min(taus), sum(taus)
+
+
+def best(populations: Sequence[Population], count: int, without: Without = (-1, -1)) -> list[int]:
+    """`count` corruptions of high quality."""
+
+    def of(chosen: list[int]) -> tuple[float, float]:
+        return quality(populations, chosen, without)
+
+    every = range(len(IMAGE_PAIR))
+    chosen = list(every)
+    while len(chosen) > count:
+        chosen = max(([one for one in chosen if one != lost] for lost in chosen), key=of)
+    while True:
+        exchanged = [
+            [*chosen[:place], one, *chosen[place + 1 :]] for place in range(count) for one in every if one not in chosen
+        ]
+        better = max(exchanged, key=of, default=chosen)
+        if of(better) <= of(chosen):
+            return sorted(chosen)
+        chosen = better
+
+
+def published() -> np.ndarray:
+    """EPE, CRE and RCRE of the published variants under each corruption, float64 (3, 29, 20)."""
+    lines = [line for line in published_results() if line.benchmark == "kitti-fc"]
+    return np.array(
+        [[[line.number(metric, name) for name in IMAGE_PAIR] for line in lines] for metric in METRICS], float
+    )
+
+
+class Measured:
+    """What `measure` wrote.
+
+    Args:
+        path: of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with np.load(path) as file:
+            self.errors, self._clean, self.methods = file["errors"], file["clean"], file["methods"].tolist()
+
+    def means(self, severities: Sequence[int], pairs: Sequence[int] | None = None) -> np.ndarray:
+        """EPE, CRE and RCRE of the methods under each corruption, float64 (3, methods, 20)."""
+        chosen = slice(None) if pairs is None else list(pairs)
+        errors = self.errors[chosen][:, :, :, [level - 1 for level in severities]].mean((0, 3))
+        epe, rcre = errors[..., 0], errors[..., 1]
+        return np.stack([epe, epe - self._clean[chosen].mean(0)[:, None], rcre])
+
+
+def choose(path: Path, most: int) -> None:
+    """Print the best sets, the trials of those that keep both rankings, and what fewer pairs do."""
+    measured, tables = Measured(path), published()
+    full = measured.means(SEVERITIES)
+    counts = full.shape[1], tables.shape[1]
+    print(f"{counts[0]} methods on {len(measured.errors)} pairs, {counts[1]} published variants; tau of both")
+    levels = {
+        severities: (Population(measured.means(severities), full), Population(tables, tables))
+        for size in range(1, len(SEVERITIES) + 1)
+        for severities in combinations(SEVERITIES, size)
+    }
+
+    def chosen(size: int, count: int, without: Without = (-1, -1)) -> tuple[tuple[int, ...], list[int]]:
+        """The best severities and corruptions, as many as asked for."""
+        sets = [(levels[each], each, best(levels[each], count, without)) for each in levels if len(each) == size]
+        _, severities, corruptions = max(sets, key=lambda one: quality(one[0], one[2], without))
+        return severities, corruptions
+
+    trials = [(lost, -1) for lost in range(counts[0])] + [(-1, lost) for lost in range(counts[1])]
+    sizes = [(size, count) for size in range(1, len(SEVERITIES) + 1) for count in range(10, len(IMAGE_PAIR) + 1)]
+    for size, count in sorted(sizes, key=lambda one: one[0] * one[1]):
+        if size * count > most:
+            break
+        severities, corruptions = chosen(size, count)
+        taus = [each.tau(corruptions) for each in levels[severities]]
+        if min(taus) < WANTED:
+            continue
+        found = []
+        for without in trials:
+            severities_then, then = chosen(size, count, without)
+            found.append(min(each.tau(then) for each in levels[severities_then]))
+        share = np.mean(np.array(found) >= WANTED)
+        names = ", ".join(IMAGE_PAIR[one] for one in corruptions)
+        print(
+            f"{size * count:3d} conditions: severities {severities}, tau {taus[0]:.3f} and {taus[1]:.3f}, "
+            f"{100 * share:.0f} % of {len(trials)} trials (least {min(found):.3f}), {count} corruptions: {names}",
+            flush=True,
         )
-        self.pairs = np.triu_indices(len(lines), 1)
-        self._full = self._order(range(len(IMAGE_PAIR)))
+        if share >= WANTED:
+            break
+    of_pairs(measured, full)
 
-    def _order(self, chosen: range | list[int]) -> np.ndarray:
-        means = self._errors[:, :, list(chosen)].mean(-1)
-        return np.sign(means[:, self.pairs[0]] - means[:, self.pairs[1]])
 
-    def taus(self, chosen: list[int], without: int = -1) -> np.ndarray:
-        """Kendall's tau (a) of each metric, over all models but one."""
-        kept = (self.pairs[0] != without) & (self.pairs[1] != without)
-        return (self._order(chosen) * self._full)[:, kept].mean(1)
+def of_pairs(measured: Measured, full: np.ndarray) -> None:
+    """Print how well random shares of the pairs keep the ranking under all conditions."""
+    rng, pairs = np.random.default_rng(0), len(measured.errors)
+    for share in (0.25, 0.5, 0.75, 0.9):
+        count = round(share * pairs)
+        drawn = (rng.choice(pairs, count, replace=False) for _ in range(DRAWS))
+        populations = [Population(measured.means(SEVERITIES, each), full) for each in drawn]
+        taus = [each.tau(range(len(IMAGE_PAIR)), lost) for each in populations for lost in range(full.shape[1])]
+        reached = 100 * np.mean(np.array(taus) >= WANTED)
+        print(f"{count} of {pairs} pairs, all conditions: mean tau {np.mean(taus):.3f}, {reached:.0f} % of trials")
 
-    def best(self, count: int, without: int = -1) -> list[int]:
-        """A set of `count` corruptions with a high smallest tau: one after the other, then exchanged while it helps."""
 
-        def quality(chosen: list[int]) -> tuple[float, float]:
-            taus = self.taus(chosen, without)
-            return float(taus.min()), float(taus.sum())
+def methods() -> dict[str, Predict]:
+    """What runs without a download: the shipped models, presets, and the same methods on frames changed beforehand."""
 
-        every, chosen = range(len(IMAGE_PAIR)), list[int]()
-        while len(chosen) < count:
-            chosen.append(max((one for one in every if one not in chosen), key=lambda one: quality([*chosen, one])))
-        while True:
-            exchanged = [
-                [*chosen[:place], one, *chosen[place + 1 :]]
-                for place in range(count)
-                for one in every
-                if one not in chosen
-            ]
-            better = max(exchanged, key=quality, default=chosen)
-            if quality(better) <= quality(chosen):
-                return sorted(chosen)
-            chosen = better
+    def named(name: str, **options: object) -> Predict:
+        return load_model(name, **options).predict  # type: ignore[union-attr]
+
+    def after(change: Callable[[Frame], Frame], predict: Predict) -> Predict:
+        return lambda one, two: predict(change(one), change(two))
+
+    def equalised(frame: Frame) -> Frame:
+        return cv2.cvtColor(cv2.equalizeHist(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)), cv2.COLOR_GRAY2RGB)
+
+    def halved(frame: Frame) -> Frame:
+        return cv2.resize(frame, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+
+    def coarse(predict: Predict) -> Predict:
+        def enlarged(one: Frame, two: Frame) -> Flow:
+            return 2 * cv2.resize(predict(halved(one), halved(two)), (one.shape[1], one.shape[0]))
+
+        return enlarged
+
+    dis, farneback = named("dis"), named("farneback")
+    return {
+        "dis": dis,
+        "dis fast": named("dis", preset="fast"),
+        "dis ultrafast": named("dis", preset="ultrafast"),
+        "dis_rgb": named("dis_rgb"),
+        "dis, median 5": after(lambda frame: cv2.medianBlur(frame, 5), dis),
+        "dis, equalised": after(equalised, dis),
+        "dis, half size": coarse(dis),
+        "farneback": farneback,
+        "farneback, window 9": named("farneback", winsize=9),
+        "farneback, window 25": named("farneback", winsize=25),
+        "farneback, 5 levels": named("farneback", levels=5, poly_n=7, poly_sigma=1.5),
+        "farneback, median 5": after(lambda frame: cv2.medianBlur(frame, 5), farneback),
+        "tiny": named("tiny"),
+        "tiny_all": named("tiny_all"),
+    }
+
+
+def reduced(sample: Sample, step: int) -> Sample:
+    """A sample of a `step`-th of the size: frames by area, the flow of every `step`-th pixel."""
+    assert sample.flow is not None
+    assert sample.valid is not None
+    height, width = (side // step for side in sample.shape)
+    cut = [frame[: height * step, : width * step] for frame in sample.frames[:2]]
+    frames = tuple(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA) for frame in cut)
+    middle = slice(step // 2, None, step)
+    flow, valid = (part[middle, middle][:height, :width] for part in (sample.flow / step, sample.valid))
+    return Sample(sample.key, frames, np.ascontiguousarray(flow), np.ascontiguousarray(valid))
+
+
+def samples(data: Sequence[str]) -> Iterator[tuple[str, Sample]]:
+    """The 80 pairs by name, real and generated ones mixed."""
+    real = [("motorcycle", load_dataset("motorcycle"), "motorcycle")]
+    for given in data:
+        name, _, root = given.partition("=")
+        dataset = load_dataset(name, root)
+        real += [(name, dataset, key) for key in dataset.keys()]  # noqa: SIM118
+    shapes = load_dataset("shapes", pairs=PAIRS, size="80x112")
+    made = [("shapes", shapes, key) for key in shapes.keys()[: PAIRS - len(real)]]
+    every = sorted(enumerate([*real, *made]), key=lambda item: (item[0] * 0.618) % 1)
+    for _, (name, dataset, key) in every:
+        sample = dataset.load(key)
+        yield f"{name} {key}", sample if name == "shapes" else reduced(sample, 4 if name == "middlebury" else 5)
+
+
+def measure(output: Path, data: Sequence[str]) -> None:
+    """Write EPE and RCRE of every method, pair, corruption and severity."""
+    cv2.setNumThreads(1)
+    predictors = methods()
+    names, clean, errors = list[str](), [], []
+    start = time.process_time()
+    for name, sample in samples(data):
+        flows = [predict(*sample.frames) for predict in predictors.values()]
+        clean.append([float(epe_map(flow, sample.flow)[sample.valid].mean()) for flow in flows])
+        cells = np.empty((len(flows), len(IMAGE_PAIR), len(SEVERITIES), 2))
+        for place, corruption in enumerate(IMAGE_PAIR):
+            for level, severity in enumerate(SEVERITIES):
+                frames = corrupt(*sample.frames, corruption, severity)
+                for one, predict in enumerate(predictors.values()):
+                    flow = predict(*frames)
+                    for column, other in enumerate((sample.flow, flows[one])):
+                        cells[one, place, level, column] = epe_map(flow, other)[sample.valid].mean()
+        names.append(name)
+        errors.append(cells)
+        np.savez(output, methods=list(predictors), pairs=names, clean=clean, errors=errors)
+        print(f"{len(names)}/{PAIRS} {name}: {time.process_time() - start:.0f} s of one core", flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--smallest", type=int, default=6)
-    parser.add_argument("--largest", type=int, default=16)
+    commands = parser.add_subparsers(dest="command", required=True)
+    measuring = commands.add_parser("measure")
+    measuring.add_argument("errors", type=Path)
+    measuring.add_argument("--data", action="append", default=[], metavar="NAME=DIR")
+    choosing = commands.add_parser("choose")
+    choosing.add_argument("errors", type=Path)
+    choosing.add_argument("--most", type=int, default=100, help="the most conditions to try")
     options = parser.parse_args()
-    ranking = Ranking()
-    print(f"{len(ranking.models)} variants; tau of {', '.join(METRICS)}; share of trials with every tau >= {WANTED}")
-    for count in range(options.smallest, options.largest + 1):
-        chosen = ranking.best(count)
-        taus = " ".join(f"{tau:.3f}" for tau in ranking.taus(chosen))
-        trials = [ranking.taus(ranking.best(count, without)).min() for without in range(len(ranking.models))]
-        share = np.mean(np.array(trials) >= WANTED)
-        names = ", ".join(IMAGE_PAIR[one] for one in chosen)
-        print(f"{count:2d}  {taus}  {100 * share:3.0f} % (least {min(trials):.3f})  {names}", flush=True)
+    if options.command == "measure":
+        measure(options.errors, options.data)
+    else:
+        choose(options.errors, options.most)
 
 
 if __name__ == "__main__":

@@ -143,7 +143,7 @@ def evaluate(
         corruptions, severities, limit: run only these, one or several; a later call with others adds to the same
             folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
             source of your own is part of the run's identity (docs/add-your-corruption.md).
-        subset: "quick" for the fewest corruptions that rank models nearly as all do, where a benchmark has such a
+        subset: "quick" for the fewest conditions that rank models nearly as all do, where a benchmark has such a
             subset (kitti-fc); means over it are marked as estimates. Not with `corruptions` or `severities`.
         attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
             options if there are any (`"pgd:steps=40"`), or your own, `"module.path:Attribute"`, a class or an object;

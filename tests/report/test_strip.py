@@ -1,15 +1,34 @@
 """The strip: a column a corruption, whose errors are those that a run measures."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 from PIL import Image
 
 from robustflow import corrupt, load_dataset
 from robustflow.corruptions import load_corruption
+from robustflow.datasets.still import still_scene
+from robustflow.images.flow_colours import flow_colours, flow_radius
+from robustflow.report.gallery import strip
 from robustflow.report.gallery.strip import draw_strip, strip_columns
 from robustflow.sample import Sample
 from robustflow.testing import BrightnessFlow
+
+
+def test_strip_of_a_still_scene_has_the_scale_of_its_phantom_motion(monkeypatch):
+    frame = load_dataset("motorcycle").load("motorcycle").frames[0][:60, :80].copy()
+    scene = still_scene(Sample("motorcycle", (frame, frame)), 0)
+    corruptions = [load_corruption("impulse_noise")]
+    columns = strip_columns(scene.frames, BrightnessFlow().predict, corruptions, 3, 0, "motorcycle")
+    columns[0] = replace(columns[0], flow=np.zeros_like(columns[0].flow))
+    radii, titles = [], []
+    monkeypatch.setattr(strip, "flow_colours", lambda flow, radius: radii.append(radius) or flow_colours(flow, radius))
+    monkeypatch.setattr(strip, "add_picture", lambda *arguments: titles.append(arguments[6]))
+    draw_strip(scene, columns, "mine")
+    assert radii == [flow_radius(columns[1].flow)] * 2
+    mean = np.linalg.norm(columns[1].flow, axis=2).mean()
+    assert {"mine, phantom motion 0.000 px", f"{mean:.3f} px"} < set(titles)
 
 
 def test_columns_are_the_frames_that_a_run_corrupts():

@@ -132,7 +132,7 @@ class Benchmark:
         )
 
     def subset(self, name: str) -> Benchmark:
-        """The same benchmark under the corruptions of a subset alone: "quick", see `BenchmarkFacts.quick`.
+        """The same benchmark under the conditions of a subset alone: "quick", see `BenchmarkFacts.quick`.
 
         Raises:
             UsageError: another name, or a benchmark without such a subset.
@@ -141,7 +141,7 @@ class Benchmark:
             raise unknown_name("subset", name, ("quick",))
         if self.facts.quick is None:
             raise UsageError(f"no quick subset was found for {self.name}; name fewer --corruptions or --severities")
-        return self.narrowed(self.facts.quick.corruptions)
+        return self.narrowed(self.facts.quick.corruptions, self.facts.quick.severities)
 
     def _refuse_clip_corruption(self, name: str) -> None:
         """Raise for a corruption of whole clips, which this data set does not hold."""

@@ -15,19 +15,23 @@ from ..validated import Frozen
 
 
 class QuickSubset(Frozen):
-    """Fewer corruptions that rank models nearly as all of a benchmark's; its means are estimates.
+    """Fewer corruptions and severities that rank models nearly as all of a benchmark's; its means are estimates. It was
+    chosen on two rankings: of published models, whose tables have no severities, and of models measured on other pairs.
 
     Attributes:
-        corruptions: of the subset, at every severity.
-        tau: the smallest of Kendall's tau between the rankings by EPE, CRE and RCRE, subset against all.
+        corruptions, severities: of the subset; every corruption at each of the severities.
+        tau: the smallest of Kendall's tau between the rankings by EPE, CRE and RCRE, subset against all, in both.
         trials: in how many of 100 trials tau is at least 0.95 when the subset is chosen without one of the models.
-        models: how many models that was measured on.
+        published: number of published models.
+        measured: number of models measured.
     """
 
     corruptions: tuple[str, ...]
+    severities: tuple[int, ...]
     tau: float
     trials: int
-    models: int
+    published: int
+    measured: int
 
 
 class BenchmarkFacts(Frozen):
@@ -46,7 +50,7 @@ class BenchmarkFacts(Frozen):
         training_set: the training set that its frames come from, by its name in `robustflow.models.provenance`; "" if
             none holds them, or, without `same_domain`, no model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
-        quick: the corruptions of `--subset quick`; None if none was found.
+        quick: the conditions of `--subset quick`; None if none was found.
 
     >>> BenchmarkFacts(title="Night drives").has_flow
     True
@@ -85,11 +89,11 @@ def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severit
     ''
     """
     quick = facts.quick
-    if quick is None or set(corruptions) != set(quick.corruptions) or set(severities) != set(facts.severities):
+    if quick is None or set(corruptions) != set(quick.corruptions) or set(severities) != set(quick.severities):
         return ""
     return (
-        f"an estimate from the quick subset, which ranks {quick.models} published models as the full run does up to a "
-        f"Kendall's tau of {quick.tau:.2f}"
+        f"an estimate from the quick subset, which ranks {quick.published} published and {quick.measured} measured "
+        f"models as all conditions do up to a Kendall's tau of {quick.tau:.2f}"
     )
 
 

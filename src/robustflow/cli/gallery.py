@@ -41,6 +41,9 @@ def gallery(
         str | None,
         typer.Option("--model", "-m", help="Also draw strip.webp: this model's flow and error under each corruption."),
     ] = None,
+    still: Annotated[
+        bool, typer.Option("--still", help="With --model: pair the first frame with itself; errors are phantom motion.")
+    ] = False,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("gallery"),
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
@@ -54,6 +57,7 @@ def gallery(
     Examples:
       robustflow gallery --severity 4
       robustflow gallery --model dis --corruptions fog,frost,snow
+      robustflow gallery --model dis --still --corruptions gaussian_noise,fog
       robustflow gallery --model tiny --attacks pgd,square:queries=200
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
@@ -68,6 +72,10 @@ def gallery(
         raise UsageError("--model draws the flow of two frames; leave out --clip, or use `robustflow predict`")
     if attacks is not None and model is None:
         raise UsageError("--attacks are made on a model: name it with --model")
+    if still and (model is None or attacks is not None):
+        raise UsageError(
+            "--still shows what a model sees move under corruptions: name it with --model, without --attacks"
+        )
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
@@ -80,7 +88,7 @@ def gallery(
         if wanted is None:
             return
     if clip is None:
-        _of_pair(frames, severity, wanted, severity_scale, seed, output, model, depth, focal)
+        _of_pair(frames, severity, wanted, severity_scale, seed, output, model, depth, focal, still)
     else:
         _of_clip(clip, start, stop, length, severity, wanted, severity_scale, seed, output)
 
@@ -95,13 +103,17 @@ def _of_pair(
     model: str | None,
     depth: Path | None,
     focal: float | None,
+    still: bool,
 ) -> None:
     from ..benchmarks.demo import DEMO_CLASSES
+    from ..datasets.still import still_scene
     from ..report.gallery.page import render_page
     from ..report.gallery.pictures import gallery as cells_of
     from ..severity import SEVERITIES
 
     sample, what = _sample_of(frames)
+    if still:
+        sample, what = still_scene(sample, 0), f"a frame of {what}"
     key, pair = sample.key, sample.frames
     classes = DEMO_CLASSES if frames is None else {}
     scene = _depth_of(frames, sample, wanted or [], depth, focal)

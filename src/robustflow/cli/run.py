@@ -101,7 +101,7 @@ def run(
         str | None,
         typer.Option(
             "--subset",
-            help="quick: the fewest corruptions that rank models nearly as all do (kitti-fc); its means are estimates.",
+            help="quick: the fewest conditions that rank models nearly as all do (kitti-fc); its means are estimates.",
             rich_help_panel=WHAT,
         ),
     ] = None,

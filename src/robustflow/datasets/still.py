@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -72,10 +73,8 @@ class Still(Samples):
 
     def load(self, key: str) -> Sample:
         """See `Dataset.load`."""
-        sample = self._dataset.load(pair_key(key))
-        frame = sample.frames[key.endswith(SECOND)]
-        zero = np.zeros((*sample.shape, 2), np.float32)
-        return Sample(key, (frame, frame), zero, np.ones(sample.shape, bool), group=sample.group)
+        number = int(key.endswith(SECOND))
+        return replace(still_scene(self._dataset.load(pair_key(key)), number), key=key)
 
     def depth(self, sample: Sample) -> SceneDepth:
         """See `Depths.depth`: that of the frame, twice; the camera is at rest."""
@@ -107,6 +106,19 @@ class Still(Samples):
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         """See `Clips.frame_files`."""
         return self.files(key)
+
+
+def still_scene(sample: Sample, number: int) -> Sample:
+    """A frame of a pair, 0 or 1, paired with itself; the true flow is zero everywhere.
+
+    >>> frames = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6, 3), np.uint8)
+    >>> scene = still_scene(Sample("a", frames), 1)
+    >>> int(scene.frames[0].min()), scene.flow.any(), scene.valid.all()
+    (1, np.False_, np.True_)
+    """
+    frame = sample.frames[number]
+    zero = np.zeros((*sample.shape, 2), np.float32)
+    return Sample(sample.key, (frame, frame), zero, np.ones(sample.shape, bool), group=sample.group)
 
 
 def _frame_names(dataset: Dataset, key: str) -> tuple[Hashable, Hashable]:

@@ -75,6 +75,7 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
 
     Args:
         sample: the clean pair; errors are relative to its ground truth or, if it has none, to the first column's flow.
+            Where nothing moves in it, they are phantom motion.
         columns: the clean frames first.
         model: its name, for the captions.
 
@@ -83,13 +84,16 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
     """
     truth, valid = (columns[0].flow, None) if sample.flow is None else (sample.flow, sample.valid)
     radius = flow_radius(truth, valid)
-    what = f"{model}, error" if sample.flow is not None else f"{model}, change"
+    what, decimals = f"{model}, error" if sample.flow is not None else f"{model}, change", 1
+    if sample.flow is not None and not sample.flow.any():
+        radius = max(flow_radius(column.flow) for column in columns)
+        what, decimals = f"{model}, phantom motion", 3
     cells: _Cells = {}
     for place, column in enumerate(columns):
         errors = epe_map(column.flow, truth)
         if valid is not None:
             errors = np.where(valid, errors, np.nan)
-        mean = f"{float(np.nanmean(errors)):.1f} px"
+        mean = f"{float(np.nanmean(errors)):.{decimals}f} px"
         first = place == 0
         cells |= {
             (0, place): (column.title, column.frame),
