@@ -61,7 +61,9 @@ def test_projected_frames_never_exceed_the_budget_in_8_bits(norm, moved, budget,
     st.floats(0.4, 30),
     st.integers(0, 10**6),
 )
-def test_no_attack_exceeds_any_budget_in_8_bits(name, norm, moved, budget, seed):
+def test_no_attack_exceeds_any_budget_in_8_bits_and_none_that_searches_ends_below_the_clean_error(
+    name, norm, moved, budget, seed
+):
     options = {"norm": norm, "moved": moved} | ({"box": "clipping"} if name == "pcfa" and moved == "joint" else {})
     if norm not in load_attack(name).norms:
         del options["norm"]
@@ -87,6 +89,9 @@ def test_no_attack_exceeds_any_budget_in_8_bits(name, norm, moved, budget, seed)
     assert size <= budget * (1 + 1e-9)
     assert not change[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
     assert moved != "joint" or np.array_equal(*change)
+    if name in ("bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"):  # they search, and know the clean pair
+        gain = attacked.loss - attacked.clean_loss
+        assert (-gain if name == "pcfa" else gain) >= 0
 
 
 @pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd", "worst_of"])

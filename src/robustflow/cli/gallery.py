@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .options import Attacks, Corruptions, Depth, Focal, PsfDir, Seed, SeverityScale, names, use_psf_dir
+from .options import Attacks, Corruptions, Depth, Focal, PsfDir, Seed, SeverityScale, attack_names, names, use_psf_dir
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -84,7 +84,7 @@ def gallery(
 
         wanted = [corruption_name(name) for name in wanted]
     if attacks is not None and model is not None:
-        _attacked(frames, severity, names(attacks) or [], seed, output, model)
+        _attacked(frames, severity, attack_names(attacks) or [], seed, output, model)
         if wanted is None:
             return
     if clip is None:

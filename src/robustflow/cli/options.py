@@ -257,6 +257,24 @@ def names(text: str | None) -> list[str] | None:
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
 
 
+def attack_names(text: str | None) -> list[str] | None:
+    """A comma-separated list of attacks, of which there has to be one: without attacks a run makes every corruption.
+
+    Raises:
+        UsageError: an empty list.
+
+    >>> attack_names("pgd, square")
+    ['pgd', 'square']
+    >>> attack_names(",")
+    Traceback (most recent call last):
+    robustflow.errors.UsageError: --attacks names no attack; choose from `robustflow list attacks`, or leave it out
+    """
+    parts = names(text)
+    if parts == []:
+        raise UsageError("--attacks names no attack; choose from `robustflow list attacks`, or leave it out")
+    return parts
+
+
 def numbers(text: str | None) -> list[int] | None:
     """A comma-separated list of severities, as whole numbers.
 
