@@ -69,7 +69,7 @@ def test_the_flow_leads_to_the_same_colour_to_rounding(number, readout):
     assert np.abs(flow).max() > 1
 
 
-@pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (2, 0.0), (0, 1.0), (2, 0.6)])
+@pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (2, 0.0), (0, 1.0)])
 def test_occlusion_against_points_carried_along(number, readout):
     """Points in and around every layer, four a pixel along each axis, are moved to frame 2; those among the points of a
     layer above are covered. The inverse of a motion has no part in it, and the row that reads a point is found by

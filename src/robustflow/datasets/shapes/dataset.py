@@ -23,7 +23,7 @@ _MOST_PAIRS = 10_000_000
 
 
 class FlyingShapes(Samples):
-    """Pairs with exact flow and occlusion. Each is a function of the options after `pairs` alone.
+    """Pairs with exact flow and occlusion. The options after `pairs` determine each of them.
 
     Args:
         pairs: how many; the first ones do not depend on it.
