@@ -100,12 +100,12 @@ class FlyingShapes(Samples):
         return Sample(key, frames, flow, np.ones_like(occluded), occluded)
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: exact. The camera, as wide as it sees far, is at rest; the layers move, each in a plane
-        of one depth."""
+        """See `Depths.depth`: exact. The camera is as wide as it sees far. The layers move by themselves, each in a
+        plane of one depth, so that no motion of a camera explains them: its motion is unknown."""
         first, second = depths_of(self._scene(sample.key), self._readout)
         height, width = self._shape
         known = np.ones(self._shape, bool)
-        camera = Camera((float(width),) * 2, ((width - 1) / 2, (height - 1) / 2), np.eye(3), np.zeros(3))
+        camera = Camera((float(width),) * 2, ((width - 1) / 2, (height - 1) / 2))
         return SceneDepth((first, second), (known, known), camera)
 
     def depth_files(self, key: str) -> list[Path]:
