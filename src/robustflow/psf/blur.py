@@ -158,8 +158,8 @@ def _kernels(field: PsfField, height: int, width: int) -> Kernels:
     for column, dx in enumerate(columns.offsets):
         kernels_at(field.stack, np.full(nodes, dx), rows.offsets, corner, of_column)
         kernels[column] = of_column
-    lags = np.abs(np.arange(-_REACH, _REACH + 1))
-    y, x = (int(lags[kernels.any(axis=(0, 1, 2, axis))].max()) for axis in (4, 3))
+    used = kernels.reshape(-1, SUPPORT, SUPPORT).any(axis=0)
+    y, x = (int(np.abs(places - _REACH).max()) for places in np.nonzero(used))
     kernels = kernels[..., _REACH - y : _REACH + y + 1, _REACH - x : _REACH + x + 1][..., ::-1, :]
     length = transform_length(2 * pitch + 2 * x)
     padded_lags = -(-kernels.shape[3] // UNROLL) * UNROLL

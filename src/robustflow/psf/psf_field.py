@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,8 +43,3 @@ class PsfField:
             raise DataError("a PSF of this stack has no energy or values that are not finite")
         self.stack: npt.NDArray[np.float32] = np.ascontiguousarray(values / sums, np.float32)
         self.digest = hashlib.sha256(self.stack.tobytes()).hexdigest()
-
-    @cached_property
-    def colours(self) -> tuple[npt.NDArray[np.float32], ...]:
-        """A stack for each colour, (64, 1, 61, 61)."""
-        return tuple(np.ascontiguousarray(self.stack[:, number : number + 1]) for number in range(3))
