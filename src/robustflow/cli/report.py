@@ -33,7 +33,8 @@ def report(
             "-t",
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
-            "observations, attacks, security, corruptions-and-attacks; or row, a line of LaTeX per run; by default all "
+            "observations, attacks, security, corruptions-and-attacks, flat-and-depth; "
+            "or row, a line of LaTeX per run; by default all "
             "that can be made.",
         ),
     ] = None,

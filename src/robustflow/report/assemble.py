@@ -19,6 +19,7 @@ from ..errors import UsageError, unknown_name
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .attack_table import ATTACK_TABLES, attack_tables
+from .depth_table import FLAT_AND_DEPTH, depth_table
 from .run_tables import runs_table
 from .table import Table
 from .tables import TABLES, build_table
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 ROW = "row"
-ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES)
+ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES, FLAT_AND_DEPTH)
 """The tables of runs where none is asked for by name; `ROW` has the same means."""
 _MOST_NAMED = 4
 
@@ -90,6 +91,7 @@ def tables_of(
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
         "observations": lambda: _by_sample_set(about, all_observations),
     }
+    makers[FLAT_AND_DEPTH] = lambda: [depth_table(_some(runs, FLAT_AND_DEPTH), seed)]
     makers |= {name: partial(_attack_tables, name, runs, seed) for name in ATTACK_TABLES}
     if wanted is not None:
         return _concluded([table for name in wanted for table in makers[name]()], results)

@@ -1,0 +1,130 @@
+"""Do the paper's flat corruptions predict their twins in three dimensions? Differences, and rank correlations over
+models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import polars as pl
+
+from ..runs.comparable import common_to
+from ..runs.run import Run
+from .attack_ranks import LEAST_MODELS
+from .exclusion import exclusions
+from .ranking import spearman, spearman_interval
+from .run_names import run_names
+from .uncertainty.bootstrap import bootstrap
+from .uncertainty.sums import ClusterSums
+
+TWINS = (
+    ("fog", "fog_3d"),
+    ("snow", "snow_3d"),
+    ("defocus_blur", "near_focus"),
+    ("defocus_blur", "far_focus"),
+    ("camera_motion_blur", "motion_blur_3d"),
+)
+"""A corruption of the paper, and the one of the same kind that depends on depth."""
+
+
+@dataclass(frozen=True)
+class TwinErrors:
+    """One model under two twins.
+
+    Attributes:
+        model: its name.
+        flat, deep: mean increase of its error, or mean change of its flow, px.
+        difference: deep minus flat, px.
+        low, high: ends of its 95 % interval over pairs, or groups of pairs; None if there are too few.
+        excluded: why the model is in no correlation; "" if it is.
+    """
+
+    model: str
+    flat: float
+    deep: float
+    difference: float
+    low: float | None
+    high: float | None
+    excluded: str
+
+
+@dataclass(frozen=True)
+class TwinComparison:
+    """Two twins over several models.
+
+    Attributes:
+        flat, deep: the corruptions.
+        severities: at which every model was measured under both.
+        metric: "cre", or "rcre" without ground truth.
+        models: what was measured.
+        count: how many of them are in the correlation.
+        rho: Spearman's rank correlation over models; None below `LEAST_MODELS`, or if one of the two does not vary.
+        interval: 95 %, of `rho`.
+    """
+
+    flat: str
+    deep: str
+    severities: tuple[int, ...]
+    metric: str
+    models: tuple[TwinErrors, ...]
+    count: int
+    rho: float | None
+    interval: tuple[float, float] | None
+
+
+def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
+    """Every pair of `TWINS` that some of the runs have, over the cells that these runs have in common.
+
+    Args:
+        runs: those without a pair are left out.
+        seed: of the bootstrap behind the intervals.
+
+    Raises:
+        RunError: runs with a pair have no frames in common.
+    """
+    excluded = dict(zip(run_names(runs), exclusions(runs), strict=True))
+    named = dict(zip(run_names(runs), runs, strict=True))
+    found = []
+    for twins in TWINS:
+        having = {name: run for name, run in named.items() if set(twins) <= set(run.manifest.selection.corruptions)}
+        if not having:
+            continue
+        metric = "rcre" if any(run.cre is None for run in having.values()) else "cre"
+        rows = common_to(having).rows if len(having) > 1 else {name: run.rows for name, run in having.items()}
+        shared = set.intersection(*(_severities(part, twin) for part in rows.values() for twin in twins))
+        if shared:
+            kept = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in rows.items()}
+            found.append(_compared(twins, tuple(sorted(shared)), metric, kept, excluded, seed))
+    return found
+
+
+def _severities(rows: pl.DataFrame, corruption: str) -> set[int]:
+    return set(rows.filter(pl.col("corruption") == corruption)["severity"])
+
+
+def _compared(
+    twins: tuple[str, str],
+    severities: tuple[int, ...],
+    metric: str,
+    rows: Mapping[str, pl.DataFrame],
+    excluded: Mapping[str, str],
+    seed: int,
+) -> TwinComparison:
+    models = []
+    for name, part in rows.items():
+        sums = ClusterSums.of(part)
+        flat, deep = (sums.statistic(metric, twin) for twin in twins)
+        statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
+        made = bootstrap(statistics, len(sums.clusters), seed=seed, symmetric=True)
+        one = made["difference"]
+        models.append(
+            TwinErrors(
+                name, made["flat"].estimate, made["deep"].estimate, one.estimate, one.low, one.high, excluded[name]
+            )
+        )
+    ranked = [model for model in models if not model.excluded]
+    rho = None
+    if len(ranked) >= LEAST_MODELS:
+        rho = spearman([model.flat for model in ranked], [model.deep for model in ranked])
+    ends = None if rho is None else spearman_interval(rho, len(ranked))
+    return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends)
