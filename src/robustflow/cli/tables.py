@@ -32,7 +32,7 @@ from ..report.confidence_table import confidence_table
 from ..report.render import render, renderer
 from ..report.render.terminal import render as render_terminal
 from ..report.run_tables import corruptions_table, runs_table, severities_table
-from ..report.table import Table
+from ..report.table import Table, number_text
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
 from ..text import counted, plain
@@ -80,7 +80,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # severities are on the page
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
-        console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
+        console.print(f"{metric} {number_text(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
     if reasons := exclusion_reasons(result):
         sentence = f"This says nothing about robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None), highlight=False, soft_wrap=True)
@@ -174,23 +174,18 @@ def _whose(result: Run, with_seed: bool) -> str:
 def _sentence(result: Run) -> str:
     summary = result.summary
     if summary.rcre is None:
-        return "nothing could be measured" if summary.epe_clean is None else f"clean EPE {cell(summary.epe_clean)} px"
+        return (
+            "nothing could be measured"
+            if summary.epe_clean is None
+            else f"clean EPE {number_text(summary.epe_clean)} px"
+        )
     if summary.epe_clean is None:
-        length = f"; on clean frames the flow is {cell(summary.clean_flow_length)} px long on average"
-        return f"RCRE {cell(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
+        length = f"; on clean frames the flow is {number_text(summary.clean_flow_length)} px long on average"
+        return f"RCRE {number_text(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
     truth = truth_remark(result.manifest.identity.frames.protocol)
-    return f"clean EPE {cell(summary.epe_clean)} px, {_means(summary)}{f'; {truth}' if truth else ''}"
+    return f"clean EPE {number_text(summary.epe_clean)} px, {_means(summary)}{f'; {truth}' if truth else ''}"
 
 
 def _means(scores: Scores) -> str:
-    each = ", ".join(f"{METRIC_LABELS[m]} {cell(getattr(scores, m))}" for m in ("epe", "cre", "crer", "rcre"))
-    return each if scores.coverage in (None, 1.0) else f"{each}, coverage {cell(scores.coverage)}"
-
-
-def cell(value: float | None) -> str:
-    """A number with two decimals, or a dash.
-
-    >>> cell(1.005), cell(None)
-    ('1.00', '-')
-    """
-    return "-" if value is None else f"{value:.2f}"
+    each = ", ".join(f"{METRIC_LABELS[m]} {number_text(getattr(scores, m))}" for m in ("epe", "cre", "crer", "rcre"))
+    return each if scores.coverage in (None, 1.0) else f"{each}, coverage {number_text(scores.coverage)}"

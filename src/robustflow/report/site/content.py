@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from ...analysis.exclusion import exclusion_reasons
@@ -132,33 +133,28 @@ def _content(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
     costs = published_costs() if published else {}
-    slugs = Slugs()
-    pages = {line: slugs.of(line.key, line.name) for line in lines}
-    return Content(title, lines, costs, pages, titles, alone, beside)
+    return Content(title, lines, costs, page_ids(lines), titles, alone, beside)
 
 
 _LONGEST_ID = 40
 
 
-class Slugs:
-    """Gives every model's page its id of letters, digits and hyphens, safe in an address and an attribute.
+def page_ids(lines: Iterable[ModelResult]) -> dict[ModelResult, str]:
+    """Line -> the id of its model's page, of letters, digits and hyphens, safe in an address and an attribute; lines of
+    one model on the same frames share a page.
 
-    >>> slugs = Slugs()
-    >>> slugs.of(1, "SAMFlow-H"), slugs.of(2, "samflow h"), slugs.of(1, "SAMFlow-H"), slugs.of(3, "<>")
-    ('samflow-h', 'samflow-h-2', 'samflow-h', 'model')
+    >>> names = ("SAMFlow-H", "samflow h", "<>")
+    >>> list(page_ids(ModelResult("demo", "frames", "OOD", name, "", {}) for name in names).values())
+    ['samflow-h', 'samflow-h-2', 'model']
     """
-
-    def __init__(self) -> None:
-        self._of: dict[Hashable, str] = {}
-
-    def of(self, thing: Hashable, name: str) -> str:
-        """The id of a thing called `name`."""
-        if thing not in self._of:
-            words = name.replace("+", " plus ").lower()
+    ids: dict[ModelResult, str] = {}
+    of_key: dict[tuple[str, str], str] = {}
+    for line in lines:
+        if line.key not in of_key:
+            words = line.name.replace("+", " plus ").lower()
             stem = re.sub(r"[^a-z0-9]+", "-", words)[:_LONGEST_ID].strip("-") or "model"
-            known, slug, count = set(self._of.values()), stem, 1
-            while slug in known:
-                count += 1
-                slug = f"{stem}-{count}"
-            self._of[thing] = slug
-        return self._of[thing]
+            slugs = chain([stem], (f"{stem}-{number}" for number in count(2)))
+            used = set(of_key.values())
+            of_key[line.key] = next(slug for slug in slugs if slug not in used)
+        ids[line] = of_key[line.key]
+    return ids
