@@ -137,7 +137,7 @@ def _edit_rows(folder):
 
 def _edit_facts(folder):
     path = folder / CACHED_VALUES_FILE
-    path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "doubts": ["a lie"]}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "exclusion reasons": ["a lie"]}))
 
 
 def _edit_manifest(folder):
@@ -178,7 +178,7 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
     before = exclusion_reasons(run)
     run.keep()
     later = rf.load_run(folder)
-    assert not later.has_cached_value("doubts")
+    assert not later.has_cached_value("exclusion reasons")
     assert exclusion_reasons(later) != before
 
 
