@@ -140,7 +140,7 @@ def attack(
     grey = chosen.budget(level) if budget is None else budget
     pair = Pair((frame1, frame2), grey, flow, valid, key, seed, level)
     clean_flow = predict_checked(loaded, pair.frames, key, "clean", 0)
-    return attack_pair(chosen, loaded, pair, clean_flow, first_doubts(loaded, pair.frames, key, clean_flow))
+    return attack_pair(chosen, loaded, pair, clean_flow, first_warnings(loaded, pair.frames, key, clean_flow))
 
 
 def attack_of_sample(
@@ -150,7 +150,7 @@ def attack_of_sample(
     clean_flow: Flow,
     severity: int,
     seed: int,
-    doubts: frozenset[str] = frozenset(),
+    warnings: frozenset[str] = frozenset(),
 ) -> Attacked:
     """What `attack` gives for a sample, whose key names the random choices, with the clean flow known.
 
@@ -161,12 +161,12 @@ def attack_of_sample(
         clean_flow: of its frames, float32 (H, W, 2), pixels.
         severity: 1 to 5.
         seed: of the random choices.
-        doubts: keys of `WARNINGS` that are known of the model.
+        warnings: keys of `WARNINGS` that are known of the model.
 
     Raises:
         ModelError: see `attack`.
     """
-    return attack_pair(attack, model, pair_of_sample(attack, sample, severity, seed), clean_flow, doubts)
+    return attack_pair(attack, model, pair_of_sample(attack, sample, severity, seed), clean_flow, warnings)
 
 
 def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
@@ -175,7 +175,7 @@ def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> 
     return Pair((first, second), attack.budget(severity), sample.flow, sample.valid, sample.key, seed, severity)
 
 
-def first_doubts(model: FlowModel, frames: tuple[Frame, Frame], key: str, first: Flow) -> frozenset[str]:
+def first_warnings(model: FlowModel, frames: tuple[Frame, Frame], key: str, first: Flow) -> frozenset[str]:
     """What a model's answers say before it is attacked: whether it gives a second flow for a pair when asked again.
 
     Raises:
@@ -186,7 +186,7 @@ def first_doubts(model: FlowModel, frames: tuple[Frame, Frame], key: str, first:
 
 
 def attack_pair(
-    attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, doubts: frozenset[str] = frozenset()
+    attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, warnings: frozenset[str] = frozenset()
 ) -> Attacked:
     """Attack a pair whose clean flow is known.
 
@@ -195,7 +195,7 @@ def attack_pair(
         model: with `predict`, loaded.
         pair: with its budget.
         clean_flow: of its frames, float32 (H, W, 2), pixels.
-        doubts: keys of `WARNINGS` that are known of the model.
+        warnings: keys of `WARNINGS` that are known of the model.
 
     Raises:
         UsageError: the attack needs ground truth and there is none.
@@ -211,9 +211,9 @@ def attack_pair(
     after = predict_checked(model, frames, pair.key, attack.name, 0)
     clean_loss, here = loss.of(clean_flow, weighted=False), loss.of(after, weighted=False)
     float_loss = problem.loss_at(images) if attack.needs_gradients else None
-    doubts |= problem.troubles | _doubts(problem, clean_loss, here, float_loss)
+    warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
-        doubts |= {"nothing_gained"}
+        warnings |= {"nothing_gained"}
         if images is problem.best:  # the clean pair is in every budget, and no worse than what rounding left
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
             float_loss = None if float_loss is None else clean_loss
@@ -236,7 +236,7 @@ def attack_pair(
         trace=tuple(problem.trace),
         evaluations=evaluations,
         gradients=gradients,
-        warnings=tuple(sorted(doubts)),
+        warnings=tuple(sorted(warnings)),
     )
 
 
@@ -249,16 +249,16 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
     return 1 - distance.of(after) / at_first if at_first > 0 else None
 
 
-def _doubts(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
+def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
     """What the course of the attack says against its number."""
-    doubts = set()
+    warnings = set()
     trace = [problem.loss.score(value) for value in problem.trace]
     last = len(trace) - len(trace) // 4
     if len(trace) >= 8 and max(trace) - max(trace[:last]) > _LAST_QUARTER * abs(max(trace) - trace[0]):
-        doubts.add("still_rising")
+        warnings.add("still_rising")
     if float_loss is not None and abs(loss - float_loss) > _ROUNDING * abs(float_loss - clean_loss):
-        doubts.add("rounding")
-    return doubts
+        warnings.add("rounding")
+    return warnings
 
 
 def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) -> None:

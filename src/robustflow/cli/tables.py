@@ -173,17 +173,14 @@ def _whose(result: Run, with_seed: bool) -> str:
 
 def _sentence(result: Run) -> str:
     summary = result.summary
+    clean = f"clean EPE {number_text(summary.epe_clean)} px"
     if summary.rcre is None:
-        return (
-            "nothing could be measured"
-            if summary.epe_clean is None
-            else f"clean EPE {number_text(summary.epe_clean)} px"
-        )
+        return "nothing could be measured" if summary.epe_clean is None else clean
     if summary.epe_clean is None:
         length = f"; on clean frames the flow is {number_text(summary.clean_flow_length)} px long on average"
         return f"RCRE {number_text(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
     truth = truth_remark(result.manifest.identity.frames.protocol)
-    return f"clean EPE {number_text(summary.epe_clean)} px, {_means(summary)}{f'; {truth}' if truth else ''}"
+    return f"{clean}, {_means(summary)}{f'; {truth}' if truth else ''}"
 
 
 def _means(scores: Scores) -> str:

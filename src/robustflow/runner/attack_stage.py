@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..attacks.api import attack_of_sample, first_doubts
+from ..attacks.api import attack_of_sample, first_warnings
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
 from ..attacks.trained import Trained
@@ -51,7 +51,7 @@ class AttackStage:
         self._options = options
         self._seconds = seconds
         self._on_predict = on_predict
-        self._doubts: frozenset[str] | None = None
+        self._warnings: frozenset[str] | None = None
 
     def attack(self, sample: Sample, clean: Flow, cell: Cell) -> Attacked:
         """The attacked pair of a sample, as `robustflow.attack` makes it with the run's seed and the sample's key.
@@ -66,26 +66,26 @@ class AttackStage:
         """
         _, name, severity = cell
         with timed(self._seconds, "attack"):
-            if self._doubts is None:
-                self._doubts = self._first_doubts(sample)
+            if self._warnings is None:
+                self._warnings = self._warnings_of_model(sample)
             self._on_predict(describe_cell(*cell))
             with timed(self._seconds, f"attack {name}"):
                 attacked = attack_of_sample(
-                    self._attacks[name], self._model, sample, clean, severity, self._options.seed, self._doubts
+                    self._attacks[name], self._model, sample, clean, severity, self._options.seed, self._warnings
                 )
             self._on_predict(None)
         return attacked
 
-    def _first_doubts(self, sample: Sample) -> frozenset[str]:
+    def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
         """What the model predicted before the first attack."""
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
         assert isinstance(self._model, FlowModel)
         # `clean` may have been predicted in a batch
         flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)
-        doubts = first_doubts(self._model, (first, second), sample.key, flow)
+        warnings = first_warnings(self._model, (first, second), sample.key, flow)
         self._on_predict(None)
-        return doubts
+        return warnings
 
 
 def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
