@@ -116,6 +116,12 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (lambda f: (f / "training/image_2").mkdir(parents=True), "run -m dis -d data", 2, "give --benchmark kitti-fc"),
         (lambda f: f.mkdir(), "run -m dis -d data", 1, "no pictures in it"),
         (None, "run -m dis -c h264_crf -s 1", 2, "needs the clip that its frames come from: give --benchmark gopro-fc"),
+        (
+            None,
+            "run -m dis -b shapes -c rolling_shutter",
+            2,
+            "rolling_shutter needs the clip that its frames come from",
+        ),
         (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),
         (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
         (None, "run -m dis -s 0", 2, "severity 0"),

@@ -150,8 +150,8 @@ class Benchmark:
             return
         if len(parts) > 1:
             raise UsageError(f"{name} cannot be made: a corruption of the whole clip cannot be stacked")
-        file = self.dataset.files(self.keys[0])[0]
-        video = f" --data {file}" if file.suffix.lower() in VIDEO_SUFFIXES else ", which takes a video file as it is"
+        videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
+        video = f" --data {videos[0]}" if videos else ", which takes a video file as it is"
         raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}")
 
 

@@ -27,7 +27,9 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 """Families of the paper (Sec. 3) and their corruptions, in the order of its tables' columns."""
 
 PAPER_ORDER: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in names)
-CLIP: tuple[str, ...] = ("object_motion_blur", "rolling_shutter", *FAMILIES["video"])
+BETWEEN_FRAMES: tuple[str, ...] = ("object_motion_blur", "rolling_shutter")
+"""The corruptions that need the frames between those of a pair."""
+CLIP: tuple[str, ...] = (*BETWEEN_FRAMES, *FAMILIES["video"])
 """The corruptions that need the whole clip that the images come from."""
 IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
 """The corruptions that need nothing but the two images."""

@@ -8,6 +8,7 @@ from ...errors import UsageError
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
+from ..registry import BETWEEN_FRAMES
 
 
 class ClipCorruption(Corruption):
@@ -24,9 +25,10 @@ class ClipCorruption(Corruption):
         Raises:
             UsageError: always.
         """
+        shows = "" if self.name in BETWEEN_FRAMES else ", robustflow gallery --clip CLIP shows it"
         raise UsageError(
             f"{self.name} needs the clip that the frames come from, not two images; robustflow run --benchmark "
-            "gopro-fc --data CLIP measures it, robustflow gallery --clip CLIP shows it"
+            f"gopro-fc --data CLIP measures it{shows}"
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ...corruptions import CLIP, IMAGE_PAIR, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
+from ...corruptions.registry import BETWEEN_FRAMES
 from ...corruptions.stack import levels_of, needs_depth, split_stack
 from ...datasets.folder import open_folder
 from ...errors import UsageError
@@ -26,7 +27,6 @@ LONGEST_PART = 96
 SHOWN = 10
 MOST_SHOWN = 24
 
-BETWEEN_FRAMES = ("object_motion_blur", "rolling_shutter")
 MADE_FROM_CLIP = tuple(name for name in CLIP if name not in BETWEEN_FRAMES)
 """The corruptions that need a clip and can be made from any."""
 
