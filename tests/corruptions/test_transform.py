@@ -187,6 +187,8 @@ def test_what_has_no_defined_corruption_is_refused(image, says):
         ({"names": "fog"}, "list"),
         ({"names": []}, "nothing"),
         ({"names": ["fog+h264_crf"]}, "whole clip"),
+        ({"names": ["fog_3d"]}, "needs depth"),
+        ({"names": ["snow+fog_3d:2"]}, "needs depth"),
         ({"severities": [0]}, "severity 0"),
         ({"severities": []}, "nothing"),
         ({"probability": 1.5}, "probability"),

@@ -18,11 +18,12 @@ from robustflow.datasets.shapes.render import layer_depths
 from robustflow.datasets.still import Still
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
-from robustflow.sample import Camera
+from robustflow.sample import Camera, Sample
 
 from ..corruptions.pictures import picture
 
 CAMERA = Camera((10.0, 10.0), (2.0, 2.0))
+PAIR = Sample("7", (np.zeros((4, 4, 3), np.uint8),) * 2)
 
 
 def filled_in_plain_python(depth):
@@ -71,12 +72,12 @@ def test_holes_take_the_farther_of_their_measured_neighbours(values):
 )
 def test_a_depth_map_that_cannot_be_one_is_refused_in_a_sentence(values, message):
     with pytest.raises(DataError, match=message):
-        scene_depth(np.ones((4, 4)), values, CAMERA, "maps/7", (4, 4))
+        scene_depth(np.ones((4, 4)), values, CAMERA, "maps", PAIR)
 
 
 @pytest.mark.parametrize(("metres", "warned"), [(0.05, True), (0.1, False), (9e3, False), (2e4, True)])
 def test_a_median_depth_of_another_unit_is_warned_of(metres, warned, recwarn):
-    scene_depth(np.full((4, 4), metres), np.full((4, 4), metres), CAMERA, "maps/7", (4, 4))
+    scene_depth(np.full((4, 4), metres), np.full((4, 4), metres), CAMERA, "maps", PAIR)
     assert any("check the unit" in str(each.message) for each in recwarn) is warned
 
 

@@ -17,37 +17,38 @@ import numpy.typing as npt
 
 from ..compiled import njit
 from ..errors import DataError, first_line
-from ..sample import Camera, DepthMap, Flow, Mask, SceneDepth
+from ..sample import Camera, DepthMap, Flow, Mask, Sample, SceneDepth
 
 _NEAREST, _FARTHEST = 0.1, 10_000.0
 """Metres: a median depth outside them is probably in another unit."""
 
 
 def scene_depth(
-    first: npt.NDArray[Any], second: npt.NDArray[Any], camera: Camera, what: str, shape: tuple[int, int]
+    first: npt.NDArray[Any], second: npt.NDArray[Any], camera: Camera, source: str | Path, sample: Sample
 ) -> SceneDepth:
     """The depth of a pair from two maps, which are completed.
 
     Args:
         first, second: (H, W) in metres; zero, NaN and infinite where nothing was measured.
         camera: of both.
-        what: where they come from, for messages.
-        shape: (H, W) of the frames.
+        source: where they come from, for messages.
+        sample: whose frames they belong to.
 
     Raises:
         DataError: another size than the frames, a negative depth, or nothing measured.
     """
+    what = f"{source}, sample '{sample.key}'"
     maps, masks = [], []
     for number, values in enumerate((first, second), 1):
-        check_size(values, shape, f"{what}: the depth of frame {number}")
+        check_size(values, sample.shape, f"{what}: the depth of frame {number}")
         map_, measured = completed(values, f"{what}, frame {number}")
         maps.append(map_)
         masks.append(measured)
     median = float(np.median(maps[0][masks[0]]))
     if not _NEAREST <= median <= _FARTHEST:
         warnings.warn(
-            f"{what}: the median depth is {median:.3g} m, which no scene for these corruptions has; check the unit "
-            "(.npy and .pfm in metres, 16-bit .png in millimetres)",
+            f"{source}: the median depth of a pair is {'below 0.1 m' if median < _NEAREST else 'above 10 km'}; check "
+            "the unit (.npy and .pfm in metres, 16-bit .png in millimetres)",
             stacklevel=2,
         )
     return SceneDepth((maps[0], maps[1]), (masks[0], masks[1]), camera)

@@ -117,7 +117,7 @@ class Kitti2015(KittiSequences):
         assert sample.valid is not None
         camera = with_motion(camera, now, sample.flow, sample.valid & (now > 0))
         moved = carried(then, sample.flow, sample.valid & (then > 0))
-        return scene_depth(now, moved, camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+        return scene_depth(now, moved, camera, self.name, sample)
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""

@@ -81,7 +81,7 @@ class Motorcycle(Samples):
         depth[valid] = _FOCAL * _BASELINE / (_OFFSET - flow[valid, 0].astype(np.float64))
         right = (_FOCAL, _FOCAL, _CENTRE[0] + _OFFSET, _CENTRE[1])
         camera = Camera((_FOCAL, _FOCAL), _CENTRE, np.eye(3), np.array([-_BASELINE, 0.0, 0.0]), right)
-        return scene_depth(depth, carried(depth, flow, valid), camera, self.name, sample.shape)
+        return scene_depth(depth, carried(depth, flow, valid), camera, self.name, sample)
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""

@@ -52,7 +52,7 @@ class OwnDepth:
         focal = float(width) if self._focal is None else float(self._focal)
         first, second = (_read(path) for path in self._maps(sample.key))
         camera = Camera((focal, focal), ((width - 1) / 2, (height - 1) / 2))
-        return scene_depth(first, second, camera, f"{self._folder}, sample '{sample.key}'", sample.shape)
+        return scene_depth(first, second, camera, self._folder, sample)
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""

@@ -82,7 +82,7 @@ class Sintel(PairDataset):
         (fx, fy, cx, cy), moved = ((float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])) for k in lenses)
         camera = Camera((fx, fy), (cx, cy), *relative_motion(*poses), moved)
         now, then = (read_dpt(path) for path in maps)
-        return scene_depth(now, then, camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+        return scene_depth(now, then, camera, self.name, sample)
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""

@@ -92,7 +92,7 @@ class Spring(PairDataset):
         camera = Camera((fx, fy), (cx, cy), second=second)
         if sample.flow is not None and sample.valid is not None:
             camera = with_motion(camera, depths[0], sample.flow, sample.valid & (depths[0] > 0))
-        return scene_depth(depths[0], depths[1], camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+        return scene_depth(depths[0], depths[1], camera, self.name, sample)
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""

@@ -91,7 +91,7 @@ class TartanAir(PairDataset):
         motion = relative_motion(*(_world_to_camera(table[place].tolist(), poses) for place in places))
         camera = Camera((_FOCAL, _FOCAL), _CENTRE, *motion)
         now, then = (read_depth_npy(path) for path in maps)
-        return scene_depth(now, then, camera, f"{self.name}, sample '{sample.key}'", sample.shape)
+        return scene_depth(now, then, camera, self.name, sample)
 
     def depth_files(self, key: str) -> list[Path]:
         """See `Depths.depth_files`."""
