@@ -18,7 +18,7 @@ _NEAR, _FAR = 0.1, 0.9
 """Shares of frame 1's pixels that are nearer than the "near" and the "far" depth."""
 _EVERY = 16
 """Stride in pixels for finding these depths."""
-_LARGEST = 2.0
+LARGEST = 2.0
 """No disk is larger than this many times the one at the stated depth."""
 _FINEST, _STEPS = 1.0, 6
 """Layers differ in radius by a pixel, or by this part of the largest radius, if that is more."""
@@ -67,40 +67,6 @@ class Defocus3d(DepthCorruption):
     def apply(self, frame: Frame, state: DefocusState, index: int) -> Frame:
         """Blur frame `index`, 0 or 1."""
         return blur_layers(frame, *_layers(np.ascontiguousarray(state.depth[index]), state.lens))
-
-
-class NearFocus(Defocus3d):
-    """Focuses both frames on the near part of the scene with a thin lens: the background is blurred.
-
-    The focus is at the depth that a tenth of frame 1's pixels are nearer than. A severity is the radius in pixels of
-    the disk of a point at the depth that a tenth are farther than; at other depths Z the radius goes with |Z - F| / Z,
-    up to twice that. The radii are those of defocus_blur.
-    """
-
-    name = "near_focus"
-    family = "depth"
-    paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
-
-    def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Focused on `near`; blurs `far` by `radius`."""
-        return ThinLens(near, radius * far / (far - near) if far > near else 0.0, _LARGEST * radius)
-
-
-class FarFocus(Defocus3d):
-    """Focuses both frames on the far part of the scene with a thin lens: the foreground is blurred, and spreads.
-
-    The focus is at the depth that a tenth of frame 1's pixels are farther than. A severity is the radius in pixels of
-    the disk of a point at the depth that a tenth are nearer than; at other depths Z the radius goes with |Z - F| / Z,
-    up to twice that. The radii are those of defocus_blur.
-    """
-
-    name = "far_focus"
-    family = "depth"
-    paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
-
-    def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Focused on `far`; blurs `near` by `radius`."""
-        return ThinLens(far, radius * near / (far - near) if far > near else 0.0, _LARGEST * radius)
 
 
 def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], list[float]]:
