@@ -7,11 +7,11 @@ from robustflow.metrics import epe, rcre
 from robustflow.metrics.error_maps import epe_map, magnitude_map
 
 
-def direct_numbers(frames, truth, corruption, severity, seed, key, model="dis"):
+def direct_numbers(frames, truth, corruption, severity, seed, key, model="dis", depth=None):
     """The command without the app."""
     flow_of = rf.load_model(model).predict
     clean = flow_of(*frames)
-    flow = flow_of(*rf.corrupt(*frames, corruption, severity, seed=seed, key=key))
+    flow = flow_of(*rf.corrupt(*frames, corruption, severity, seed=seed, key=key, depth=depth))
     if truth is None:
         return {"epe": None, "epe_clean": None, "cre": None, "crer": None, "rcre": rcre(flow, clean), "fl": None}
     before, after = epe(clean, *truth), epe(flow, *truth)

@@ -28,6 +28,7 @@ SLOW = "models_for_app:Slow"
         ([("fog", 3)], "fog", 3, 0),
         ([("impulse_noise", 2)], "impulse_noise", 2, 7),
         ([("fog", 2), ("jpeg_compression", 4)], "fog:2+jpeg_compression:4", 4, 1),
+        ([("fog_3d", 5)], "fog_3d", 5, 2),
         ([("frost", 3)], load_corruption("frost", classes=DEMO_CLASSES), 3, 0),
     ],
 )
@@ -36,10 +37,12 @@ def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, s
     status, messages = app.preview(**request)
     assert status == 200
     result = messages[-1]["result"]
-    sample = rf.load_dataset("motorcycle").load("motorcycle")
+    data = rf.load_dataset("motorcycle")
+    sample = data.load("motorcycle")
+    depth = data.depth(sample)
     truth = (sample.flow, sample.valid)
     assert result["numbers"] == pytest.approx(
-        direct_numbers(sample.frames, truth, corruption, severity, seed, sample.key)
+        direct_numbers(sample.frames, truth, corruption, severity, seed, sample.key, depth=depth)
     )
     assert (result["truth"], result["size"], result["invalid"]) == (True, [741, 500], 0)
     stages = [message["stage"] for message in messages[:-1]]
@@ -49,10 +52,10 @@ def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, s
     assert set(shown) == {
         "frame1", "frame2", "corrupted1", "corrupted2", "clean_flow", "flow", "truth_flow", "error"
     }  # fmt: skip
-    corrupted = rf.corrupt(*sample.frames, corruption, severity, seed=seed, key=sample.key)
+    corrupted = rf.corrupt(*sample.frames, corruption, severity, seed=seed, key=sample.key, depth=depth)
     for name, frame in zip(("corrupted1", "corrupted2", "frame1", "frame2"), corrupted + sample.frames, strict=True):
         np.testing.assert_array_equal(shown[name], frame)
-    names = {"corrupt": rf.corrupt, "load_corruption": load_corruption, "robustflow": rf}
+    names = {"depth": depth, "corrupt": rf.corrupt, "load_corruption": load_corruption, "robustflow": rf}
     called = eval(result["call"], names, dict(zip(("frame1", "frame2"), sample.frames, strict=True)))
     np.testing.assert_array_equal(called, corrupted)
 

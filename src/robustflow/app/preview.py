@@ -118,7 +118,7 @@ class Previewer:
             "truth": sample.flow is not None,
             "seconds": round(seconds, 3),
             "call": f"corrupt(frame1, frame2, {_described(wanted, source.classes)}, severity={severity}, "
-            f"seed={wanted.seed}, key={sample.key!r})",
+            f"seed={wanted.seed}, key={sample.key!r}{', depth=depth' if corruption.needs_depth else ''})",
             **_numbers(sample, flow, clean, name, severity),
             **_pictures(sample, corrupted, flow, clean, wanted.frames),
         }
