@@ -53,6 +53,7 @@ _COLUMNS = {
         for curve, of in (("error", "most confident"), ("oracle", "best"))
         for share in rows.COVERAGES
     },
+    "spread_sum": "Runs of several draws: standard deviation of the flow over them, summed over `n_all`, pixels.",
     "n_truth": "Pixels with ground truth, predicted or not.",
     "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
 }
