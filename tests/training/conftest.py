@@ -48,3 +48,11 @@ def request_for(chairs, tmp_path):
         return Request(recipe.changed(**of_recipe), data, tmp_path / output, **settings)
 
     return make
+
+
+@pytest.fixture
+def given(shared):
+    """The pack of BrightFlow's training."""
+    from .brightflow_steps import PACK, Given, read
+
+    return Given(*read(shared(PACK)))

@@ -1,12 +1,8 @@
-"""BrightFlow's loss, corrector and rates against the original's numbers, with the flows and colour offsets of the pack
-`training_brightflow` in place of the networks' outputs; and mistakes that these numbers must reject."""
+"""BrightFlow's loss, corrector and rates against the original's numbers."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,141 +10,18 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-import torch.nn.functional as F  # noqa: E402
 from torch import Tensor  # noqa: E402
 
-from robustflow.images.io import read_image  # noqa: E402
-from robustflow.models.networks.table import NETWORKS  # noqa: E402
 from robustflow.training.corrector import Corrector  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses import brightflow as losses  # noqa: E402
-from robustflow.training.losses import dilated_warp, photometric, smoothness  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import SCHEDULES  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
-from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
 
 from ..parity.weight_rule import digest, weights  # noqa: E402
+from .brightflow_steps import GRADIENT, INPUTS, KEYS, LOSS, PACK, RECIPES, STEPS, Given, step  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
-
-PACK = "parity/training_brightflow"
-RECIPES = {"kitti": "unsupervised", "sintel": "sintel"}
-STEPS = 75_000
-LOSS, GRADIENT = 1e-5, 1e-2
-"""Relative; of a gradient, of its largest."""
-INPUTS = {"flow": "flow", "stud": "student", "correc_aug": "offsets_augmented"}
-KEYS = {name: key for key, name in INPUTS.items()}
-TERMS = {"photometric": "photo", "smoothness": "smooth", "self_supervision": "self", "corrector": "correc"}
-
-
-@dataclass
-class Given:
-    """The pack, and the inputs whose gradients are compared."""
-
-    cases: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    batch: Batch
-    inputs: dict[str, Tensor] = field(default_factory=dict)
-
-    def enlarged(self, name: str) -> Tensor:
-        """(pair, direction, ...) of a grid at the crop's size."""
-        grid = self.inputs.setdefault(name, torch.from_numpy(self.arrays[name]).requires_grad_(True))
-        fine = F.interpolate(grid.flatten(0, -4), tuple(self.cases["crop"]), mode="bilinear", align_corners=True)
-        return fine.unflatten(0, grid.shape[:-3])
-
-
-@cache
-def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
-    cases = json.loads((folder / "cases.json").read_text())
-    with np.load(folder / "expected.npz") as file:
-        arrays = dict(file)
-    corners = torch.tensor(cases["corners_xy"], dtype=torch.float32)
-    height, width = cases["whole"]
-    kinds = []
-    for augmented in (False, True):
-        buffers = torch.zeros(2, 2, 3, *cases["buffer"])  # frame, pair
-        for frame in (0, 1):
-            for pair in (0, 1):
-                values = torch.from_numpy(read_image(folder / f"item{pair}_{frame + 1}.png")).permute(2, 0, 1).double()
-                buffers[frame, pair, :, :height, :width] = (0.8 * values + 20).floor() if augmented else values
-        kinds.append(WholeFrames(buffers[0], buffers[1], corners, torch.tensor([[width, height]] * 2).float()))
-    plain, whole = kinds
-    first, second = whole.crops(*cases["crop"])
-    nothing = torch.zeros(2, *cases["crop"])
-    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # to distinguish it from other frames
-    batch = Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), None, None, whole, plain)
-    return cases, arrays, Batch(**{**vars(batch), "changed": students})
-
-
-@pytest.fixture
-def given(shared) -> Given:
-    return Given(*read(shared(PACK)))
-
-
-class Answers:
-    """A network and a corrector that return the pack's arrays for the given frames."""
-
-    def __init__(self, given: Given) -> None:
-        self.given = given
-        self.convention = NETWORKS["brightflow"].convention
-        self.net = self
-        self.asked: list[tuple[str, int, Tensor]] = []
-        batch = given.batch
-        assert batch.plain is not None
-        self._crops = {
-            "augmented": (batch.image1, batch.image2),
-            "plain": batch.plain.crops(*given.cases["crop"]),
-            "student": batch.changed,
-        }
-
-    def _which(self, image: Tensor) -> tuple[str, int]:
-        """The kind of an image, and which frame it is."""
-        for kind, crops in self._crops.items():
-            for frame in (0, 1):
-                if torch.allclose((image + 1) * 127.5, crops[frame], atol=1e-3):
-                    return kind, frame
-        raise AssertionError("frames that are none of the batch's")
-
-    def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        kind, frame = self._which(image1)
-        assert (frame, self._which(image2)) == (0, (kind, 1))
-        if kind == "plain":
-            assert not torch.is_grad_enabled()
-            teacher = self.given.enlarged("teacher")
-            return [teacher[:, 0]], [teacher[:, 1]]
-        flows = self.given.enlarged("flow" if kind == "augmented" else "student")  # the last iteration first
-        there, back = (list(flows[:, way].flip(1).unbind(1)) for way in (0, 1))
-        return there, back
-
-    def corrector(self, images: Tensor) -> Tensor:
-        kind, frame = self._which(images[:, :3])
-        self.asked.append((kind, frame, images))
-        return self.given.enlarged("offsets" if kind == "plain" else "offsets_augmented")[:, frame]
-
-
-@dataclass
-class Outcome:
-    """What one step gave."""
-
-    terms: dict[str, float]
-    gradients: dict[str, Tensor]
-    asked: list[tuple[str, int, Tensor]]
-
-
-def step(given: Given, case: str, number: int, gradients: bool = False) -> Outcome:
-    torch.set_num_threads(1)
-    given.inputs.clear()
-    recipe = load_recipe("brightflow", RECIPES[case])
-    answers: Any = Answers(given)
-    module = objective.Brightflow(answers, recipe, recipe.objective)
-    with torch.set_grad_enabled(gradients):
-        loss, numbers = module(given.batch, TrainingStep(0, number, (0, 1), number / STEPS))
-    if gradients:
-        loss.backward()
-    terms = {name: numbers[key].item() if key in numbers else 0.0 for key, name in TERMS.items()}
-    reached = {name: value.grad for name, value in given.inputs.items() if value.grad is not None}
-    return Outcome({**terms, "loss_total": loss.item()}, reached, answers.asked)
 
 
 @pytest.mark.parametrize("case", RECIPES)
@@ -275,151 +148,3 @@ def test_rates_are_the_originals(given):
     assert recipe.updates == recipe.steps == STEPS
     for update, rate in given.cases["rates"]:
         assert SCHEDULES[recipe.schedule](update, STEPS, recipe.learning_rate) == pytest.approx(rate, rel=1e-9)
-
-
-def _unit_range(patch, given):
-    real = smoothness.robust_smoothness
-    patch(objective, "robust_smoothness", lambda flow, image, *rest: real(flow, image / 255, *rest))
-
-
-def _half_smoothness(patch, given):
-    real = smoothness.robust_smoothness
-    patch(objective, "robust_smoothness", lambda *args: real(*args) / 2)
-
-
-def _usual_grey(patch, given):
-    patch(losses, "LUMA", photometric.LUMA)
-
-
-def _last_mask(patch, given):
-    real = objective._census
-    patch(
-        objective,
-        "_census",
-        lambda image, source, way, place: real(image, source, way._replace(visible=way.visible[-1:] * 3), place),
-    )
-
-
-def _one_quotient(patch, given):
-    patch(losses, "masked_mean", lambda values, mask: (values * mask).sum() / mask.sum())
-
-
-def _all_visible(patch, given):
-    patch(objective, "visibility", lambda flow, *rest: torch.ones_like(flow[:, :1]))
-
-
-def _hard_coverage(patch, given):
-    real = losses.coverage
-    patch(losses, "coverage", lambda flow, *values: (real(flow, *values) >= 0.2).float())
-
-
-def _crop_is_all(patch, given):
-    patch(losses, "leaves", lambda flow: torch.zeros_like(flow[:, :1]))
-
-
-def _augmented_compared(patch, given):
-    patch(given, "batch", Batch(**{**vars(given.batch), "plain": given.batch.whole}))
-
-
-def _target_corrected(patch, given):
-    def to_the_target(self, frame, frames, ways, place):
-        flow, visible = ways[frame].flows[-1].detach(), ways[frame].visible[-1]
-        warped = objective._warped(frames.whole[1 - frame], flow, place)
-        offsets = self._offsets(frame, frames, ways, place) * visible
-        return losses.correction_loss(frames.crops[frame] + offsets, warped, visible)
-
-    patch(objective.Brightflow, "_correction", to_the_target)
-
-
-def _half_offsets(patch, given):
-    real = objective.Brightflow._offsets
-    patch(objective.Brightflow, "_offsets", lambda *args: real(*args) / 2)
-
-
-def _mean_of_colours(patch, given):
-    patch(objective, "correction_loss", lambda *args: losses.correction_loss(*args) / 3)
-
-
-def _clamped_correction(patch, given):
-    patch(objective, "with_offsets", lambda *args: losses.with_offsets(*args).clamp(0, 255))
-
-
-def _all_kept(patch, given):
-    patch(objective, "kept_offsets", lambda target, warped, corrected, flow: torch.ones_like(flow[:, :1]))
-
-
-def _kept_at_the_target(patch, given):
-    patch(
-        objective,
-        "kept_offsets",
-        lambda target, warped, corrected, flow: (
-            (target - corrected).abs().mean(1, True) < (target - warped).abs().mean(1, True)
-        ).float(),
-    )
-
-
-def _edge_pixels_not_black(patch, given):
-    patch(dilated_warp, "inside_frame", lambda flow, *place: torch.ones_like(flow[:, :1]))
-
-
-def _teacher_sees_augmented(patch, given):
-    real = objective.Brightflow._students
-
-    def students(self, batch, plain):
-        return real(self, batch, plain._replace(crops=(batch.image1, batch.image2)))
-
-    patch(objective.Brightflow, "_students", students)
-
-
-def _half_self(patch, given):
-    patch(objective, "self_supervised", lambda *args: losses.self_supervised(*args) / 2)
-
-
-def _clamped_differences(patch, given):
-    real = losses.charbonnier
-    patch(losses, "charbonnier", lambda differences: real(differences).clamp(0, 10))
-
-
-def _low_limit(patch, given):
-    patch(objective, "FARTHEST", 50.0)
-
-
-MISTAKES = [
-    (_unit_range, "kitti", 0, "smooth", 5.0),
-    (_unit_range, "sintel", 0, "smooth", 5.0),
-    (_half_smoothness, "kitti", 0, "smooth", 0.4),
-    (_usual_grey, "kitti", 0, "photo", 5e-4),
-    (_last_mask, "kitti", 0, "photo", 3e-4),
-    (_last_mask, "sintel", 0, "photo", 3e-5),
-    (_one_quotient, "kitti", 0, "photo", 4e-4),
-    (_one_quotient, "sintel", 0, "photo", 1.5e-5),
-    (_all_visible, "kitti", 0, "photo", 2e-3),
-    (_hard_coverage, "sintel", 0, "photo", 2e-5),
-    (_crop_is_all, "kitti", 0, "photo", 2e-5),
-    (_augmented_compared, "kitti", 0, "photo", 1e-3),
-    (_augmented_compared, "kitti", 0, "smooth", 0.2),
-    (_target_corrected, "kitti", 22000, "correc", 0.02),
-    (_half_offsets, "kitti", 22000, "correc", 0.1),
-    (_mean_of_colours, "kitti", 22000, "correc", 0.6),
-    (_clamped_correction, "kitti", 22000, "correc", 1e-3),
-    (_half_offsets, "sintel", 26000, "photo", 1e-3),
-    (_all_kept, "kitti", 26000, "photo", 1e-3),
-    (_kept_at_the_target, "kitti", 26000, "photo", 1e-3),
-    (_edge_pixels_not_black, "kitti", 0, "photo", LOSS),
-    (_teacher_sees_augmented, "kitti", 33750, "self", 0.01),
-    (_half_self, "kitti", 33750, "self", 0.4),
-    (_clamped_differences, "kitti", 33750, "self", 0.1),
-    (_low_limit, "kitti", 33750, "loss_total", 0.1),
-]
-
-
-@pytest.mark.parametrize(
-    ("mistake", "case", "number", "term", "least"),
-    MISTAKES,
-    ids=[f"{mistake.__name__.strip('_')}-{case}-{term}" for mistake, case, _, term, _ in MISTAKES],
-)
-def test_mistake_moves_the_term_beyond_its_tolerance(given, monkeypatch, mistake, case, number, term, least):
-    mistake(monkeypatch.setattr, given)
-    expected = given.cases["cases"][case]["steps"][str(number)][term]
-    off = abs(step(given, case, number).terms[term] / expected - 1)
-    assert off > least >= LOSS
