@@ -1,0 +1,173 @@
+"""The convention of a trained network: right declarations pass, wrong ones are refused or warned about, and what is not
+declared is tried."""
+
+import warnings
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+from torch import nn
+
+import robustflow as rf
+from robustflow.errors import ModelError
+from robustflow.models.torch.shifted import shifted_pair
+from robustflow.models.torch.user_model import ConventionWarning
+
+from .small_net import one_line
+
+pytestmark = [
+    pytest.mark.torch,
+    pytest.mark.filterwarnings("ignore::robustflow.models.torch.user_model.ConventionWarning"),
+]
+
+
+_MEAN, _STD = (torch.tensor(values).view(1, 3, 1, 1) for values in ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)))
+TO_ITS_RANGE = {
+    "0-1": lambda x: 2 * x - 1,
+    "-1-1": lambda x: x,
+    "0-255": lambda x: x / 127.5 - 1,
+    "imagenet": lambda x: 2 * (x * _STD + _MEAN) - 1,
+}
+
+
+class Version(nn.Module):
+    """`tiny` behind a convention, returning what `returns` makes of its flows, coarsest first."""
+
+    def __init__(self, returns=lambda flows: flows[-1], scaling="-1-1", order="rgb", layout="pair", backward=False):
+        super().__init__()
+        self.net, self.returns = rf.load_model("tiny", device="cpu", runtime="torch").net, returns
+        self.scaling, self.order, self.layout, self.backward = scaling, order, layout, backward
+
+    def forward(self, *images):
+        if self.layout == "images":
+            images = (images[0]["images"],)
+        if self.layout in ("images", "stacked"):
+            images = images[0].unbind(1)
+        elif self.layout == "concatenated":
+            images = images[0][:, :3], images[0][:, 3:]
+        images = [TO_ITS_RANGE[self.scaling](image.flip(1) if self.order == "bgr" else image) for image in images]
+        return self.returns(self.net.predictions(*(images[::-1] if self.backward else images)))
+
+
+def _signs(u, v):
+    return torch.tensor([u, v]).view(1, 2, 1, 1)
+
+
+RIGHT = {
+    **{
+        f"{s} {o}": ({"scaling": s, "order": o}, {"scaling": s, "order": o})
+        for s in TO_ITS_RANGE
+        for o in ("rgb", "bgr")
+    },
+    **{layout: ({"layout": layout}, {"layout": layout}) for layout in ("concatenated", "stacked", "images")},
+    "list": ({"returns": lambda flows: flows}, {}),
+    "finest first": ({"returns": lambda flows: tuple(flows[::-1])}, {"output": 0}),
+    "dictionary": ({"returns": lambda flows: {"flow": flows[-1], "coarse": flows[0]}}, {"output": "flow"}),
+    "list in a dictionary": ({"returns": lambda flows: {"flows": flows, "info": 0 * flows[0]}}, {"output": "flows"}),
+    "channels last": ({"returns": lambda flows: flows[-1].permute(0, 2, 3, 1)}, {}),
+}
+OTHER_WAY = "it points the other way, as the flow from frame 2 to frame 1 does"
+REFUSED = {
+    "frames reversed": ({"backward": True}, {}, OTHER_WAY),
+    "frames reversed, list": ({"backward": True, "returns": lambda flows: flows}, {}, OTHER_WAY),
+    "negated": ({"returns": lambda flows: -flows[-1]}, {}, OTHER_WAY),
+    "(v, u)": ({"returns": lambda flows: flows[-1].flip(1)}, {}, r"its components are \(v, u\); return"),
+    "(-v, -u)": ({"returns": lambda flows: -flows[-1].flip(1)}, {}, r"\(v, u\); it points the other way"),
+    "u left": ({"returns": lambda flows: flows[-1] * _signs(-1.0, 1.0)}, {}, "the sign of u is the opposite"),
+    "v up": ({"returns": lambda flows: flows[-1] * _signs(1.0, -1.0)}, {}, "the sign of v is the opposite"),
+    "divided by 20": ({"returns": lambda flows: flows[-1] / 20}, {}, "u has to be multiplied by 20 and v by 20"),
+    "divided by 4": ({"returns": lambda flows: flows[-1] / 4}, {}, "multiplied by 4 and v by 4"),
+    "times 20": ({"returns": lambda flows: flows[-1] * 20}, {}, r"multiplied by 0\.05 and v by 0\.05"),
+    "-1..1 over the image": ({"returns": lambda flows: flows[-1] / _signs(96.0, 64.0)}, {}, "by 95 and v by 63"),
+    "(v, u) / 20": ({"returns": lambda flows: flows[-1].flip(1) / 20}, {}, r"\(v, u\); u has to be multiplied by 20"),
+    "0-255 for -1-1": ({}, {"scaling": "0-255"}, r"better, best first: scaling=-1-1, order=rgb \(0\.17 px\)"),
+    "0-1 for 0-255": ({"scaling": "0-255"}, {"scaling": "0-1"}, "better, best first: scaling=0-255, order=rgb"),
+}
+WARNED = {
+    "coarsest last": (
+        {"returns": lambda flows: flows[::-1]},
+        {},
+        "output 0 is used, .* 0.17 px and the last by 1.7 px",
+    ),
+    "coarsest last by key": (
+        {"returns": lambda flows: {"fine": flows[-1], "coarse": flows[0]}},
+        {},
+        "output fine is used",
+    ),
+    "coarsest first, declared": (
+        {"returns": lambda flows: flows},
+        {"output": 0},
+        r"best first: .*output=-1 \(0.17 px\)",
+    ),
+    "coarsest alone": ({"returns": lambda flows: flows[0]}, {}, "off by 1.7 px .* check .* its finest flow"),
+    "second level alone": ({"returns": lambda flows: flows[1]}, {}, "off by 0.68 px"),
+    "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "u has to be multiplied by 2 and v by 2"),
+    "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, r"u has to be multiplied by 0\.5 and v by 0\.5"),
+    "zero": ({"returns": lambda flows: 0 * flows[-1]}, {}, "as networks without trained weights are"),
+    "-1-1 for 0-255": ({"scaling": "0-255"}, {}, "better, best first: scaling=0-255, order=rgb"),
+}
+FAST = (
+    "-1-1 rgb",
+    "dictionary",
+    "frames reversed",
+    "(v, u)",
+    "divided by 20",
+    "coarsest last",
+    "coarsest first, declared",
+)
+
+
+def _versions(cases):
+    return [pytest.param(*cases[name], id=name, marks=() if name in FAST else pytest.mark.slow) for name in cases]
+
+
+@pytest.mark.parametrize(("made", "options"), _versions(RIGHT))
+def test_right_declaration_of_a_trained_network_is_accepted_without_a_word(made, options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = rf.TorchModel(Version(**made), **{"scaling": "-1-1", "order": "rgb", "device": "cpu", **options})
+    pair = shifted_pair(1000)
+    assert pair.error(model.predict(*pair[:2])) < 0.5
+
+
+@pytest.mark.parametrize(("made", "options", "says"), _versions(REFUSED))
+def test_declaration_that_the_shifted_textures_contradict_is_refused(made, options, says):
+    with pytest.raises(ModelError, match=says) as error:
+        rf.TorchModel(Version(**made), **{"scaling": "-1-1", "order": "rgb", "device": "cpu", **options})
+    one_line(error)
+
+
+@pytest.mark.parametrize(("made", "options", "says"), _versions(WARNED))
+def test_declaration_that_fits_shifted_textures_badly_is_warned_about(made, options, says):
+    with pytest.warns(ConventionWarning, match=f"Version: .*{says}"):
+        rf.TorchModel(Version(**made), **{"scaling": "-1-1", "order": "rgb", "device": "cpu", **options})
+
+
+def test_finest_output_is_used_where_none_is_declared():
+    with pytest.warns(ConventionWarning, match="output fine is used"):
+        model = rf.TorchModel(
+            Version(lambda flows: {"fine": flows[-1], "coarse": flows[0]}), scaling="-1-1", order="rgb", device="cpu"
+        )
+    pair = shifted_pair(1000)
+    assert pair.error(model.predict(*pair[:2])) < 0.5
+    assert model.identity()["output"] == "fine"
+
+
+def test_undeclared_network_that_fits_several_conventions_names_them_best_first():
+    """`tiny` is as good in BGR; the convention named first is the one it was trained with."""
+    with pytest.raises(ModelError, match="several conventions fit shifted textures") as error:
+        rf.TorchModel(Version(scaling="0-255"), layout="pair", device="cpu")
+    one_line(error)
+    said = str(error.value)
+    assert "best first: scaling=0-255, order=rgb (0.17 px); scaling=0-255, order=bgr (0.18 px); " in said
+    assert "TorchModel(net, scaling='0-255', order='rgb', layout='pair') or -O scaling=0-255 -O order=rgb" in said
+    model = rf.TorchModel(Version(scaling="0-255"), scaling="0-255", order="rgb", layout="pair", device="cpu")
+    assert model.identity()["input"]["scale"] == 1.0
+
+
+@pytest.mark.slow
+def test_undeclared_network_that_returns_another_flow_is_told_what_it_returns():
+    with pytest.raises(ModelError, match=OTHER_WAY):
+        rf.TorchModel(Version(lambda flows: -flows[-1]), layout="pair", device="cpu")
