@@ -11,7 +11,7 @@ from robustflow.api import evaluate, load_run
 from robustflow.errors import DataError, RunError
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.collection import LIST, add_records, collected
-from robustflow.records.pack import pack
+from robustflow.records.pack import pack, record_bytes
 
 
 @pytest.fixture(scope="module")
@@ -20,10 +20,18 @@ def run(tmp_path_factory):
     return evaluate("farneback", "demo", output=folder, corruptions=["contrast"], severities=[1]).path
 
 
+@pytest.fixture(scope="module")
+def packed(run):
+    """Two records of one run, by two people: author -> contents."""
+    return {author: record_bytes(load_run(run), author=author) for author in ("Ada", "Bob")}
+
+
 @pytest.fixture
-def records(run, tmp_path):
-    """Two records of one run, by two people."""
-    return [pack(load_run(run), tmp_path / f"{author}.robustflow", author=author) for author in ("Ada", "Bob")]
+def records(packed, tmp_path):
+    """Their files."""
+    for author, contents in packed.items():
+        (tmp_path / f"{author}.robustflow").write_bytes(contents)
+    return [tmp_path / f"{author}.robustflow" for author in packed]
 
 
 @pytest.mark.parametrize("format", ["csv", "parquet"])

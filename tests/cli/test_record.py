@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.api import evaluate
+from robustflow.api import evaluate, load_run
+from robustflow.records.pack import record_bytes
 
 
 @pytest.fixture(scope="module")
@@ -16,19 +17,28 @@ def runs(tmp_path_factory):
     return [evaluate(model, "demo", output=folder / model, **options).path for model in ("dis", "farneback")]
 
 
+@pytest.fixture(scope="module")
+def packed(runs):
+    """Both runs as records: name of the file -> contents."""
+    said = {"author": "Ada", "link": "https://example.org"}
+    return {f"{run.name}.robustflow": record_bytes(load_run(run), **said) for run in runs}
+
+
 @pytest.fixture
-def records(robustflow, runs):
-    """Both runs packed in the working folder, which holds nothing else of them."""
-    paths = []
+def records(robustflow, packed):
+    """Their files in the working folder, which holds nothing else of the runs."""
+    for name, contents in packed.items():
+        Path(name).write_bytes(contents)
+    return [*map(Path, packed)]
+
+
+def test_pack_and_verify(robustflow, runs, packed):
+    records = []
     for run in runs:
         code, out, _ = robustflow("pack", run, "--author", "Ada", "--link", "https://example.org")
         assert code == 0
-        paths.append(Path(out.strip()))
-    return paths
-
-
-def test_pack_and_verify(robustflow, records):
-    assert [path.name for path in records] == ["dis.robustflow", "farneback.robustflow"]
+        records.append(Path(out.strip()))
+    assert {path.name: path.read_bytes() for path in records} == packed
     code, out, _ = robustflow("verify", *records)
     assert code == 0
     assert out.count("\n  verified, SHA-256 ") == 2
