@@ -123,6 +123,10 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
         "ROBUSTFLOW_CACHE": str(folder / "cache"),
         **{name: str(folder / part) for name, part in caches.items()},
     }
+    which = [sys.executable, "-c", "import robustflow; print(robustflow.__file__)"]
+    used = subprocess.run(which, env=environment, cwd=folder, capture_output=True, text=True).stdout.strip()
+    if not used.startswith(f"{source}{os.sep}"):
+        sys.exit(f"this Python imports {used or 'no robustflow'} in place of that in {source}; use one without it")
     command = [sys.executable, "-m", "robustflow", "run", "--model", model, "--output", str(folder / "run")]
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
