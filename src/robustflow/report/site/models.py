@@ -78,7 +78,7 @@ def _of_run(page: str, line: ModelResult, run: Run, tiles: Tiles, panels: tuple[
         name=plain(line.name),
         tiles=tiles,
         sentences=_sentences(line),
-        tables=tuple(_severity_table(line, run, metric) for metric in _METRICS if line.numbers(metric)),
+        tables=tuple(_severity_table(line, run, metric) for metric in (*_METRICS, "spread") if _has(line, run, metric)),
         facts=run_facts(run),
         anatomy=_anatomy(run),
         panels=panels,
@@ -125,6 +125,10 @@ def _sentences(line: ModelResult) -> tuple[str, ...]:
     return ()
 
 
+def _has(line: ModelResult, run: Run, metric: str) -> bool:
+    return run.summary.spread is not None if metric == "spread" else bool(line.numbers(metric))
+
+
 def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
@@ -140,7 +144,8 @@ def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
         lines.append(Line(plain(long_label(row["corruption"])), tuple(cells)))
     columns = [Column(label, strongest=top) for label in (*levels, "mean")]
     columns += [Column("slope")] if slopes else []
-    return _table(f"{metric_label(metric)} by severity", columns, lines)
+    label = "Spread over draws (px)" if metric == "spread" else metric_label(metric)
+    return _table(f"{label} by severity", columns, lines)
 
 
 def _settings_table(title: str, results: Sequence[ModelResult]) -> Table:
