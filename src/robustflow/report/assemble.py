@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 ROW = "row"
 ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES, FLAT_AND_DEPTH)
-"""The tables of runs where none is asked for by name; `ROW` has the same means."""
+"""The tables of runs if none is requested by name; `ROW` has the same means."""
 _MOST_NAMED = 4
 
 
@@ -54,7 +54,7 @@ def tables_of(
     Args:
         runs: none or more.
         published: whether the paper's results are shown as well.
-        wanted: names of `ALL_TABLES`, and `ROW`; by default all that these runs can fill.
+        wanted: names of `ALL_TABLES`, or `ROW`; by default all that these runs can fill.
         seed: of the bootstrap behind the intervals.
         only_own: whether effective robustness and observations are left out for the paper's models.
 
@@ -101,14 +101,14 @@ def tables_of(
         try:
             tables += makers[name]()
         except UsageError:
-            # Not everything can be made from every run; what was not requested by name is left out.
+            # not every table can be made from every run; unless requested by name, it is left out
             continue
     return _concluded(tables, results)
 
 
 def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
-    """The tables without columns of dashes; the last one of RCRE ends with what can be concluded from runs without
-    ground truth."""
+    """The tables without columns of dashes; the last one of RCRE ends with the conclusions from runs without ground
+    truth."""
     tables = [table.without_empty_columns() for table in tables]
     last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
     if last is not None:
@@ -167,7 +167,7 @@ def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[Mode
 
 
 def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
-    """A table of statements about models in general, with a remark that names the runs they leave out."""
+    """A table of statements about models in general, with a remark that names the runs left out."""
     reasons = "; ".join(f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded)
     if not reasons:
         return table

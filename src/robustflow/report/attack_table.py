@@ -128,7 +128,7 @@ def _line(score: AttackScore) -> Line:
 
 
 def explained(warning: str) -> str:
-    """A warning in words; its name where a run of a different version wrote it.
+    """A warning as a sentence; its name if a run of a different version wrote it.
 
     >>> explained("gradient_zero")
     'the gradient was zero everywhere: the model may hide it'

@@ -157,13 +157,13 @@ def _cells(row: dict[str, Any], level: float) -> tuple[TableCell, ...]:
 
 
 AnyRun = Run | str | Path
-"""A run, or where one is: its folder, or a record of it."""
+"""A run, its folder, or a record of it."""
 
 
 def compare(
     first: AnyRun, second: AnyRun, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
 ) -> Comparison:
-    """Whether two runs over the same frames differ, image by image, with intervals and corrected p-values.
+    """Test whether two runs over the same frames differ, image by image, with intervals and corrected p-values.
 
     Args:
         first, second: the runs, or their folders; only what both measured on the same frames and ground truth is

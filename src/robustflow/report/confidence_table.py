@@ -1,4 +1,4 @@
-"""What a model's confidence knows of its errors, as a table."""
+"""The table of how well a model's confidence predicts its errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What a page that anyone may open is made from: templates that escape, data as JSON, and the policy that lets nothing
-else run."""
+"""Parts of a page that anyone may open: templates that escape, data as JSON, and the policy that allows no other
+script."""
 
 from __future__ import annotations
 

@@ -198,8 +198,8 @@ def _numbers(numbers: Mapping[ValueKey, float | None], decimals: int | None = No
 
 
 def _places(results: Sequence[ModelResult]) -> dict[ModelResult, int]:
-    """The place of each sound run among those on the same frames, whatever their setting, by the first of `START` that
-    all of them have; equal printed values share it."""
+    """The place of each ranked run among those on the same frames in any setting, by the first of `START` that all of
+    them have; equal printed values share it."""
     groups: dict[tuple[str, str], list[ModelResult]] = {}
     for line in results:
         if line.run is not None and not line.excluded:

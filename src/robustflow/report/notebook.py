@@ -1,4 +1,4 @@
-"""What a notebook shows of a run: a small table and a figure, and the figures by name."""
+"""A notebook's output for a run: a small table and a figure, and further figures by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run in the forms in which results are published: a robustness card, Croissant, Every Eval Ever, Hugging Face.
+"""Export a run's results: a robustness card, Croissant, Every Eval Ever, Hugging Face.
 
 Every file follows from nothing but the run, so `check_exported` can compare one with the run's record, byte for byte.
 """
@@ -38,7 +38,7 @@ def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Fil
         hub_dataset: for "huggingface" the data set on the Hub that is the benchmark, ORGANISATION/NAME.
 
     Raises:
-        UsageError: another format, or for "huggingface" no such name.
+        UsageError: an unknown format, or for "huggingface" no data set.
     """
     if format not in EXCHANGE_FORMATS:
         raise unknown_name("exchange format", format, EXCHANGE_FORMATS)

@@ -1,4 +1,4 @@
-"""The robustness card: what a reader of a model's page wants to know, as Markdown and as JSON."""
+"""The robustness card of a model, as Markdown and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare exported files with what follows from a record."""
+"""Compare exported files with a record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HUB_DATASET = re.compile(rb'^    id: ("[^"\n]{3,200}")$', re.MULTILINE)
 
 
 def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
-    """Check that each file is what the record's run is exported as, byte for byte; says how many were compared.
+    """Check that each file equals the export of the record's run, byte for byte; returns a sentence with their number.
 
     Raises:
         RunError: one is not; its first line that differs is named.

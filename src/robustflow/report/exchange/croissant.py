@@ -1,4 +1,4 @@
-"""Croissant: the rows of a run as a data set that data-set search engines and loaders understand."""
+"""Croissant: the rows of a run as a data set for search engines and loaders."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ _UNKNOWN = "unknown"
 
 
 def every_eval_ever_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
-    """One file at the place that the collection gives it: data/BENCHMARK/DEVELOPER/MODEL/UUID.json."""
+    """One file at its place in the collection: data/BENCHMARK/DEVELOPER/MODEL/UUID.json."""
     benchmark, model = file_name(facts.run.benchmark), file_name(facts.name)
     seconds = "0" if facts.finished is None else f"{facts.finished.timestamp():.0f}"
     content = {

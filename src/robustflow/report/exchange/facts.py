@@ -1,4 +1,4 @@
-"""What every format says about a run: the model, the data, the means with their intervals, and the warnings."""
+"""The facts of a run for every format: model, data, means with intervals, and warnings."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class RunFacts:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """What a reader must know before comparing the numbers, in sentences."""
+        """Sentences that a reader must know before comparing the numbers."""
         run, summary, out = self.run, self.run.summary, []
         if run.setting not in ("OOD", "knowledge"):
             setting = run_setting(run)
@@ -82,7 +82,7 @@ class RunFacts:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What identifies the model, without texts that hold a path of a machine."""
+        """The model's identity, without texts that contain a path of this machine."""
         given = self.run.manifest.identity.model.settings
         return {plain(name): plain(str(value)) for name, value in given.items() if not holds_path(str(value))}
 

@@ -35,5 +35,5 @@ def _entry(facts: RunFacts, mean: RunMean, dataset: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A text in double quotes, in which YAML finds nothing special."""
+    """Quote a text so that nothing in it is special to YAML."""
     return json.dumps(text.strip())

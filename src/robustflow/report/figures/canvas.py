@@ -1,4 +1,4 @@
-"""What all figures share: a figure without global state, axes that can be compared, and names as text."""
+"""Helpers of all figures: a figure without global state, comparable axes, and names as text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .marks import MarkedFigure
 from .styles import GRID
 
 LEAST_PX = 1.0
-"""Pixels that an axis of errors spans at least: less would make a difference of a tenth of a pixel look large."""
+"""Smallest span of an axis of errors in pixels: less would make a tenth of a pixel look large."""
 
 _NAME_SIZE = 7.5
 _NAMES_AT_ANY_COST = 40
@@ -117,7 +117,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
-    axes.get_xlim()  # makes the limits of both axes follow from what is drawn
+    axes.get_xlim()  # sets the limits of both axes from the data
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
     centres = np.array(dots)
@@ -156,8 +156,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
 
 
 def _places(radius: float) -> list[_Place]:
-    """Where a name may be placed around a marker, the best first: (right, up) in points, and the side it is aligned
-    to."""
+    """Positions for a name around a marker, best first: (right, up) in points, and the alignment."""
     places: list[_Place] = []
     for reach in (radius + 3, radius + 11, radius + 20):
         slant = 0.8 * reach

@@ -22,7 +22,7 @@ from .styles import MODEL_STYLES, OTHER, Looks, Style, distinct_styles
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
-"""CREr that the axis reaches at least."""
+"""Smallest end of the CREr axis."""
 
 
 def family_crer(results: Iterable[ModelResult]) -> dict[ModelResult, dict[str, float]]:
@@ -42,7 +42,7 @@ def family_crer(results: Iterable[ModelResult]) -> dict[ModelResult, dict[str, f
 def crer_by_family(
     results: Sequence[ModelResult], models: tuple[str, ...] | None = None, looks: Looks | None = None
 ) -> MarkedFigure:
-    """Bars of CREr per family, on one axis.
+    """Draw bars of CREr per family, on one axis.
 
     Of the paper's values a panel per model, with a bar per setting; of other models all in one panel, a bar per model.
 
@@ -113,8 +113,8 @@ def _bars(
     styles: Mapping[ModelResult, Style],
     by_setting: bool,
 ) -> list[float]:
-    """A bar of each line in each family, with `by_setting` an outline in-domain. Returns everything the axis must
-    hold."""
+    """Draw a bar for each line in each family, with `by_setting` an outline in-domain. Returns all values on the
+    axis."""
     width = 0.8 / max(2, len(lines))
     reached: list[float] = []
     for index, line in enumerate(lines):

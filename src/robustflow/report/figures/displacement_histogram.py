@@ -19,7 +19,7 @@ MOST_LINES = 8
 _DASHES: tuple[tuple[str, str], ...] = tuple(
     (colour, dash) for colour in (BLACK, "#666666") for dash in ("-", "--", ":", "-.")
 )
-"""Colours mean models elsewhere; these lines are frames."""
+"""In other figures colours are models; these lines are frames, so they differ in dashes."""
 
 
 @default_style()
@@ -42,7 +42,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     right = 0.0
     for drawn, (label, table) in enumerate(tables.items()):
         colour, dash = _DASHES[drawn]
-        # Broad lines first, so that a line that covers another leaves its rim visible.
+        # broad lines first, so that a line on top of another leaves its rim visible
         width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
         edges = [*lows, _end(table)]

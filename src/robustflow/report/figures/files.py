@@ -21,8 +21,8 @@ FILE_FORMATS = ("png", "svg", "pdf")
 
 @contextmanager
 def any_script() -> Iterator[None]:
-    """Suppress the warning for each character that matplotlib's font lacks: here it is only measured, or left to the
-    reader's fonts. Where it is drawn, as a box, the warning stays."""
+    """Suppress the warning for characters that matplotlib's font lacks if text is only measured, or drawn with the
+    reader's fonts."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
         yield
@@ -39,7 +39,7 @@ def settle_layout(figure: Figure) -> None:
 
 @default_style()
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
-    """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
+    """Write a figure as "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
 
     With `live_text` an SVG holds its texts as text, in whatever font the reader has, instead of outlines.
 
@@ -49,7 +49,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
     if figure.get_layout_engine() is not None:
-        # The layout is settled once: every draw would shift it slightly, and change the bytes.
+        # the layout is computed once: every draw would shift it slightly and change the bytes
         settle_layout(figure)
         figure.set_layout_engine(None)  # not "none", for which everything would be drawn again to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]

@@ -1,4 +1,4 @@
-"""What each mark of a figure means, so that a page can name it and find its model elsewhere."""
+"""The meaning of each mark in a figure, so that a page can label it and link its model."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Mark:
 
 
 class MarkedFigure(Figure):
-    """A figure that knows what its marks mean.
+    """A figure with the meaning of its marks.
 
     Attributes:
         marks: id of an artist in the SVG -> its marks, in the order they are drawn.

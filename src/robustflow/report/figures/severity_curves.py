@@ -61,7 +61,7 @@ def severity_curves(
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
-    figure.set_layout_engine(None)  # Equal panels need no measuring, which would take longer than drawing them.
+    figure.set_layout_engine(None)  # equal panels need no measuring, which would take longer than drawing
     for extra in axes[len(shown) :]:
         extra.remove()
     banded = False

@@ -1,4 +1,5 @@
-"""How the error falls when the least confident pixels are removed: a panel per family, a line per severity."""
+"""Sparsification curves: the error when the least confident pixels are removed; a panel per family, a line per
+severity."""
 
 from __future__ import annotations
 

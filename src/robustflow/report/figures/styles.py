@@ -1,4 +1,4 @@
-"""What a colour and a marker mean in every figure: a published model's kind, or one of the other models."""
+"""Colours and markers in all figures: of a published model's kind, or of one of the other models."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...analysis.model_result import ModelResult
 from ...analysis.published.tables import method_of, of_paper
 from ...text import name_text
 
-# Okabe and Ito's palette, and four colours between them.
+# Okabe and Ito's palette, and four colours in between
 ORANGE, SKY, GREEN, OLIVE, BLUE, RED, PINK, BLACK = (
     "#E69F00",
     "#56B4E9",

@@ -1,5 +1,4 @@
-"""What a gallery of a clip shows: the same few frames under each corruption, so that its course over time is
-visible."""
+"""The gallery of a clip: the same few frames under each corruption, so that its course over time is visible."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from ...datasets.video import Video
 
 LONGEST_PART = 96
-"""Number of frames that are encoded: what H.264 and bit errors do to a frame depends on those before it."""
+"""Number of frames that are encoded, because the effect of H.264 and bit errors depends on earlier frames."""
 
 SHOWN = 10
 MOST_SHOWN = 24
@@ -84,7 +83,7 @@ class ClipPart:
 
 
 def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[str], list[str]]:
-    """What a gallery of a clip shows, and sentences about what it leaves out.
+    """The corruptions in the gallery of a clip, and sentences about those left out.
 
     Raises:
         UsageError: a corruption was requested by name that cannot be made from a plain clip.

@@ -54,7 +54,7 @@ def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, for
 
 
 def caption(cell: CorruptedPicture) -> str:
-    """The line above a picture.
+    """The caption above a picture.
 
     >>> import numpy as np
     >>> caption(CorruptedPicture("over_exposure", 2, np.zeros((1, 1, 3), np.uint8), index=1, ssim=0.8231))

@@ -1,4 +1,4 @@
-"""What a gallery shows: one frame of a pair under each corruption, at each severity."""
+"""The pictures of a gallery: one frame of a pair under each corruption at each severity."""
 
 from __future__ import annotations
 

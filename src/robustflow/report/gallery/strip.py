@@ -24,7 +24,7 @@ _MARGIN_IN = 0.04
 _DPI = 130
 _GREY = 128
 _REACH = 100
-"""Grey levels from the middle that the largest change has in a picture."""
+"""Distance from middle grey of the largest change in a picture."""
 
 _Cells = dict[tuple[int, int], tuple[str, Frame]]
 """(row, column) -> title and picture, RGB uint8 (H, W, 3)."""
@@ -109,7 +109,7 @@ def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> byte
 
     Args:
         clean: frame 1, RGB uint8 (H, W, 3).
-        attacked: what attacks gave for the pair.
+        attacked: results of attacks on the pair.
         model: its name, for the captions.
 
     Returns:
@@ -130,7 +130,7 @@ def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> byte
 
 
 def magnified(clean: Frame, attacked: Frame) -> tuple[Frame, float]:
-    """What was added to a frame, around grey, and how many times it is magnified; grey and 1 for an unchanged frame.
+    """The change of a frame around grey, and its magnification; grey and 1 for an unchanged frame.
 
     >>> picture, factor = magnified(np.zeros((1, 2, 3), np.uint8), np.array([[[4, 0, 2], [0, 0, 0]]], np.uint8))
     >>> picture.tolist(), factor

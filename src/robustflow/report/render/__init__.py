@@ -1,6 +1,6 @@
-"""Tables written out: one file per format, and those of users.
+"""Write tables: one file per format, and users' formats.
 
-Names in a table may come from anyone's file. Every renderer first removes what no format should receive
+Names in a table may come from anyone's file. Every renderer first removes characters that no format should get
 (`robustflow.text.plain`), then escapes what is special in its own format.
 """
 

@@ -38,7 +38,7 @@ def render(table: Table) -> str:
 
 
 def escape(text: str, longest: int | None = 80) -> str:
-    """Text that a browser shows as it is, in elements and in quoted attributes.
+    """Escape text for elements and quoted attributes.
 
     >>> escape("<img src=x onerror=alert(1)>")
     '&lt;img src=x onerror=alert(1)&gt;'

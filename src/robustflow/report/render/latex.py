@@ -37,7 +37,7 @@ _SPECIAL = {
     "`": r"\textasciigrave{}",
     "…": r"\dots{}",
     "±": r"\textpm{}",
-    # After the end of a row these two would be read as its arguments.
+    # after the end of a row these two would be read as its arguments
     "[": "{[}",
     "*": "{*}",
 }
@@ -121,7 +121,7 @@ def _float(table: Table, name: str) -> str:
 
 
 def escape(text: str) -> str:
-    """Text that LaTeX prints as it is; two hyphens stay two.
+    """Escape text for LaTeX; two hyphens stay two.
 
     >>> print(escape("50% of A_1 \\\\input{x}"))
     50\\% of A\\_1 \\textbackslash{}input\\{x\\}

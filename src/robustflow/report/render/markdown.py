@@ -27,7 +27,7 @@ def render(table: Table) -> str:
 
 
 def escape(text: str) -> str:
-    """Text that Markdown shows as it is.
+    """Escape text for Markdown.
 
     >>> print(escape("<b>*x*|y"))
     &lt;b&gt;\\*x\\*\\|y

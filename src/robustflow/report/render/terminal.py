@@ -69,7 +69,7 @@ def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour:
     for index in block:
         column = table.columns[index]
         justify: Literal["left", "right"] = "left" if column.prose else "right"
-        # An address too long for its column continues on the next line: cut, it would be of no use.
+        # an address too long for its column continues on the next line, because it would be useless if it were cut
         grid.add_column(Text(_heading(column)), justify=justify, no_wrap=not column.prose, overflow="fold")
     for section in sections:
         if sections is table.sections:

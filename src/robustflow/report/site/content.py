@@ -1,4 +1,4 @@
-"""What a page is made from: runs, results files, and the paper's results."""
+"""The content of a page: runs, results files, and the paper's results."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What a page shows, as data, from which its script makes the leaderboard's rows, the pages of models and the
-downloads.
+"""The data of a page, from which its script makes the leaderboard's rows, the pages of models and the downloads.
 
 A row of markup is many times the size of its numbers, and most rows and pages are never viewed. Every text from outside
 is data here and becomes text in the browser, never markup.
@@ -59,8 +58,8 @@ def _board(board: Board, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
 
 
 def _keys(board: Board) -> list[ValueKey]:
-    """First what a download holds, in its order; then means over classes of corruptions, which follow from the rest,
-    and costs."""
+    """First the columns of a download, in its order; then means over classes of corruptions, which follow from the
+    rest, and costs."""
     present = {column.key for column in board.columns}
     corruptions = {corruption for _, corruption in present}
     order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
@@ -86,7 +85,7 @@ def _line(
         "page": page,
         "frames": plain(result.frames, 200),
         "note": note,
-        # Below the name: how it differs, unless the heading says so, and why it is not ranked.
+        # The text below the name: how it differs, unless the heading says so, and why it is not ranked.
         "remark": with_exclusion(plain(note, 80) if note not in title else "", plain(result.excluded, 300)),
         "excluded": bool(result.excluded),
         "values": values,
@@ -140,7 +139,7 @@ def _shaded_table(table: Table, labels: Mapping[str, int]) -> dict[str, Any]:
         texts = " ".join(cell.text for cell in line.cells)
         lines.append((labels[line.label], texts, *([intervals] if any(intervals) else [])))
     columns = [column.label for column in table.columns]
-    # The value of the strongest colour is only for the shade, not to be read.
+    # the value of the strongest colour is only for shading
     tops = [None if c.strongest is None else float(f"{c.strongest:.4g}") for c in table.columns]
     return {"title": table.title, "columns": columns, "tops": tops, "lines": lines}
 

@@ -75,4 +75,4 @@ def _write(slider: Slider, source: str) -> None:
         make_folder(folder)
         write_json(folder / f"{_KEY}.json", sealed({"source": source, "slider": asdict(slider)}))
     except DataError:
-        pass  # The cache cannot be written: draw it again next time.
+        pass  # the cache cannot be written, so it is drawn again next time

@@ -32,8 +32,8 @@ _SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
 _QUALITY = 62
 
 MOST_RUNS = 12
-"""The most runs whose panels a page shows: each adds a third of a megabyte. A page of more runs shows those of the
-first ones; each run's own page has its own."""
+"""Largest number of runs whose panels a page shows, as each adds a third of a megabyte; of more runs it shows the first
+ones."""
 
 _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=500)]

@@ -1,4 +1,4 @@
-"""What ran, or where published numbers come from: (label, text) pairs."""
+"""Facts about a run, or the sources of published numbers: (label, text) pairs."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class PageFigure:
         svg: its panels as markup; `apart` the same with a scale for each panel where those of `svg` share one.
         key: what its colours and markers mean, as markup.
         wide: whether it has many panels.
-        head: what a line of the numbers is of.
+        head: heading of the first column of the numbers.
         columns, lines: the same as numbers, empty if tables elsewhere give them.
     """
 
@@ -162,7 +162,7 @@ def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
-    """Whether there is something to see: a single point is not a distribution."""
+    """Whether there is a distribution to see, more than a single point."""
     return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 

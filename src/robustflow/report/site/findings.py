@@ -30,7 +30,7 @@ class Checked:
 
     @property
     def unknown(self) -> list[Observation]:
-        """The observations about which these results say nothing."""
+        """The observations on which these results have no bearing."""
         return [one for one in self.observations if one.verdict == UNKNOWN]
 
 
@@ -59,7 +59,7 @@ def audits(content: Content, benchmark: str) -> list[Audit]:
 
 
 def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:
-    """(what is checked, how many numbers, what does not fit) in the order of the checks."""
+    """(check, number of values, findings) in the order of the checks."""
     return [
         (AUDIT_CHECKS[check], count, [finding for finding in audit.findings if finding.check == check])
         for check, count in audit.checked.items()

@@ -69,7 +69,7 @@ _LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
 
 
 def _best_of_settings(lines: Sequence[ModelResult]) -> str:
-    """For each setting the model with the lowest CRE, or RCRE if there is no CRE, and what that means."""
+    """Name for each setting the model with the lowest CRE, or RCRE if there is no CRE, and say what that means."""
     leaders: dict[str, list[str]] = {}
     for setting in dict.fromkeys(line.setting for line in lines if line.setting != "knowledge"):
         ranked = _ranked([line for line in lines if line.setting == setting])
@@ -141,7 +141,7 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
 
 
 def _shown(line: ModelResult, key: ValueKey) -> str:
-    """A score together with the accuracy, without which it cannot be judged."""
+    """State a score together with the clean EPE, without which it cannot be judged."""
     clean = _text(line, _CLEAN)
     return f"{METRIC_LABELS[key[0]]} {line.values[key].text} px" + (f"; clean EPE {clean} px" if clean else "")
 
@@ -151,7 +151,7 @@ def _text(line: ModelResult, key: ValueKey) -> str:
 
 
 def _not_ranked(lines: Sequence[ModelResult], start: str) -> list[str]:
-    """Which models are not called robust, and why."""
+    """Name the models that are not ranked, and say why."""
     reasons = [f"{plain(line.name)}, because {line.excluded}" for line in lines if line.excluded]
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 

@@ -1,4 +1,4 @@
-"""A page as HTML. Everything that comes from a file is escaped by the templates."""
+"""Write a page as HTML. The templates escape everything that comes from a file."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _predictions(runs: Sequence[Run]) -> Table | None:
 
 @dataclass(frozen=True)
 class BenchmarkSection:
-    """What a page shows of one benchmark; one is shown at a time.
+    """The part of a page about one benchmark; one is shown at a time.
 
     Attributes:
         board: its part of the leaderboard.

@@ -1,5 +1,5 @@
-"""A matplotlib figure as SVG inside a page, an element per panel: it uses the page's colours and fonts, and its marks
-carry their meaning. What its colours and markers mean is a list below it, whose lines break where a figure's cannot."""
+"""Turn a matplotlib figure into SVG for a page, an element per panel, with the page's colours and fonts and labelled
+marks. What its colours and markers mean is a list below it, whose lines break where a figure's cannot."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _panel_boxes(figure: MarkedFigure) -> list[Bbox]:
 
 
 _RIM = 2.0
-"""Pixels left free around a panel: a browser's letters may be wider than the measured ones."""
+"""Free pixels around a panel, because a browser's letters may be wider than measured."""
 
 
 def mark_text(mark: Mark) -> str:
@@ -192,8 +192,7 @@ def _share_shapes(root: ElementTree.Element) -> None:
 
 
 def _share_styles(root: ElementTree.Element) -> None:
-    """Attributes that all points of a group have in common are moved to the group; and spaces between elements are
-    removed."""
+    """Move attributes that all points of a group share to the group, and remove spaces between elements."""
     for group in root.iter():
         for text in ("text", "tail"):
             if not (getattr(group, text) or "").strip():

@@ -10,7 +10,7 @@ REPORT = "report.html"
 
 
 def write_report(run: Run) -> None:
-    """Write `report.html` into a run's folder, with the existing examples; not again while nothing has changed.
+    """Write `report.html` into a run's folder, with the existing examples, unless nothing has changed.
 
     Args:
         run: of the report.

@@ -45,8 +45,7 @@ def _first(slider: Slider, shots: tuple[Shot, ...]) -> Shot | None:
 
 
 def _data(slider: Slider) -> dict[str, Any]:
-    """The data for the script. A picture that the markup holds is null here, so that its bytes are in the page only
-    once."""
+    """The data for the script. Pictures in the markup are null here, so that their bytes are in the page only once."""
     corruptions = []
     for name, shots in slider.corruptions:
         first = _first(slider, shots)

@@ -1,4 +1,4 @@
-"""What a picture slider shows: frames as `data:` addresses, small enough that hundreds of them fit in one page."""
+"""The pictures of a slider: frames as `data:` addresses, small enough that hundreds of them fit in one page."""
 
 from __future__ import annotations
 
