@@ -80,6 +80,13 @@ def test_regions_average_over_the_images_that_have_them():
 OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
 
 
+@pytest.mark.parametrize("column", ["epe_sum", "fl_count", "wauc_sum", "epe_sum_d60", "fl_count_d60", "n_valid"])
+def test_a_row_that_counts_pixels_and_lacks_their_measure_is_refused(column):
+    rows = [row("a") | _inside("d60", 5, 2.0) | {column: None}]
+    with pytest.raises(RunError, match="row of sample 'a', clean severity 0 counts pixels, but lacks"):
+        summarize(rows_frame(rows))
+
+
 def test_a_run_averages_what_was_requested():
     rows = [row("a", epe=1.0), row("a", "fog", 1, epe=2.0)]
     extra = [row("a", name, 1, epe=101.0 + i) for i, name in enumerate(OTHERS)]
@@ -247,6 +254,15 @@ def test_order_of_rows_changes_no_byte(rows, averaging, rng: random.Random):
     assert summarize(rows_frame(shuffled), averaging).model_dump_json(indent=1) == expected
     halves = pl.concat([rows_frame(shuffled[::2]), rows_frame(shuffled[1::2])])
     assert summarize(halves, averaging).model_dump_json(indent=1) == expected
+
+
+@settings(deadline=None, max_examples=20)
+@given(runs(), st.sampled_from(["image", "pixel"]))
+def test_many_rows_read_a_column_at_a_time_have_the_summary_of_few(rows, averaging):
+    few = summarize(rows_frame(rows), averaging)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robustflow.runs.aggregate._FEW_ROWS", -1)
+        assert summarize(rows_frame(rows).lazy(), averaging) == few
 
 
 def _naive_mean(pairs, averaging):
