@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import RunError, UsageError
+from robustflow.metrics.regions import REGIONS
+from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.metrics.summary import METRICS, has_gaps
 from robustflow.runs.aggregate import summarize
 from tests.made_rows import rows_frame
@@ -80,11 +82,20 @@ def test_regions_average_over_the_images_that_have_them():
 OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
 
 
-@pytest.mark.parametrize("column", ["epe_sum", "fl_count", "wauc_sum", "epe_sum_d60", "fl_count_d60", "n_valid"])
+@pytest.mark.parametrize(
+    "column",
+    [
+        *("epe_sum", "rcre_sum", "rcre_all_sum", "clean_epe_sum", "wauc_sum", "n_truth", "n_valid", *COUNTS),
+        *(f"{name}_{region}" for region in REGIONS for name in ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")),
+    ],
+)
 def test_a_row_that_counts_pixels_and_lacks_their_measure_is_refused(column):
-    rows = [row("a") | _inside("d60", 5, 2.0) | {column: None}]
+    whole = row("a")
+    for region in REGIONS:
+        whole |= _inside(region, 5, 2.0)
+    rows = rows_frame([whole]).with_columns(pl.lit(None, ROW_SCHEMA[column]).alias(column))
     with pytest.raises(RunError, match="row of sample 'a', clean severity 0 counts pixels, but lacks"):
-        summarize(rows_frame(rows))
+        summarize(rows)
 
 
 def test_a_run_averages_what_was_requested():
