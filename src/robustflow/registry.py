@@ -28,40 +28,19 @@ class Registry(Generic[T]):
         self.kind = kind
         self._targets: dict[str, str] = {}
         self._loaded: dict[str, T] = {}
-        self._former: dict[str, str] = {}
         self._group = entry_point_group
 
     def add(self, name: str, target: str) -> None:
         """Register `name` for the lazy target `"module:attribute"`."""
-        if name in self._former:
-            raise RobustFlowError(f"{self.kind} '{name}' is the former name of '{self._former[name]}'; choose another")
         if self._targets.get(name, target) != target:
             raise RobustFlowError(
                 f"{self.kind} '{name}' is registered twice, for {self._targets[name]} and for {target}; rename one"
             )
         self._targets[name] = target
 
-    def rename(self, former: str, name: str) -> None:
-        """Keep accepting the former name of a thing, which `names` does not list.
-
-        Args:
-            name: registered.
-        """
-        if former in self._targets or name not in self._targets:
-            raise RobustFlowError(f"{self.kind} '{former}' cannot become '{name}': one is taken, or the other is not")
-        self._former[former] = name
-
-    def current_name(self, name: str) -> str:
-        """The current name of a thing; the name itself if it was never renamed."""
-        return self._former.get(name, name)
-
-    def recorded_name(self, name: str) -> str:
-        """The first name of a thing, which identities of runs use, so that they stay the same."""
-        return next((former for former, current in self._former.items() if current == name), name)
-
     def __contains__(self, name: object) -> bool:
-        """Whether this name, or a former one, is registered."""
-        return name in self._former or name in self.names()
+        """Whether this name is registered."""
+        return name in self.names()
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())
@@ -75,8 +54,7 @@ class Registry(Generic[T]):
         return list(self._targets)
 
     def get(self, name: str) -> T:
-        """The object behind a name or a former one, imported on first use."""
-        name = self.current_name(name)
+        """The object behind a name, imported on first use."""
         if name not in self._loaded:
             if name not in self._targets:
                 self._discover()

@@ -195,7 +195,7 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
     assert frames.protocol == {"options": {"step": "2"}}, "another step is another run"
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path / "fc"))
     with pytest.raises(UsageError, match="--benchmark kitti-fc"):
-        load_benchmark("kitti_fc", tmp_path / "fc")
+        load_benchmark("kitti_fc_released", tmp_path / "fc")
     with pytest.raises(UsageError, match="render_pass"):
         load_benchmark("kitti-fc", kitti, options={"render_pass": "final"})
     with pytest.raises(UsageError, match="did you mean 'sintel'"):

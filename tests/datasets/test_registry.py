@@ -6,8 +6,8 @@ import pickle
 
 import pytest
 
-from robustflow.datasets import DATASETS, Dataset, PreCorrupted, dataset_facts, load_dataset
-from robustflow.errors import AssetError, RobustFlowError, UsageError
+from robustflow.datasets import Dataset, PreCorrupted, load_dataset
+from robustflow.errors import AssetError, UsageError
 
 from .layouts import picture
 
@@ -39,25 +39,6 @@ def test_usage(tmp_path) -> None:
         load_dataset("kitti_fc_released", tmp_path, split="eval")
     with pytest.raises(UsageError, match="render_pass 'albedo' does not exist"):
         load_dataset("flyingthings3d", tmp_path, render_pass="albedo")
-
-
-@pytest.mark.parametrize(
-    ("former", "name", "benchmark"),
-    [("kitti_fc", "kitti_fc_released", "KITTI-FC"), ("gopro_fc", "gopro_fc_prepared", "GoPro-FC")],
-)
-def test_a_benchmark_and_a_data_set_have_names_apart(former: str, name: str, benchmark: str) -> None:
-    """`kitti-fc` is the benchmark; its files are `kitti_fc_released`, and the former name opens them too."""
-    assert name in DATASETS.names()
-    assert former not in DATASETS.names()
-    assert former in DATASETS
-    assert DATASETS.get(former) is DATASETS.get(name)
-    assert DATASETS.get(name).name == name
-    assert dataset_facts(former).title == dataset_facts(name).title
-    assert dataset_facts(name).title.startswith(benchmark)
-    assert DATASETS.recorded_name(name) == former
-    assert DATASETS.recorded_name("gopro_fc_released") == "gopro_fc_released"
-    with pytest.raises(RobustFlowError, match="former name"):
-        DATASETS.add(former, "mine:Mine")
 
 
 def test_a_data_set_is_a_sequence(tmp_path):

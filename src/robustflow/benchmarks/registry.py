@@ -131,7 +131,7 @@ def _opened(
 ) -> Benchmark:
     if name not in BENCHMARKS.names():
         if name in DATASETS:
-            return from_dataset(DATASETS.current_name(name), root, split, options)
+            return from_dataset(name, root, split, options)
         raise unknown_name("benchmark", name, reserved)
     if options:
         raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")

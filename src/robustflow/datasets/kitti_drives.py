@@ -26,7 +26,6 @@ from itertools import groupby
 _TABLES = {
     "kitti2015": ("kitti2015", 200),
     "kitti_fc_released": ("kitti2015", 200),
-    "kitti_fc": ("kitti2015", 200),  # its name in a run's identity
     "kitti2012": ("kitti2012", 194),
 }
 """Data set -> the table of its pairs, and the number of pairs. The released KITTI-FC keeps the numbering of 2015."""

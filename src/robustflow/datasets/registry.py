@@ -38,15 +38,13 @@ _TARGETS = {
 }
 for _name, _target in _TARGETS.items():
     DATASETS.add(_name, f"robustflow.datasets.{_target}")
-DATASETS.rename("kitti_fc", "kitti_fc_released")
-DATASETS.rename("gopro_fc", "gopro_fc_prepared")
 
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
     """Open a data set.
 
     Args:
-        name: a name of `DATASETS`, or a former one.
+        name: a name of `DATASETS`.
         root: its folder; None for a data set that needs none.
         options: further options of the data set (`step=2`, `render_pass="final"`).
 

@@ -16,7 +16,6 @@ from ..corruptions.api import STREAM_VERSION
 from ..corruptions.base import Corruption
 from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
-from ..datasets import DATASETS
 from ..datasets.base import Depths
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
@@ -134,7 +133,7 @@ class Plan:
         return Identity(
             frames=FrameIdentity(
                 benchmark=self.benchmark.name,
-                dataset=DATASETS.recorded_name(self.benchmark.dataset.name),
+                dataset=self.benchmark.dataset.name,
                 protocol=_as_json(self.benchmark.protocol),
                 seed=options.seed,
                 variant=options.variant,
