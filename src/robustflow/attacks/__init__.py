@@ -1,4 +1,4 @@
-"""Adversarial attacks: the worst that a small change of the frames does to a model's flow."""
+"""Adversarial attacks: small changes of the frames that make a model's flow as wrong as possible."""
 
 from __future__ import annotations
 

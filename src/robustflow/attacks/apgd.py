@@ -11,20 +11,20 @@ from .images import Images
 from .problem import Problem
 
 _MOMENTUM = 0.75
-"""Weight of the projected step; the rest is that of the step before."""
+"""Weight of the projected step; the previous step has the rest."""
 _IMPROVED = 0.75
 """The step is halved if a smaller share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
-"""Shares of all steps: before the first check, by which the time to the next one shrinks, and its minimum."""
+"""Shares of all steps: before the first check, the decrease of the interval between checks, and its minimum."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Apgd(Attack):
-    """Projected gradient ascent without a step to choose: it begins with twice the budget and is halved, from the best
-    pair so far, whenever too few steps improved or nothing was gained since the last check.
+    """Projected gradient ascent whose step begins at twice the budget and is halved, from the best pair so far,
+    whenever too few steps improved or nothing was gained since the last check.
 
     Args:
-        steps: gradients for each start, without the first one.
+        steps: gradients for each start, in addition to the first one.
         starts: random starts; the best pair of all is kept.
     """
 

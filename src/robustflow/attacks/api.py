@@ -152,7 +152,7 @@ def attack_of_sample(
     seed: int,
     warnings: frozenset[str] = frozenset(),
 ) -> Attacked:
-    """What `attack` gives for a sample, whose key names the random choices, with the clean flow known.
+    """Attack a sample, whose key names the random choices, with a known clean flow.
 
     Args:
         attack: with its options.
@@ -176,7 +176,7 @@ def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> 
 
 
 def first_warnings(model: FlowModel, frames: tuple[Frame, Frame], key: str, first: Flow) -> frozenset[str]:
-    """What a model's answers say before it is attacked: whether it gives a second flow for a pair when asked again.
+    """Check a model before it is attacked: whether it returns a different flow for the same pair when asked again.
 
     Raises:
         ModelError: the model raised, or returned no flow.
@@ -250,7 +250,7 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
 
 
 def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
-    """What the course of the attack says against its number."""
+    """Warnings that follow from the course of the attack."""
     warnings = set()
     trace = [problem.loss.score(value) for value in problem.trace]
     last = len(trace) - len(trace) // 4

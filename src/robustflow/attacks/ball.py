@@ -1,4 +1,4 @@
-"""How far the frames may be moved: balls around the clean pair, measured in grey levels of the 8-bit frames."""
+"""How far frames may be changed: balls around the clean pair, measured in grey levels of the 8-bit frames."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ GREY_LEVELS: dict[str, tuple[float, ...]] = {
 PCFA's bound of 0.005."""
 
 MOVED = ("both", "first", "second", "joint")
-"""Which frames are perturbed: both, each by itself; one of them; or both by the same change."""
+"""Which frames are perturbed: both, separately; one of them; or both by the same change."""
 
 _SLACK = 1e-6
 """Relative rounding error up to which float images are inside a ball."""
@@ -43,7 +43,7 @@ class Ball:
         budget: grey levels of 255; % of the pixels for "area".
         norm: one of `NORMS`.
         moved: one of `MOVED`.
-        per_frame: "rms" holds for each frame by itself, instead of for both together.
+        per_frame: "rms" holds for each frame separately, instead of for both together.
 
     Raises:
         UsageError: an unknown norm or choice of frames, or a budget that is not above 0.
@@ -103,7 +103,7 @@ class Ball:
         return bool(inside and together and self.size_of(change) <= float(self.radius) * (1 + _SLACK) + 1e-7)
 
     def project(self, images: Images) -> Images:
-        """Images inside: the change cut to the ball, then the values to 0..1."""
+        """Project images: first cut the change to the ball, then the values to 0..1."""
         change = np.zeros_like(images)
         change[self._kept] = (images - self.clean)[self._kept]
         if self.moved == "joint":
@@ -126,7 +126,7 @@ class Ball:
         return change
 
     def _largest(self, change: Images) -> Images:
-        """The change where it is largest, on as many pixels of each frame as the budget has."""
+        """Keep the change where it is largest, on as many pixels of each frame as the budget has."""
         sizes = np.abs(change).max(axis=1).reshape(2, -1)
         order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
         kept = np.zeros_like(sizes, bool)
@@ -138,7 +138,7 @@ class Ball:
 
         Args:
             images: where it begins.
-            gradient: of what is to grow.
+            gradient: of the score.
             size: of the step in grey levels: along the sign of the gradient, or along the gradient, and of this root
                 mean square, for "rms".
         """

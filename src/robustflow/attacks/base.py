@@ -1,7 +1,7 @@
-"""What an attack is: it moves a pair of frames inside a ball so that a loss of the model's flow grows.
+"""The base of attacks, which move a pair of frames inside a ball so that a loss of the model's flow grows.
 
-An attack has options and no state: what it asks and what it found are in the `Problem`, its random choices come from
-the stream that it is given. So the same pair, model, options and seed give the same frames.
+An attack has options and no state: its evaluations and results are in the `Problem`, its random choices come from a
+given stream. So the same pair, model, options and seed give the same frames.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ VARIANTS = ("default", "flowbench", "original")
 what the code of an attack's authors does."""
 
 TARGETS = ("none", "zero", "negative")
-"""What the flow is to become: anything that is far from the reference, zero everywhere, or minus the clean flow."""
+"""What the flow should become: anything far from the reference, zero everywhere, or minus the clean flow."""
 
 REFERENCES = ("auto", "truth", "clean")
-"""What an untargeted attack moves the flow away from; `auto` is the ground truth where there is one."""
+"""What an untargeted attack moves the flow away from; `auto` is the ground truth if there is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +60,14 @@ class Attack(ABC):
     name: ClassVar[str]
     needs_gradients: ClassVar[bool] = True
     control: ClassVar[bool] = False
-    """Random noise that asks the model nothing, beside which an attack is judged."""
+    """Whether it is random noise that does not query the model, with which attacks are compared."""
     agreeing: ClassVar[bool] = False
     """Whether pixels count by CosPGD's weight."""
     variants: ClassVar[tuple[str, ...]] = ("default",)
     norms: ClassVar[tuple[str, ...]] = ("linf", "rms")
     targets: ClassVar[tuple[str, ...]] = TARGETS
     argument: ClassVar[str] = ""
-    """The option that follows the name without its own: `transfer:tiny` is `transfer` with `model="tiny"`."""
+    """The option that follows the attack's name without a key: `transfer:tiny` is `transfer` with `model="tiny"`."""
 
     variant: str = "default"
     norm: str = "linf"
@@ -114,7 +114,7 @@ class Attack(ABC):
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """The attack with options, of which texts are read as numbers where a number belongs.
+        """Build the attack with options; texts are read as numbers where an option is a number.
 
         Raises:
             UsageError: an option that there is not.
@@ -128,12 +128,12 @@ class Attack(ABC):
         return cls(**options)
 
     def with_variant(self, variant: str) -> Self:
-        """The attack in a variant, unless it has none of that name or a variant was chosen for it."""
+        """The attack in a variant, unless it does not have that variant or one was chosen for it."""
         chosen = self.variant == "default" and variant in self.variants
         return replace(self, variant=variant) if chosen else self
 
     def known_options(self) -> set[str]:
-        """The options that there are."""
+        """The names of all options."""
         return {each.name for each in fields(self) if each.compare}
 
     def options(self) -> dict[str, Any]:
@@ -162,7 +162,7 @@ class Attack(ABC):
 
     @property
     def needs(self) -> str:
-        """What it needs of a model, in a word."""
+        """What it needs from a model, in a word."""
         return "gradients" if self.needs_gradients else "nothing" if self.control else "any model"
 
     def check(self, model: AnyModel) -> None:
@@ -190,7 +190,7 @@ class Attack(ABC):
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
 
     def _loss(self, clean_flow: Flow, pair: Pair) -> tuple[Loss, bool]:
-        """What is to grow, and whether it is the distance to the clean flow."""
+        """The score, and whether it is the distance to the clean flow."""
         if self.target != "none":
             target = -clean_flow if self.target == "negative" else np.zeros_like(clean_flow)
             return Loss(target, None, self.loss, towards=True, agreeing=self.agreeing), False
@@ -221,7 +221,7 @@ class Attack(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Control(Attack):
-    """Random frames that ask the model nothing, beside which attacks of a norm are judged."""
+    """Random frames that do not query the model, with which attacks of a norm are compared."""
 
     needs_gradients: ClassVar[bool] = False
     control: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""Projected gradient ascent with a fixed step: what FGSM, BIM, PGD and CosPGD share."""
+"""Projected gradient ascent with a fixed step, shared by FGSM, BIM, PGD and CosPGD."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CosPGD: PGD in which pixels count by how far they still agree with the reference (Agnihotri et al. 2024)."""
+"""CosPGD: PGD in which pixels are weighted by their agreement with the reference (Agnihotri et al. 2024)."""
 
 from __future__ import annotations
 

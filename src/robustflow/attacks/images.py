@@ -1,4 +1,4 @@
-"""A pair of frames as one array of numbers that an attack can move, and back to 8 bits."""
+"""Convert a pair of frames to one array that an attack can change, and back to 8 bits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WHITE = 255
 
 
 def images_of(frame1: Frame, frame2: Frame) -> Images:
-    """A pair as an attack moves it.
+    """Convert a pair to the array that an attack changes.
 
     Args:
         frame1, frame2: RGB uint8 (H, W, 3).
@@ -27,7 +27,7 @@ def images_of(frame1: Frame, frame2: Frame) -> Images:
 
 
 def grey_levels_of(images: Images) -> npt.NDArray[np.int16]:
-    """The nearest grey levels 0..255, int16 (2, 3, H, W): what a file would hold."""
+    """Round to grey levels 0..255, int16 (2, 3, H, W), as in a file."""
     return np.rint(np.clip(images, 0, 1) * np.float32(WHITE)).astype(np.int16)
 
 

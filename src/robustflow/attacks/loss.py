@@ -1,4 +1,4 @@
-"""What an attack makes grow: a distance of the flow to a reference, over the pixels that count."""
+"""The losses of attacks: distances of the flow to a reference, over the pixels that count."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Loss:
         reference: float32 (H, W, 2), pixels: the ground truth, the clean flow, or a target.
         valid: bool (H, W), the pixels that count; None for all.
         kind: one of `LOSSES`.
-        towards: the flow is to come near the reference, a target, instead of going away from it.
+        towards: whether the flow should approach the reference, a target, instead of leaving it.
         agreeing: pixels count by CosPGD's weight: the cosine between the softmax of (u, v) and of the reference's, or
             1 minus it if `towards`; no gradient goes through the weight.
 
@@ -64,7 +64,7 @@ class Loss:
         return float(values[counted].mean()), slopes.astype(np.float32)
 
     def score(self, loss: float) -> float:
-        """What is to grow: the loss, or minus the loss `towards` a target."""
+        """The score, which grows: the loss, or minus the loss `towards` a target."""
         return -loss if self.towards else loss
 
     @property

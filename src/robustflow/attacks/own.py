@@ -1,4 +1,4 @@
-"""A user's own attack: an object, a class or `module:Attribute`, checked, and known by its name from then on.
+"""A user's own attack: an object, a class or `module:Attribute`, which is checked and then known by its name.
 
 `robustflow.testing.check_attack` looks further (budget, determinism, the best pair).
 """
@@ -23,7 +23,7 @@ from .problem import Pair, Problem
 from .registry import ATTACKS, split_name
 
 Made = Any
-"""A class that makes an attack, or one that is made."""
+"""A class of attacks, or an object of one."""
 
 _own: dict[str, Made] = {}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -32,11 +32,11 @@ _GUIDE = "see the guide 'add your attack'"
 
 @dataclass(frozen=True, kw_only=True)
 class OwnAttack(Attack):
-    """A user's attack: what it is given cannot be written to, and what it raises becomes a sentence.
+    """Wraps a user's attack: its inputs are read-only, and its exceptions become one-line errors.
 
     Args:
         made_by_user: anything with `run(problem, rng)`; see `Attack.run`.
-        given: options that its class was built with.
+        given: options with which its class was built.
     """
 
     made_by_user: Any

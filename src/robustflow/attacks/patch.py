@@ -25,9 +25,9 @@ _REACH = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Patch(Trained):
-    """Paste a disc at a random place, the same in both frames: vertical stripes in black and white, which need no
-    training, or a pattern that was trained, in the size that the budget gives it in each frame, turned by up to 10
-    degrees and its content scaled by up to 5 % at random. Training does so in every step.
+    """Paste a disc at a random place, the same in both frames: black and white vertical stripes, which need no
+    training, or a trained pattern, resized to the budget of each frame, rotated by up to 10 degrees and scaled by up to
+    5 % at random. Training does so in every step.
 
     Args:
         steps: of the training, each with a gradient for every sample.
@@ -84,10 +84,10 @@ class Patch(Trained):
 
 @dataclass(frozen=True)
 class Disc:
-    """Where a disc is in a pair, and how a pattern lies in it.
+    """The position of a disc in a pair, and of a pattern in it.
 
     Attributes:
-        frames: those that have it.
+        frames: the frames that have it.
         where: its square, rows and columns.
         mask: bool, of the disc in the square.
         rng: of the rotation and the scale.

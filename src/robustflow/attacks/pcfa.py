@@ -1,4 +1,4 @@
-"""PCFA: the flow brought to a target by LBFGS, with a penalty for leaving the budget (Schmalfuss et al. 2022)."""
+"""PCFA: LBFGS moves the flow to a target, with a penalty for exceeding the budget (Schmalfuss et al. 2022)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BOXES = ("change", "clipping")
 _INSIDE = 1e-7
-"""How far the change of variables stays away from 0 and 1."""
+"""Distance that the change of variables keeps from 0 and 1."""
 _WEIGHT = 2500.0
 """Weight of the penalty, over the bound; 1.5 times this for a target that is not zero."""
 _SATURATED = 0.05

@@ -1,4 +1,4 @@
-"""What an attack may ask about a pair: its loss, its gradient, and what it has cost so far."""
+"""The interface of an attack to a pair: its loss, its gradient, and the cost so far."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EXPECTED = "expected a tensor (1, 2, H, W) computed from the images inside PyTo
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A pair to attack, whatever the model and the attack are.
+    """A pair to attack, independent of the model and the attack.
 
     Args:
         frames: RGB uint8 (H, W, 3) each.
@@ -30,7 +30,7 @@ class Pair:
         valid: bool (H, W), where the truth is known; None for everywhere.
         key: name of the sample.
         seed: of the random choices.
-        severity: 1 to 5; 0 for a budget that is of none.
+        severity: 1 to 5; 0 for a budget without one.
     """
 
     frames: tuple[Frame, Frame]
@@ -42,7 +42,7 @@ class Pair:
     severity: int = 0
 
     def stream(self, attack: str) -> Rng:
-        """The random choices of an attack on this pair, the same wherever that attack is part of another."""
+        """The stream of an attack's random choices on this pair, the same if the attack is part of another one."""
         return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 
@@ -53,8 +53,8 @@ class Problem:
     Args:
         model: that is attacked.
         ball: around the clean pair.
-        loss: that is to grow.
-        pair: what the attack is given.
+        loss: that should grow.
+        pair: given to the attack.
         clean_flow: the model's, of the clean pair, float32 (H, W, 2), pixels.
         from_clean: the loss is the distance to the clean flow, which has no gradient at the clean pair.
 
@@ -113,7 +113,7 @@ class Problem:
         return _as_flow(flow)
 
     def slope(self, images: Images) -> tuple[float, Images]:
-        """The score at images, noted as by `score`, and the gradient of what the attack follows.
+        """The score at images, recorded as by `score`, and the gradient that the attack follows.
 
         The gradient is that of the loss with CosPGD's weight, if the loss has it.
         """
@@ -170,7 +170,7 @@ class Problem:
         return reproducible(getattr(self.model, "threads", 1))
 
     def checked(self, images: Any, attack: str) -> Images:
-        """Images that an attack returned, brought into the ball if they are outside.
+        """Project images that an attack returned into the ball, if they are outside.
 
         Raises:
             UsageError: they are not float32 of the pair's shape, or not finite.
@@ -184,12 +184,12 @@ class Problem:
         return images if self.ball.holds(images) else self.ball.project(images)
 
     def charge(self, other: Problem) -> None:
-        """Count what another problem has cost as part of this one."""
+        """Add the cost of another problem to this one."""
         self.evaluations += other.evaluations
         self.gradients += other.gradients
 
     def note(self, images: Images, loss: float) -> float:
-        """Record a loss that is known; the images become the best if they are inside the ball and score higher."""
+        """Record a known loss; the images become the best if they are inside the ball and score higher."""
         self.trace.append(loss)
         score = self.loss.score(loss)
         if score > self.best_score and self.ball.holds(images):

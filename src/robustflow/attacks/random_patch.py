@@ -1,4 +1,4 @@
-"""Control: a disc of random colours, where the attack `patch` has its own."""
+"""Control: a disc of random colours, at the place of the attack `patch`."""
 
 from __future__ import annotations
 

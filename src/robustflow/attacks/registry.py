@@ -14,7 +14,7 @@ ATTACK_VERSION = 4
 CONTROLS = ("random_sign", "random_gauss")
 """Random noise of the attacks' norms, which an attack has to beat."""
 PATCH_CONTROL = "random_patch"
-"""What a patch has to beat."""
+"""Random patches, which a patch has to beat."""
 
 _CLASSES = {
     "random_sign": "random_sign:RandomSign",

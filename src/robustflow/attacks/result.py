@@ -1,4 +1,4 @@
-"""What an attack on a pair gave: frames, flows, what it cost, and what makes it doubtful."""
+"""The result of an attack on a pair: frames, flows, cost and warnings."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ WARNINGS = {
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
     "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
 }
-"""What can be wrong with the number of one attack, by a short name."""
+"""Warnings about the number of one attack, by a short name."""
 
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the steps are badly chosen",
     "square_above_white_box": "Square, which uses no gradient, is stronger",
     "transfer_above_white_box": "frames made on a different model are stronger",
 }
-"""What can be wrong with it beside other attacks of the run."""
+"""Warnings that follow from other attacks of the run."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Square: random squares that are kept if they help; asks only for flows (Andriushchenko et al. 2020)."""
+"""Square: random squares that are kept if they help; only queries flows (Andriushchenko et al. 2020)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .images import WHITE, Images, frames_of, grey_levels_of
 from .problem import Problem
 
 _LARGEST = 0.8
-"""Share of the frame that a square covers in the beginning."""
+"""Share of the frame that a square covers at the beginning."""
 _HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 """Queries out of 10 000 after which that share is halved."""
 
@@ -23,7 +23,7 @@ _HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 class Square(Attack):
     """Vertical stripes at first, then one square at a random place of one frame for each query, kept if the loss grows.
 
-    All frames that it asks about are 8-bit frames, so it needs no gradient and fits every model.
+    It only queries 8-bit frames and needs no gradient, so it fits every model.
 
     Args:
         queries: flows that it asks for.

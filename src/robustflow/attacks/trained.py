@@ -1,4 +1,4 @@
-"""Attacks whose change is found once, on samples that are not measured, and then tried on others."""
+"""Attacks trained once, on samples that are not measured, and then applied to others."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Trained(Attack):
     """A pattern that is the same for every sample.
 
     Args:
-        train: on what it is trained in a run: a number of samples, drawn by the run's seed from those that are not
-            measured, or a file of their keys. One pattern for each severity.
+        train: samples for training in a run: their number, drawn by the run's seed from those that are not measured, or
+            a file of their keys. Each severity has its own pattern.
         file: a pattern that is stored as a NumPy array (.npy), instead of training.
         steps: of the training, each with a gradient for every sample.
         learned: pattern of each severity that was trained; a run fills it in.

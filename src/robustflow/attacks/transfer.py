@@ -1,4 +1,4 @@
-"""Transfer: frames that were attacked on another model."""
+"""Transfer: frames that were attacked on a different model."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer(Attack):
-    """Attack the same pair on another model, and give the model under test what came out. It asks that model nothing,
-    so it fits models without gradients; a white-box attack on a model that hides its gradient should not be weaker.
+    """Attack the same pair on a different model, and give the result to the model under test. It does not query that
+    model, so it fits models without gradients; a white-box attack on a model that hides its gradient should not be
+    weaker.
 
     Options of the inner attack, and of the model that it is made on, are given like its own:
     `transfer:raft:checkpoint=things:attack=pgd:steps=40`.

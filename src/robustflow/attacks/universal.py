@@ -25,8 +25,8 @@ _REACH = 2.5
 class Universal(Trained):
     """Add the same perturbation to every pair, cut to the budget and to 0..255.
 
-    In training, larger frames decide its size; a smaller frame gets the top left part. The perturbation of a file must
-    have the frames' size, and is shortened where it exceeds a budget, never lengthened.
+    In training, the largest frame decides its size; smaller frames get the top left part. The perturbation of a file
+    must have the frames' size, and is shortened where it exceeds a budget, never lengthened.
 
     Args:
         second: file of frame 2's perturbation, as PCFA writes one for each frame; without it both frames get `file`'s.

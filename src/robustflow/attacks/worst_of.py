@@ -1,4 +1,4 @@
-"""Worst of: several attacks on a pair, of which the strongest counts (Croce and Hein 2020, the idea of AutoAttack)."""
+"""Worst of: the strongest of several attacks on a pair (Croce and Hein 2020, the idea of AutoAttack)."""
 
 from __future__ import annotations
 
