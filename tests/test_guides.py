@@ -77,7 +77,8 @@ def test_add_your_model_with_torch(reader):
 def test_add_your_corruption(reader):
     reader.follow("add-your-corruption.md")
     assert set(rf.load_run("runs/rain").rows["corruption"]) == {"clean", "rain", "fog+rain"}
-    assert float(reader.printed[-1].splitlines()[-1]) > -1
+    assert float(reader.printed[-2].splitlines()[-1]) > -1
+    assert set(rf.load_run("runs/dusk").rows["corruption"]) == {"clean", "dusk"}
 
 
 def test_add_your_attack(reader):

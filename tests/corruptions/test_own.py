@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.corruptions import corruption_name, load_corruption
-from robustflow.corruptions.stack import levels_of, parse_stack
+from robustflow.corruptions import DepthCorruption, corruption_name, load_corruption
+from robustflow.corruptions.stack import levels_of, needs_depth, parse_stack
 from robustflow.errors import UsageError
 from robustflow.testing import check_corruption
 
+from .pictures import plane, scene, seen
 from .rain import RAIN
 
 FRAME = np.indices((24, 36)).sum(0)[..., None].repeat(3, 2).astype(np.uint8)
@@ -29,6 +30,33 @@ class Veil:
 
     def apply(self, frame, state, index):
         return np.maximum(frame, state).astype(np.uint8)
+
+
+class NearWhite(DepthCorruption):
+    """White where the scene is nearer than the severity in metres; a dot, drawn for the pair, is black."""
+
+    paper_severities = (1.0, 2.0, 4.0, 8.0, 16.0)
+
+    def draw_scene(self, rng, severity, depth):
+        return self.parameter(severity), rng.integer(0, 20), depth.maps
+
+    def apply(self, frame, state, index):
+        nearest, dot, maps = state
+        out = np.where((maps[index] < nearest)[..., None], np.uint8(255), frame)
+        out[dot, dot] = 0
+        return out
+
+
+class NearGrey:
+    """The same idea without a base class."""
+
+    needs_depth = True
+
+    def draw_scene(self, rng, severity, depth):
+        return depth.maps
+
+    def apply(self, frame, state, index):
+        return np.where((state[index] < 10)[..., None], np.uint8(128), frame)
 
 
 @pytest.fixture
@@ -129,3 +157,84 @@ def test_the_source_names_files_and_attributes(package):
     assert load_corruption("fog").source == ""
     with pytest.raises(UsageError, match="property"):
         _ = load_corruption(Veil(object())).source
+
+
+@pytest.mark.parametrize("made", [NearWhite, NearWhite(), NearGrey, NearGrey(), "tests.corruptions.test_own:NearWhite"])
+def test_an_own_corruption_in_three_dimensions_gets_the_depth_of_each_frame(made):
+    metres = np.arange(1, 1 + FRAME.shape[1], dtype=np.float32) * np.ones((len(FRAME), 1), np.float32)
+    name = corruption_name(made)
+    limit, value = (8, 255) if name == "near_white" else (10, 128)
+    for frame, depth in zip(
+        rf.corrupt(FRAME, FRAME, made, 4, depth=seen(metres, 50 - metres)), (metres, 50 - metres), strict=True
+    ):
+        expected = np.where((depth < limit)[..., None], np.uint8(value), FRAME)
+        assert (frame != expected).any(axis=2).sum() <= (name == "near_white")  # its dot
+    assert needs_depth(name)
+    assert needs_depth(f"fog+{name}:2")
+
+
+def test_an_own_corruption_in_three_dimensions_stacks_with_others():
+    depth = plane(2.0, FRAME.shape[:2])
+    whole, alone = (
+        rf.corrupt(FRAME, FRAME, name, 5, depth=depth)[0]
+        for name in (f"{corruption_name(NearGrey)}+contrast", "contrast")
+    )
+    assert len(np.unique(whole)) == 1
+    assert len(np.unique(alone)) > 1
+
+
+@pytest.mark.parametrize("made", [NearWhite, NearGrey])
+def test_an_own_corruption_in_three_dimensions_without_depth_is_refused_in_one_sentence(made):
+    with pytest.raises(UsageError, match=rf"^{corruption_name(made)} needs the depth of the sample: .*--depth DIR$"):
+        rf.corrupt(FRAME, FRAME, made, 3)
+
+
+def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets():
+    class Flattens(NearWhite):
+        def draw_scene(self, rng, severity, depth):
+            depth.maps[0][:] = 1
+            return super().draw_scene(rng, severity, depth)
+
+    class Stops(NearWhite):
+        def draw_scene(self, rng, severity, depth):
+            depth.camera.translation[:] = 0
+            return super().draw_scene(rng, severity, depth)
+
+    for made in (Flattens, Stops):
+        depth = scene(*FRAME.shape[:2])
+        with pytest.raises(UsageError, match=r"failed in draw_scene: .*copy the frame or the depth before changing it"):
+            rf.corrupt(FRAME, FRAME, made, 3, depth=depth)
+        assert depth.maps[0].max() > 1
+        assert depth.camera.translation.any()
+
+
+def test_a_class_that_says_it_needs_depth_without_draw_scene_is_refused():
+    with pytest.raises(UsageError, match="has no method draw_scene"):
+        corruption_name(type("Bare", (Veil,), {"needs_depth": True}))
+
+
+def test_needs_depth_is_false_for_an_own_flat_corruption_and_for_an_unknown_name():
+    assert not needs_depth(corruption_name(Veil))
+    assert not needs_depth("of_another_machine:2+fog")
+
+
+def test_check_corruption_tries_depth_with_a_camera_of_known_and_of_unknown_motion():
+    class Parallax(NearWhite):
+        def draw_scene(self, rng, severity, depth):
+            given.append((depth.maps[0].shape, depth.camera.translation is None))
+            return super().draw_scene(rng, severity, depth)
+
+    given = []
+    assert check_corruption(Parallax) == "parallax"
+    assert check_corruption(NearGrey) == "near_grey"
+    assert {shape for shape, _ in given} == {(48, 64), (33, 61)}
+    assert {unknown for _, unknown in given} == {False, True}
+
+
+def test_check_corruption_finds_depth_of_the_wrong_frame():
+    class Strays(NearWhite):
+        def apply(self, frame, state, index):
+            return super().apply(frame, state, index + 1)
+
+    with pytest.raises(UsageError, match="failed in apply: IndexError"):
+        check_corruption(Strays)

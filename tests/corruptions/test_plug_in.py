@@ -10,15 +10,28 @@ SCRIPT = """
 import numpy as np
 from robustflow.corruptions import CORRUPTIONS, corrupt, load_corruption
 from robustflow.corruptions.sources import user_sources
+from robustflow.corruptions.stack import needs_depth
 from robustflow.errors import UsageError
 frame = np.full((24, 36, 3), 9, np.uint8)
 assert "rain" in CORRUPTIONS.names()
 assert (corrupt(frame, frame, "fog+rain", 3)[0] != corrupt(frame, frame, "fog", 3)[0]).any()
 print(user_sources(names=["fog+rain:2"])["corruptions"]["rain"])
+assert needs_depth("fog+haze") and not needs_depth("fog+rain")
 try:
     load_corruption("sleet")
 except UsageError as error:
     print(error)
+"""
+
+
+HAZE = """
+from robustflow.corruptions import DepthCorruption
+class Haze(DepthCorruption):
+    paper_severities = (1, 2, 3, 4, 5)
+    def draw_scene(self, rng, severity, depth):
+        return depth.maps
+    def apply(self, frame, state, index):
+        return frame.copy()
 """
 
 
@@ -28,8 +41,9 @@ def test_an_entry_point_is_a_corruption(tmp_path):
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: weather\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
-        "[robustflow.corruptions]\nrain = rain_module:Rain\nsleet = rain_module:Rain\n"
+        "[robustflow.corruptions]\nrain = rain_module:Rain\nsleet = rain_module:Rain\nhaze = haze_module:Haze\n"
     )
+    (site / "haze_module.py").write_text(HAZE)
     (site / "rain_module.py").write_text(RAIN)
     (site / "rain_depth.py").write_text("DEPTH = 4\n")
 

@@ -9,7 +9,7 @@ import pytest
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
-from robustflow.corruptions import corrupt
+from robustflow.corruptions import DepthCorruption, corrupt
 from robustflow.datasets import load_dataset
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.images.io import read_image
@@ -47,6 +47,22 @@ class FilesOfDepth(TexturePairs):
 
     def depth_files(self, key):
         return [self._folder / f"{key}.depth"]
+
+
+class Haze(DepthCorruption):
+    """A user's corruption in three dimensions: darker by the metre."""
+
+    paper_severities = (1, 2, 3, 4, 5)
+
+    def draw_scene(self, rng, severity, depth):
+        return self.parameter(severity), depth.maps
+
+    def apply(self, frame, state, index):
+        steps, maps = state
+        return np.clip(frame - steps * maps[index][..., None], 0, 255).astype(np.uint8)
+
+
+HAZE = f"{__name__}:Haze"
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +117,22 @@ def test_depth_is_not_read_where_nothing_needs_it(monkeypatch, tmp_path):
     assert run(tmp_path / "run", corruptions=["contrast"]).rows.height == 6
 
 
-@pytest.mark.parametrize("name", ["fog_3d", "fog+fog_3d:2"])
+def test_an_own_corruption_in_three_dimensions_runs_as_shipped_ones_do(tmp_path):
+    data = load_dataset("shapes", **SHAPES)
+    result = run(tmp_path / "run", corruptions=[HAZE, f"fog+{HAZE}:2"])
+    assert set(result.rows["corruption"]) == {"clean", "haze", "fog+haze:2"}
+    processes = run(tmp_path / "processes", corruptions=[Haze()], engine="processes", workers=2)
+    assert processes.rows.filter(corruption="haze")["frames_digest"].equals(
+        result.rows.filter(corruption="haze")["frames_digest"]
+    )
+    list(export(load_benchmark("shapes", options=SHAPES).narrowed([HAZE], [5]), tmp_path / "frames"))
+    sample = data["000000"]
+    written = read_image(tmp_path / "frames" / "haze_5" / "val" / "image_2" / "000000_10.png")
+    metres = data.depth(sample).maps[0][..., None]
+    np.testing.assert_array_equal(written, np.clip(sample.frames[0] - 5 * metres, 0, 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("name", ["fog_3d", "fog+fog_3d:2", HAZE, f"fog+{HAZE}:2"])
 def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder, tmp_path, name):
     with pytest.raises(UsageError, match=r"needs the depth of the scene, which 'folder' does not have.*--depth DIR"):
         run(tmp_path / "run", "folder", clip_folder, [name], {})

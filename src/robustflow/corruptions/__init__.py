@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..severity import SEVERITIES
 from .api import corrupt, corrupt_clip, corruption_name, list_corruptions, load_corruption
-from .base import Corruption
+from .base import Corruption, DepthCorruption
 from .registry import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "PAPER_ORDER",
     "SEVERITIES",
     "Corruption",
+    "DepthCorruption",
     "corrupt",
     "corrupt_clip",
     "corruption_name",

@@ -101,11 +101,30 @@ class Corruption(ABC):
         """
 
 
+def sample_without_depth(name: str) -> UsageError:
+    """The error for a corruption that needs depth and is given none."""
+    return UsageError(
+        f"{name} needs the depth of the sample: choose a data set that has it ('robustflow list datasets'), "
+        "or give your own with --depth DIR"
+    )
+
+
 class DepthCorruption(Corruption):
     """A corruption of the scene in three dimensions: it needs the depth of both frames.
 
     Subclasses implement `draw_scene` in place of `draw`; the state it returns holds whatever `apply` needs of the depth
     maps. Only frames 0 and 1 have depth, so frames around a pair cannot be corrupted.
+
+    >>> import numpy as np
+    >>> from robustflow.testing import check_corruption
+    >>> class Dusk(DepthCorruption):
+    ...     paper_severities = (400.0, 200.0, 100.0, 50.0, 25.0)
+    ...     def draw_scene(self, rng, severity, depth):
+    ...         return [np.exp(-metres / self.parameter(severity))[..., None] for metres in depth.maps]
+    ...     def apply(self, frame, state, index):
+    ...         return np.rint(frame * state[index]).astype(np.uint8)
+    >>> check_corruption(Dusk)
+    'dusk'
     """
 
     needs_depth = True
@@ -116,10 +135,7 @@ class DepthCorruption(Corruption):
         Raises:
             UsageError: always.
         """
-        raise UsageError(
-            f"{self.name} needs the depth of the sample: choose a data set that has it ('robustflow list datasets'), "
-            "or give your own with --depth DIR"
-        )
+        raise sample_without_depth(self.name)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
         """The state for a sample with depth.

@@ -9,17 +9,19 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import RobustFlowError, UsageError
 from ..random.rng import Rng
-from ..sample import Frame
+from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES
 from ..source_digest import source_digest
 from ..target import described, import_target, own_name
-from .base import BGR, VARIANTS, Corruption
+from .base import BGR, VARIANTS, Corruption, sample_without_depth
 from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
 
@@ -35,11 +37,12 @@ class OwnCorruption(Corruption):
     """Wraps a user's corruption, and checks its arguments and results.
 
     Args:
-        made: anything with `draw(rng, severity, shape)` and `apply(frame, state, index)`; see `Corruption`.
+        made: anything with `draw(rng, severity, shape)` and `apply(frame, state, index)`, see `Corruption`; with
+            `draw_scene(rng, severity, depth)` in place of `draw` if `needs_depth` is true, see `DepthCorruption`.
         variant: the requested variant; a corruption without variants takes any.
 
     Raises:
-        UsageError: from `draw` and `apply`, what the user's code raises or returns in error.
+        UsageError: from drawing and `apply`, what the user's code raises or returns in error.
     """
 
     family = "own"
@@ -48,6 +51,7 @@ class OwnCorruption(Corruption):
         self.name = own_name(made)  # type: ignore[misc]  # each has its own
         self.family = str(getattr(made, "family", "own"))  # type: ignore[misc]
         self.temporal = bool(getattr(made, "temporal", False))  # type: ignore[misc]
+        self.needs_depth = bool(getattr(made, "needs_depth", False))
         levels = getattr(made, "severities", None) or getattr(made, "paper_severities", None) or SEVERITIES
         if len(levels) != len(SEVERITIES):
             raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: give five, mild to severe")
@@ -65,18 +69,25 @@ class OwnCorruption(Corruption):
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         """The state that the user's `draw` returns."""
+        return self.draw_with_depth(rng, severity, shape, None)
+
+    def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
+        """The state that the user's `draw` returns, or `draw_scene` where depth is needed, which gets it read-only."""
         self.parameter(severity)
+        if self.needs_depth and depth is None:
+            raise sample_without_depth(self.name)
         try:
+            if self.needs_depth and depth is not None:
+                return self.made.draw_scene(rng, severity, _scene_read_only(depth))
             return self.made.draw(rng, severity, shape)
         except RobustFlowError:
             raise
         except Exception as error:
-            raise self._failed("draw", error) from error
+            raise self._failed("draw_scene" if self.needs_depth else "draw", error) from error
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         """The frame that the user's `apply` returns, RGB uint8 of the same shape."""
-        given = np.ascontiguousarray(frame).view()
-        given.flags.writeable = False
+        given = _read_only(np.ascontiguousarray(frame))
         try:
             out = self.made.apply(given, state, index)
         except RobustFlowError:
@@ -91,7 +102,8 @@ class OwnCorruption(Corruption):
         return np.array(out) if np.shares_memory(out, given) else out
 
     def _failed(self, method: str, error: Exception) -> UsageError:
-        hint = "; copy the frame before changing it" if "read-only" in str(error) else ""
+        what = "the frame or the depth" if self.needs_depth else "the frame"
+        hint = f"; copy {what} before changing it" if "read-only" in str(error) else ""
         return UsageError(f"corruption '{self.name}' failed in {method}: {type(error).__name__}: {error}{hint}")
 
 
@@ -99,9 +111,10 @@ def register_custom(made: Made) -> str:
     """Register a class or an object under its name, which is returned; a later registration replaces an earlier one.
 
     Raises:
-        UsageError: it has no `draw` and `apply`, an unusable name, or one of this package's.
+        UsageError: it has no `draw` (`draw_scene` where it needs depth) and `apply`, an unusable name, or one of this
+            package's.
     """
-    for method in ("draw", "apply"):
+    for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
         if not callable(getattr(made, method, None)):
             raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
     name = own_name(made)
@@ -148,6 +161,20 @@ def own_among(names: Iterable[str]) -> tuple[Made, ...]:
     """The registered corruptions among some names, or parts of stacks, for another process to `register_custom`."""
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)
+
+
+def _read_only(array: npt.NDArray[Any]) -> Any:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _scene_read_only(depth: SceneDepth) -> SceneDepth:
+    """The same depth, which the next corruption of the pair gets, too."""
+    (first, second), (known, also_known), camera = depth.maps, depth.measured, depth.camera
+    if camera.rotation is not None and camera.translation is not None:
+        camera = replace(camera, rotation=_read_only(camera.rotation), translation=_read_only(camera.translation))
+    return SceneDepth((_read_only(first), _read_only(second)), (_read_only(known), _read_only(also_known)), camera)
 
 
 def _build(kind: type[Any], variant: str) -> Any:

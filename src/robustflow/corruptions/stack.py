@@ -16,7 +16,7 @@ from ..severity import SEVERITIES, check_severity
 from ..target import is_target
 from .base import Corruption
 from .on_disk import refuse_on_disk
-from .own import is_known, register_target
+from .own import is_known, own_corruption, register_target
 from .registry import CORRUPTIONS, FURTHER, SHIPPED
 from .scale import calibrated_levels
 
@@ -108,12 +108,17 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
 
 
 def needs_depth(name: str) -> bool:
-    """Whether a corruption, or a part of a stack, needs the depth of the scene.
+    """Whether a corruption, or a part of a stack, needs the depth of the scene; False for an unknown one.
 
     >>> needs_depth("fog"), needs_depth("fog_3d"), needs_depth("fog_3d:2+snow")
     (False, True, True)
     """
-    return any(part in FURTHER["depth"] for part, _ in (split_stack(name) if is_stack(name) else [(name, None)]))
+    return any(_part_needs_depth(part) for part, _ in (split_stack(name) if is_stack(name) else [(name, None)]))
+
+
+def _part_needs_depth(name: str) -> bool:
+    own = own_corruption(name, "default") if is_known(name) else None
+    return name in FURTHER["depth"] if own is None else own.needs_depth
 
 
 class Stack(Corruption):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..corruptions.api import load_corruption, stream_for
 from ..errors import UsageError
-from ..sample import Frame
+from ..sample import Camera, Frame, SceneDepth
 from ..severity import SEVERITIES
 
 _SHAPES = ((48, 64), (33, 61))
@@ -20,7 +20,8 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
 
     Every returned frame must be RGB uint8 of the given shape; the given frame must not be written to; the same draw
     must give the same bytes, also in another order and from a second object of the class; frame 0 must not change
-    because frame 1 was requested; black, white and textured frames of even and odd sizes must work.
+    because frame 1 was requested; black, white and textured frames of even and odd sizes must work. A corruption that
+    needs depth gets a floor before a wall, with a camera of known and of unknown motion, and only frames 0 and 1.
 
     Args:
         corruption: a class, an object or the name of a corruption; see docs/add-your-corruption.md.
@@ -47,8 +48,10 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
             where = f"corruption '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
             frames = _frames(shape)
             before = [frame.copy() for frame in frames]
-            state = first.draw(stream_for(first, severity, seed, "check"), severity, shape)
-            forth = [first.apply(frame, state, index) for index, frame in enumerate(frames)]
+            scene = _scene(shape, severity % 2 == 0) if first.needs_depth else None
+            numbers = [place % 2 if first.needs_depth else place for place in range(len(frames))]
+            state = first.draw_with_depth(stream_for(first, severity, seed, "check"), severity, shape, scene)
+            forth = [first.apply(frame, state, number) for frame, number in zip(frames, numbers, strict=True)]
             for index, (frame, copy) in enumerate(zip(frames, before, strict=True)):
                 _require((frame == copy).all(), f"{where} writes into the frame it is given: copy it first")
                 _check_frame(forth[index], frame, where)
@@ -56,8 +59,9 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
                 not any(np.shares_memory(a, b) for i, a in enumerate(forth) for b in forth[:i]),
                 f"{where} returns the same array twice: return a new one",
             )
-            again = second.draw(stream_for(second, severity, seed, "check"), severity, shape)
-            back = [second.apply(frames[index], again, index) for index in reversed(range(len(frames)))][::-1]
+            again = second.draw_with_depth(stream_for(second, severity, seed, "check"), severity, shape, scene)
+            pairs = zip(reversed(frames), reversed(numbers), strict=True)
+            back = [second.apply(frame, again, number) for frame, number in pairs][::-1]
             for index, (one, other) in enumerate(zip(forth, back, strict=True)):
                 _require(
                     (one == other).all(),
@@ -72,6 +76,18 @@ def _frames(shape: tuple[int, int]) -> list[Frame]:
     rows, columns = np.indices(shape)
     texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
     return [texture, np.roll(texture, 1, axis=1), np.zeros_like(texture), np.full_like(texture, 255)]
+
+
+def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
+    """A floor that rises to a wall 60 m away, not measured in a corner; a step nearer in the second frame."""
+    height, width = shape
+    rows = np.arange(height, 0, -1, dtype=np.float32)[:, None]
+    first = np.minimum(np.float32(2) * height / (height + 1 - rows), np.float32(60)).repeat(width, axis=1)
+    known = np.ones(shape, bool)
+    known[: height // 4, : width // 4] = False
+    motion = (np.eye(3), np.array([0.0, 0.0, -0.25])) if moves else (None, None)
+    camera = Camera((float(width), float(width)), ((width - 1) / 2, (height - 1) / 2), *motion)
+    return SceneDepth((first, first - np.float32(0.25)), (known, known), camera)
 
 
 def _check_frame(out: Any, frame: Frame, where: str) -> None:
