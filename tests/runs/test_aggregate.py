@@ -222,14 +222,6 @@ def test_no_rows_have_no_means():
     assert (summary.epe, summary.epe_clean, summary.samples, summary.corruptions) == (None, None, 0, {})
 
 
-def test_a_row_that_counts_pixels_but_lacks_their_error_is_refused():
-    rows = rows_frame([*TWO_IMAGES[:2], row("b", "fog", 2), row("a", "fog", 2)])
-    edited = pl.when(pl.col("corruption") == "fog").then(None).otherwise(pl.col("rcre_sum")).alias("rcre_sum")
-    with pytest.raises(RunError, match="the row of sample 'a', fog severity 2 counts pixels, but lacks"):
-        summarize(rows.with_columns(edited))
-    summarize(rows)
-
-
 def test_rows_twice_and_foreign_tables_are_refused():
     with pytest.raises(RunError, match="sample 'b', fog severity 2 occur twice"):
         summarize(rows_frame([*TWO_IMAGES, TWO_IMAGES[5]]))
