@@ -174,7 +174,7 @@ def main() -> None:
         "--top", type=int, default=12, help="parts of a kind to print (packages, functions, corruptions)"
     )
     parser.add_argument(
-        "--against", type=Path, help="folder with another version's `robustflow`, run by turns with this one"
+        "--against", type=Path, help="folder with a different version's `robustflow`, run in turns with this one"
     )
     options = parser.parse_args()
     sources = {"here": Path(__file__).resolve().parents[1] / "src"}

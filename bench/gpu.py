@@ -117,7 +117,7 @@ def main() -> int:
     parser.add_argument("--data", type=Path, help="KITTI 2015, or the folder kitti/ that --prepare made")
     parser.add_argument("--output", type=Path, default=Path("gpu-results"))
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--budget", type=int, help="seconds of every section, instead of its own")
+    parser.add_argument("--budget", type=int, help="seconds for every section, instead of its default")
     parser.add_argument("--prepare", type=Path, metavar="FOLDER")
     parser.add_argument("--section", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()

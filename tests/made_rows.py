@@ -77,7 +77,7 @@ def change_identity(run: Run, model: dict[str, Any] | None = None, **fields: Any
 
 
 def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **fields: Any) -> Identity:
-    """An identity with other settings of the model, or other values of fields, whichever part they are in."""
+    """An identity with different settings of the model, or different values of fields in any part."""
     content = identity.record()
     if model is not None:
         content["model"]["settings"] = model

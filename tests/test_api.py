@@ -21,7 +21,7 @@ def result(tmp_path_factory):
 
 
 def test_completion_shows_the_public_names():
-    """Before any of them was used: in an interpreter of its own."""
+    """The modules before any of them is used, in a new interpreter."""
     shown = subprocess.run(
         [sys.executable, "-c", "import robustflow; print(*dir(robustflow))"], capture_output=True, text=True, check=True
     ).stdout.split()

@@ -22,7 +22,7 @@ def locate(
     """The folder that holds one of `markers` (relative folders): `root` itself or one of its `prefixes`.
 
     Raises:
-        DataError: no such folder, an empty one, or another layout; with the folder that was probably meant.
+        DataError: no such folder, an empty one, or a different layout; it suggests the folder that was probably meant.
     """
     root = Path(root).expanduser()
     wanted = expected or " and ".join(f"{marker}/" for marker in markers)

@@ -1,4 +1,4 @@
-"""The numbers that the app shows, computed with the library alone."""
+"""The numbers that the app shows, computed by the library."""
 
 import numpy as np
 

@@ -192,7 +192,7 @@ def test_any_dataset_is_a_benchmark(kitti, tmp_path):
     benchmark = load_benchmark("kitti2015", kitti, tmp_path / "split.txt")
     assert (benchmark.keys, len(benchmark.corruptions)) == (("000001",), 20)
     frames = load_benchmark("folder", kitti / "training" / "image_2", options={"step": 2})
-    assert frames.protocol == {"options": {"step": "2"}}, "another step is another run"
+    assert frames.protocol == {"options": {"step": "2"}}, "a different step is a different run"
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path / "fc"))
     with pytest.raises(UsageError, match="--benchmark kitti-fc"):
         load_benchmark("kitti_fc_released", tmp_path / "fc")

@@ -91,7 +91,7 @@ def test_the_shipped_table_covers_every_image_pair_corruption_and_says_how_it_wa
 
 
 def _measured(name, severity):
-    """Mean SSIM of a shipped level on the reference set, by the public functions alone."""
+    """Mean SSIM of a shipped level on the reference set, by public functions only."""
     corruption = load_corruption(name, scale="calibrated")
     values = []
     for key, picture in reference_pictures().items():

@@ -211,7 +211,7 @@ def test_without_a_focal_length_it_is_the_width_of_the_frames(tmp_path):
 
 
 def hostile_maps():
-    """Files that are no depth map, and what is said of them."""
+    """Files that are not depth maps, and the messages about them."""
     pickled = io.BytesIO()
     np.save(pickled, np.array([[{"a": 1}]]), allow_pickle=True)
     header = io.BytesIO()

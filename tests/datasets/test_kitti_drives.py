@@ -1,4 +1,4 @@
-"""The table of drives against what is known about it."""
+"""The table of drives against the facts in the kit's documentation."""
 
 from itertools import pairwise
 

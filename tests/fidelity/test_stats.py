@@ -1,4 +1,4 @@
-"""Our statistics reproduce the reference's numbers where the pictures are the same to the bit."""
+"""Our statistics reproduce the reference's numbers on identical pictures."""
 
 import pytest
 

@@ -328,7 +328,7 @@ def test_own_models_on_the_same_frames_are_drawn_together():
 
 
 def test_an_own_model_is_drawn_whatever_the_paper_leaves_out():
-    """The paper discusses no FlowDiffuser; whoever measured one wants to see it."""
+    """The paper does not discuss FlowDiffuser, but a run of it is shown."""
     results = [replace(line, name=line.name.replace("M1", "FlowDiffuser")) for line in _own(*["OOD"] * 5)]
     for name in ("clean_against_cre", "relations"):
         marks = figures_by_sample_set(results)["own frames"][name].marks.values()

@@ -78,6 +78,6 @@ def test_a_second_feeder_begins_another_sample_and_helps_with_the_last():
     assert schedule.take(None, False) == ("0", CLEAN, 0)
     assert schedule.take(None, False) == ("1", CLEAN, 0)
     assert [schedule.take("0", False) for _ in range(3)] == [("0", "c0", severity) for severity in (1, 2, 4)]
-    assert schedule.take("0", False) is None, "sample 1 is another feeder's until its clean flow is there"
+    assert schedule.take("0", False) is None, "another feeder has sample 1 until its clean flow exists"
     schedule.finish(("1", CLEAN, 0), {}, {})
     assert schedule.take("0", False) == ("1", "c0", 1)

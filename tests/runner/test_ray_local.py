@@ -31,7 +31,7 @@ DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path_factory, monkeypatch):
-    """Ray's files of one test are below a folder of their own, and no process of theirs stays behind."""
+    """Ray's files of one test are below a separate folder, and no process of theirs stays behind."""
     pytest.importorskip("ray", reason="needs the ray extra")
     folder = Path(tmp_path_factory.mktemp("r"))
     short = Path("/tmp") / f"rf-{os.getpid()}-{folder.name}"  # short, for Ray's sockets

@@ -1,4 +1,4 @@
-"""Costs kept with runs: read strictly, shown in the cost table, and ranked among runs on the same frames alone."""
+"""Costs stored with runs: read strictly, shown in the cost table, and ranked only among runs on the same frames."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ class Answers:
             for frame in (0, 1):
                 if torch.allclose((image + 1) * 127.5, crops[frame], atol=1e-3):
                     return kind, frame
-        raise AssertionError("frames that are none of the batch's")
+        raise AssertionError("frames that are not in the batch")
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
         kind, frame = self._which(image1)

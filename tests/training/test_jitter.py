@@ -1,4 +1,4 @@
-"""Colour jitter against Pillow, which the originals used, to the byte."""
+"""Colour jitter gives the same bytes as Pillow, which the originals used."""
 
 from __future__ import annotations
 

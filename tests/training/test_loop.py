@@ -1,4 +1,4 @@
-"""The loop: an interrupted and resumed training equals the undisturbed one, to the bit; and what is refused."""
+"""The loop: an interrupted and resumed training gives the same bits as an undisturbed one; and what is refused."""
 
 from __future__ import annotations
 

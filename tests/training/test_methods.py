@@ -100,7 +100,7 @@ def test_three_steps(method, shared, tmp_path):
 
 def _csflow_within_the_frame(recipe: Recipe, folder: Path) -> Path:
     """CSFlow begins with a flow that is a sum of correlations. Those of random weights are thousands of pixels long, so
-    that it sees nothing but zeros beyond the frame; features of a thirtieth of the size bring it back inside."""
+    that it only sees zeros beyond the frame; features of a thirtieth of the size bring it back inside."""
     _, network = load_network(recipe, "random")
     weights = network.weights()
     for name in ("fnet.conv2.weight", "fnet.conv2.bias"):

@@ -59,14 +59,14 @@ def test_four_times_the_frames_are_nearer_to_the_time_integral():
 
 
 def integral_psnr(scene: Scene) -> dict[int, tuple[float, float]]:
-    """PSNR in dB against the true integral, per c: with interpolation by 4, and with the recorded frames alone."""
+    """PSNR in dB against the true integral, per c: with interpolation by 4, and with only the recorded frames."""
     centre = 6
     source = [scene.frame(time) for time in range(2 * centre + 1)]
     master = list(interpolate(source, FlowInterpolator(), 4))  # frame k is at time 1 + k / 4
     key = (centre - 1) * 4
     figures = {}
     for reach in REACHES:
-        half = (reach + 0.5) / 4  # each of the 2c + 1 master frames stands for a quarter of a source interval
+        half = (reach + 0.5) / 4  # each of the 2c + 1 master frames covers a quarter of a source interval
         times = centre + np.linspace(-half, half, 401)
         truth = np.mean([scene.picture(time) for time in (times[1:] + times[:-1]) / 2], axis=0)
         four = mean_of_windows(master.__getitem__, key, [reach])[reach]

@@ -18,7 +18,7 @@ def files() -> dict[str, str]:
         "---\nhide:\n  - toc\n---",
         "# Catalogue",
         "Everything that can be named on the command line; `robustflow list` prints the same, with what is installed "
-        "here. The corruptions have [pages of their own](../corruptions/index.md).",
+        "here. The corruptions have [separate pages](../corruptions/index.md).",
         "## Models",
         "Besides these: `module.path:Attribute` of your own, an exported network (`.onnx`), a folder of flow "
         "files, and every model of ptlflow by its name there.",

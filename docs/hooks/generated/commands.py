@@ -104,7 +104,7 @@ def _value(option: Any) -> str:
 
 
 def _value_of(annotation: Any) -> str:
-    """What stands for a value of a type: N, X, PATH or TEXT."""
+    """The placeholder for a value of a type: N, X, PATH or TEXT."""
     kinds = {annotation, *typing.get_args(annotation)}
     known = {int: "N", float: "X", Path: "PATH"}
     return next((text for kind, text in known.items() if kind in kinds), "TEXT")

@@ -232,7 +232,7 @@ def _index() -> str:
         "# Corruptions",
         "The paper's 24 corruptions at five severities, in the order of its tables, and besides `elastic_transform` "
         "from its appendix and those [in three dimensions](../depth.md), which are in none of its means. Each is made "
-        "on the fly from a seed, the same to the byte on every machine.",
+        "on the fly from a seed, with the same bytes on every machine.",
     ]
     for family, names in {**FAMILIES, "besides": tuple(n for n in SHIPPED if n not in PAPER_ORDER)}.items():
         title = family.capitalize()

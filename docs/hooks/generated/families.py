@@ -19,12 +19,12 @@ FOLDER = "corruptions"
 ABOUT = {
     "digital": "What software does to a picture that was taken: compression, coarse pixels, and a change of contrast "
     "or of colour. Both frames are treated alike.",
-    "illumination": "More or less light. It changes the whole frame, and in `over_exposure` and `under_exposure` one "
-    "of the two frames alone, which breaks the assumption that a point keeps its brightness.",
-    "weather": "What is between the camera and the scene, or on the lens. Fog takes contrast, frost and spatter stand "
-    "still in front of a scene that moves, and snow moves on its own.",
-    "noise": "The sensor's: each pixel is disturbed by itself and anew in every frame, so that what matches best is no "
-    "longer what belongs together.",
+    "illumination": "More or less light. It changes the whole frame, and in `over_exposure` and `under_exposure` "
+    "only one of the two frames, which breaks the assumption that a point keeps its brightness.",
+    "weather": "What is between the camera and the scene, or on the lens. Fog takes contrast, frost and spatter do "
+    "not move in front of a moving scene, and snow moves on its own.",
+    "noise": "The sensor's: each pixel is disturbed separately and differently in every frame, so that the best match "
+    "is no longer the right one.",
     "blur": "Light of one point reaches several pixels, by optics or by motion. Detail is gone that matching lives on; "
     "strong edges stay.",
     "video": "What encoding and transmitting a clip does to it. It needs the whole clip, for an error stays until the "

@@ -1,4 +1,4 @@
-"""`ModelResult`: one line of any table, whoever measured it: a run, the paper, or a results file."""
+"""`ModelResult`: one line of any table, from a run, the paper, or a results file."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ModelResult:
         values: (metric, condition) -> value.
         run: whose line it is; None for the paper and results files.
         beside_published: whether averages are over the paper's corruptions only, to compare with the published ones.
-        detailed: whether each corruption has an interval, or the averages alone.
+        detailed: whether each corruption has an interval, or only the averages.
         exclusion: gives `excluded`, which depends on the runs that this one was read with.
     """
 

@@ -117,7 +117,7 @@ class Benchmark:
         """Its frames without motion: each paired with itself, and a true flow of zero everywhere.
 
         Raises:
-            UsageError: a benchmark of the paper, whose name stands for its pairs and their ground truth; or frames that
+            UsageError: a benchmark of the paper, whose name implies its pairs and their ground truth; or frames that
                 are corrupted beforehand.
         """
         check_still(self.name, self.facts)

@@ -169,7 +169,7 @@ def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
 
 
 def check_still(name: str, facts: BenchmarkFacts) -> None:
-    """Raise if the name of a benchmark stands for its pairs and their ground truth, as the paper's do, so that still
+    """Raise if the name of a benchmark implies its pairs and their ground truth, as the paper's do, so that still
     scenes under it would mislead.
 
     Raises:

@@ -120,8 +120,8 @@ def _benchmark_of(root: Path) -> str:
         raise DataError(f"{root}: no such file or folder; check the path")
     if (fitting := benchmark_of_folder(root)) is not None:
         raise UsageError(
-            f"{root} looks like the data of {fitting}: give --benchmark {fitting}, or another that reads it (see "
-            "robustflow list datasets)"
+            f"{root} looks like the data of {fitting}: give --benchmark {fitting}, or a different one that reads it "
+            "(see robustflow list datasets)"
         )
     return "folder"
 

@@ -60,7 +60,7 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
     """The whole command line; with `arguments`, the options of the commands they do not name are left out.
 
     Typer evaluates the annotations of every option of every command on every start, a quarter of the time of `--help`.
-    A command that is only listed needs nothing but its description.
+    A command that is only listed needs only its description.
     """
     app = typer.Typer(
         name="robustflow",

@@ -32,7 +32,7 @@ BETWEEN_FRAMES: tuple[str, ...] = ("object_motion_blur", "rolling_shutter")
 CLIP: tuple[str, ...] = (*BETWEEN_FRAMES, *FAMILIES["video"])
 """The corruptions that need the whole clip that the images come from."""
 IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
-"""The corruptions that need nothing but the two images."""
+"""The corruptions that only need the two images."""
 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),

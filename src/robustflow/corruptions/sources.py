@@ -23,7 +23,7 @@ def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[st
 
     It does not depend on which of this package's corruptions are requested, so that a later call with others adds to
     the same run. Other people's corruptions among `names`, and in stacks, count with the digest of their source: a run
-    with an edited one is another run.
+    with an edited one is a different run.
 
     >>> user_sources()
     {}

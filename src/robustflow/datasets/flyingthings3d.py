@@ -6,7 +6,7 @@
 Or its subset, as its authors give it for optical flow, without the most extreme scenes:
 
     train/image_clean/left/0000000.png ...          (image_final; val for the test scenes)
-    train/flow/left/into_future/0000000.flo ...     none where the next frame is another scene's
+    train/flow/left/into_future/0000000.flo ...     none at the end of a scene
 
 Source: Mayer et al., CVPR 2016.
 """

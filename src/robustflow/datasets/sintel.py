@@ -32,7 +32,7 @@ class Sintel(PairDataset):
     """Sintel. `root` holds `training/`, or is that folder.
 
     Args:
-        render_pass: "clean", "final", or another folder of pictures next to `flow`.
+        render_pass: "clean", "final", or the name of a folder of pictures next to `flow`.
 
     Raises:
         DataError: another layout, no such pass, or a file of a pair is missing.

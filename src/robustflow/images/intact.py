@@ -24,7 +24,7 @@ _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), 
 
 
 class PngHeader(NamedTuple):
-    """The header of a PNG: pixels, bits per channel, channels (a palette counts as one)."""
+    """The header of a PNG: its size, bits per channel, and channels (a palette counts as one)."""
 
     width: int
     height: int

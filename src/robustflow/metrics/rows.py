@@ -1,4 +1,4 @@
-"""The row: what is stored for one (sample, corruption, severity), as sums and counts.
+"""The row of one (sample, corruption, severity): sums and counts.
 
 Everything reported later is computed from rows, so that another average, a region or a confidence interval
 needs no second run. CRE is not stored: it is the difference of two errors over the same pixels, `epe_sum` and

@@ -71,7 +71,7 @@ class InputConvention:
         if min(height, width) < self.smallest:
             raise ModelError(
                 f"a frame is {height}x{width}, and below {self.smallest} pixels a side the network returns NaN or "
-                "fails; give larger frames, or another model"
+                "fails; give larger frames, or a different model"
             )
         if self.fit == "none":
             return height, width

@@ -52,8 +52,8 @@ class Training:
     """What a model was trained on.
 
     Attributes:
-        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`, or with "?" if it may have been
-            used; None if unknown.
+        sets: names among `TRAINING_SETS`, perhaps with a part (one of `PARTS`, as ":train"), or with "?" if it may have
+            been used; None if unknown.
         basis: how that is known.
         note: what is uncertain.
         trained: False for methods that learn nothing and for random weights.

@@ -1,4 +1,4 @@
-"""Standard normal numbers from nothing but additions, multiplications, divisions and square roots.
+"""Standard normal numbers from only additions, multiplications, divisions and square roots.
 
 The logarithms, sines and exponentials of libm (and numpy's vector versions of them) may differ in the last bit from
 machine to machine; the four basic operations and the square root may not (IEEE 754). The quantile function is

@@ -2,7 +2,7 @@
 
 Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any number
 of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion to floating
-point is exact, and normal numbers need nothing but operations whose results IEEE 754 fixes exactly. Streams are named
+point is exact, and normal numbers only need operations whose results IEEE 754 fixes exactly. Streams are named
 by what they are for (`Rng.of(seed, "fog", 3, "000010")`), not by when they were made.
 
 The hash is two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by

@@ -58,14 +58,14 @@ def choose(
     """What there is for each variant.
 
     A file named as the variant is ("raft-ood.pth", or "raft-ood/last.pth" of a training) takes precedence over one of
-    the catalogue, whose setting has to be the variant's: a checkpoint that has seen the evaluated pairs never stands in
+    the catalogue, whose setting has to be the variant's: a checkpoint that has seen the evaluated pairs is never used
     for one that has not. Of several, the one whose training sets are nearest to the paper's.
 
     Args:
         variants: of the paper.
         benchmark: what they are to be measured on.
         weights: files in the folders of checkpoints.
-        random: whether random weights may stand in for missing ones.
+        random: whether random weights may replace missing ones.
     """
     return [_chosen(variant, benchmark, weights, random) for variant in variants]
 

@@ -17,7 +17,7 @@ from ..text import file_name
 
 def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None = None) -> Path:
     """The folder of a run that is not given one: `runs/<benchmark>_<model>_<identity>`; with the name of the data if
-    they are the user's own frames, which an identity does not tell apart."""
+    they are the user's own frames, which an identity does not distinguish."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
     benchmark = plan.benchmark.name
     if moving_name(benchmark) == OWN_FRAMES and data is not None:

@@ -1,1 +1,1 @@
-"""What a run is: its plan, identity, manifest and rows, and what is stored with them."""
+"""The parts of a run: its plan, identity, manifest and rows, and files stored with them."""

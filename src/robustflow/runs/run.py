@@ -151,7 +151,7 @@ class Run:
 
     @cached_property
     def provenance(self) -> Provenance:
-        """What is known about the model's training, and what that means for the run."""
+        """The facts about the model's training, and what they mean for the run."""
         return self.manifest.judged().provenance
 
     def table(self, metric: str = "epe") -> pl.DataFrame:

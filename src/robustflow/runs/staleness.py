@@ -34,7 +34,7 @@ def source_digest(folder: Path, rows: str, manifest: Manifest, *, beside: bool) 
         folder: of the run.
         rows: the hash of its shards, `RunFolder.digest`.
         manifest: of the run.
-        beside: whether it also shows what is stored with the rows: pictures, costs, displacements.
+        beside: whether it also shows files stored with the rows: pictures, costs, displacements.
     """
     files = list(_files(folder)) if beside else []
     return digest_of_value([rows, digest_of_value(manifest.record(), size=16), files, code_digest()], size=16)

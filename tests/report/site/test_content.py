@@ -1,4 +1,4 @@
-"""What stands beside what, and what may not."""
+"""Which results a page shows together, and which it must not."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def _real_pictures(real_pictures):
 
 @pytest.fixture
 def drawn(tmp_path, monkeypatch):
-    """How often the embedded pair was drawn, under two of its corruptions; in a cache of its own."""
+    """How often the embedded pair was drawn, under two of its corruptions, with a separate cache."""
     calls = []
 
     def counted(*arguments, **options):

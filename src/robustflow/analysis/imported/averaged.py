@@ -8,7 +8,7 @@ from ...text import counted
 
 
 def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
-    """Name the corruptions that an average is over, or those that it leaves out, whichever are fewer.
+    """Name the corruptions that an average is over, or those that it leaves out if these are fewer.
 
     >>> averaged_over(["fog", "snow"], ["fog", "snow"]), averaged_over(["fog", "snow"], ["fog", "frost", "snow"])
     ('average over 2 corruptions', 'average over 2 corruptions, without frost')

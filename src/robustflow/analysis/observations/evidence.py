@@ -79,7 +79,7 @@ class Evidence:
         return [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
 
     def method(self, model: str) -> Method | None:
-        """What is known about a model."""
+        """The kind of method and the facts of a model."""
         return self._methods.get(model) if self._methods is not None else method_of(model)
 
     def family(self, entry: ModelInSetting) -> str:

@@ -194,7 +194,8 @@ def _fixed(value: Any) -> Any:
 def _shown(
     packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest: Any
 ) -> Any:
-    """(sum, number) of the views of a pixel in which a nearer surface is over it, and of those of its own surface.
+    """(sum, number) of the views of a pixel in which a nearer surface is over it, and of those that show the same
+    surface.
 
     `path` and `near` are the fixed-point ways, per view, of the pixel's surface and of the nearest one.
     """

@@ -1,4 +1,4 @@
-"""What is known about the methods and their public checkpoints, as data: `methods.csv` and `checkpoints.csv`.
+"""Facts about the methods and their public checkpoints, as data: `methods.csv` and `checkpoints.csv`.
 
 The training sets of a checkpoint are what its authors' code, documentation and answers say. A set that it may have seen
 has a question mark: `kitti2015?`.

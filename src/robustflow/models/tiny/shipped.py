@@ -1,4 +1,4 @@
-"""The weights that come with the package, and what is known about them."""
+"""The weights that come with the package, and facts about them."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class ConventionWarning(UserWarning):
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
-    State the input that the network was trained on: it is checked on shifted textures. What is left out is looked up
+    State the input that the network was trained on: it is checked on shifted textures. Anything missing is looked up
     (torchvision, ptlflow), or determined by trying the common conventions on these textures. A convention is used only
     if it is clearly best, and a warning says which; for a network without trained weights nothing can be determined, so
     it must be declared. The convention used is part of `identity`, and so of a run's manifest.

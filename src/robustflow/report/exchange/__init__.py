@@ -1,6 +1,6 @@
 """Export a run's results: a robustness card, Croissant, Every Eval Ever, Hugging Face.
 
-Every file follows from nothing but the run, so `check_exported` can compare one with the run's record, byte for byte.
+Every file follows from the run, so `check_exported` can compare one with the run's record, byte for byte.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def clean_against_cre(
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting, all on the same axes.
 
     CRE is computed from the EPE. Of the paper's models those of `not_discussed` are left out, and knowledge-driven
-    methods if there are others, as in the paper.
+    methods unless there are only these, as in the paper.
 
     Args:
         results: with clean and average EPE.

@@ -1,7 +1,7 @@
 """Example pictures of a run's folder, and of the embedded pair, ready to be embedded in a page.
 
 A folder may come from anyone: its list is checked, a file's name is a plain name, and a picture is decoded and encoded
-again, so that nothing but pixels reaches the page.
+again, so that only pixels reach the page.
 """
 
 from __future__ import annotations

@@ -212,7 +212,7 @@ class _Feeder:
 
 
 def _slot_bytes(loaded: Loaded, frames: FrameStage, channels: int) -> int:
-    """Bytes of the model's input or of its answer, whichever is larger."""
+    """Bytes of the model's input or of its answer, the larger of the two."""
     height, width = loaded.sample.shape
     given = frames.request(loaded.sample, (loaded.sample.key, CLEAN, 0), loaded.sample.frames)
     return max(len(given.frames) * 3, 4 * channels) * height * width

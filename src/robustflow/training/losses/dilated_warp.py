@@ -51,7 +51,7 @@ def _targets(flow: Tensor, corners: Tensor) -> Tensor:
 
 
 def leaves(flow: Tensor) -> Tensor:
-    """float (N, 1, H, W): 1 where a flow (N, 2, H, W) points out of its own crop."""
+    """float (N, 1, H, W): 1 where a flow (N, 2, H, W) points outside the crop."""
     height, width = flow.shape[2:]
     x, y = (pixel_grid(flow) + flow).split(1, dim=1)
     return ((x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)).float()

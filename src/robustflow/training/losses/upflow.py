@@ -18,7 +18,7 @@ class OneWay:
 
     Attributes:
         flow: (N, 2, H, W), pixels.
-        levels: flows of the pyramid, each in pixels of its own size.
+        levels: flows of the pyramid, each in pixels at its level.
         image: (N, 3, H, W), the frame that the flow starts from, as the network takes it.
         warped: (N, 3, H, W), the other frame, warped to this one by the flow.
         seen: float (N, 1, H, W), 0 where another object hides the pixel.
