@@ -14,6 +14,9 @@ from robustflow.errors import DataError, ModelError, RunError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.models import Window, load_model
 from robustflow.models.base import model_identity
+from robustflow.runner.engines.base import Job
+from robustflow.runner.engines.ray_job import files_of
+from robustflow.runs.plan import RunOptions, Unit
 from robustflow.testing import ZeroClipFlow, ZeroFlow
 from tests.corruptions.pictures import picture
 from tests.video import clips
@@ -251,3 +254,9 @@ def test_a_model_that_writes_into_its_clip_changes_no_frame(clip_folder, tmp_pat
     plain, writing = ([frame for frames, _ in model.calls for frame in frames] for model in models)
     assert len(plain) == len(writing) > 0
     assert all(np.array_equal(a, b) for a, b in zip(plain, writing, strict=True))
+
+
+def test_nodes_of_a_cluster_are_asked_for_the_frames_around_a_pair(clip_folder, tmp_path):
+    job = Job(rf.load_dataset("folder", clip_folder), Recorder(), RunOptions(window=Window(2, 1)), tmp_path)
+    names = [Path(path).name for path, _ in files_of(job, Unit("2", "fog", (1,)))]
+    assert names == ["2.png", "3.png", "0.png", "1.png", "4.png"]

@@ -14,8 +14,11 @@ from robustflow.datasets import load_dataset
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.images.io import read_image
 from robustflow.models import ModelSpec
+from robustflow.runner.engines.base import Job
+from robustflow.runner.engines.ray_job import files_of
 from robustflow.runner.recheck import recheck
 from robustflow.runner.setup import restore_setup
+from robustflow.runs.plan import RunOptions, Unit
 from robustflow.runs.run import Run
 from robustflow.runs.source import RunSource
 from robustflow.sample import Camera, SceneDepth
@@ -119,12 +122,8 @@ def test_depth_is_not_read_where_nothing_needs_it(monkeypatch, tmp_path):
 
 def test_an_own_corruption_in_three_dimensions_runs_as_shipped_ones_do(tmp_path):
     data = load_dataset("shapes", **SHAPES)
-    result = run(tmp_path / "run", corruptions=[HAZE, f"fog+{HAZE}:2"])
+    result = run(tmp_path / "run", corruptions=[Haze(), f"fog+{HAZE}:2"])
     assert set(result.rows["corruption"]) == {"clean", "haze", "fog+haze:2"}
-    processes = run(tmp_path / "processes", corruptions=[Haze()], engine="processes", workers=2)
-    assert processes.rows.filter(corruption="haze")["frames_digest"].equals(
-        result.rows.filter(corruption="haze")["frames_digest"]
-    )
     list(export(load_benchmark("shapes", options=SHAPES).narrowed([HAZE], [5]), tmp_path / "frames"))
     sample = data["000000"]
     written = read_image(tmp_path / "frames" / "haze_5" / "val" / "image_2" / "000000_10.png")
@@ -209,3 +208,15 @@ def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps
     (tmp_path / "0.depth").write_bytes(b"2")
     with pytest.raises(RunError, match="made from other files for sample '0'"):
         run(tmp_path / "run", data=module, benchmark="demo", corruptions=["fog_3d"], options=options)
+
+
+@pytest.mark.parametrize("name", ["fog_3d", "fog+fog_3d:2", HAZE])
+def test_nodes_of_a_cluster_are_asked_for_the_depth_of_units_that_need_it(clip_folder, maps, tmp_path, name):
+    benchmark = load_benchmark("folder", clip_folder, options={"depth": maps}).narrowed([name, "contrast"], [1])
+    options = RunOptions(depth=benchmark.depths, attacks=("square:queries=3",))
+    job = Job(benchmark.dataset, ModelSpec("dis"), options, tmp_path)
+    frames = [(str(clip_folder / f"{number}.png"), (clip_folder / f"{number}.png").stat().st_size) for number in (2, 3)]
+    metres = [(str(maps / f"{number}.npy"), (maps / f"{number}.npy").stat().st_size) for number in (2, 3)]
+    assert files_of(job, Unit("2", benchmark.corruptions[0], (1,))) == (*frames, *metres)
+    for flat in ("clean", "contrast", "square:queries=3"):
+        assert files_of(job, Unit("2", flat, (1,))) == tuple(frames)

@@ -10,8 +10,7 @@ from pathlib import Path
 from ..benchmarks.base import Benchmark
 from ..benchmarks.facts import estimate_remark, moving_name
 from ..corruptions.stack import needs_depth
-from ..datasets.base import Clips, Depths, FromClips, PreCorrupted
-from ..datasets.context_frames import ContextFrames
+from ..datasets.base import Depths, FromClips, PreCorrupted
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from .environment import environment
@@ -19,6 +18,7 @@ from .file_digests import check_listed, file_digests, is_under_a_list
 from .manifest import Manifest, Selection
 from .plan import Plan
 from .provenance import Provenance
+from .sample_files import files_of_sample
 from .store import RunFolder
 
 
@@ -161,18 +161,7 @@ def last_changed(plan: Plan, keys: Iterable[str]) -> str:
 
 
 def _files(plan: Plan, key: str, depths: Depths | None) -> list[Path]:
-    """The files that a sample is read from; those of its depth come last."""
-    dataset, window = plan.benchmark.dataset, plan.options.window
-    files = dataset.files(key)
-    if window is not None:
-        assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
-    return [*files, *_of_depth(depths, key, files)]
-
-
-def _of_depth(depths: Depths | None, key: str, files: Collection[Path]) -> list[Path]:
-    """The files that a sample's depth is read from, and nothing else of it."""
-    return [] if depths is None else [path for path in depths.depth_files(key) if path not in files]
+    return files_of_sample(plan.benchmark.dataset, key, plan.options.window, depths)
 
 
 def _depths_read(plan: Plan, manifest: Manifest | None = None) -> Depths | None:

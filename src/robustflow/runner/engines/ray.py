@@ -92,7 +92,7 @@ class _Crew:
             local,
         )
         self._schedule, self._left = Schedule(units), len(units)
-        self._first_files = files_of(job, units[0].key) if units else ()
+        self._first_files = files_of(job, units[0]) if units else ()
         self._sent = ray.put(sent)
         self._identity = model_identity_of(job)
         self._installed = installed()
@@ -180,7 +180,7 @@ class _Crew:
                 unit = self._schedule.take(member.last_key)
                 if unit is None:
                     return
-                member.give(unit, files_of(self._job, unit.key))
+                member.give(unit, files_of(self._job, unit))
 
     def _value(self, member: Member, answer: Answer) -> Any:
         kind, value = answer

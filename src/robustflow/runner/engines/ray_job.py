@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from ...corruptions.stack import needs_depth
 from ...errors import UsageError
 from ...models import ModelSpec
 from ...models.base import model_identity
 from ...models.devices import device_of, is_accelerator
+from ...runs.plan import Unit
+from ...runs.sample_files import files_of_sample
 from .base import Job
 from .child import ONE_THREAD
 from .ray_cluster import ray_module
@@ -50,9 +53,12 @@ def model_identity_of(job: Job) -> dict[str, Any]:
     return job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
 
 
-def files_of(job: Job, key: str) -> tuple[tuple[str, int], ...]:
-    """Paths and sizes of the files that a node needs for a sample."""
-    return tuple((str(path), path.stat().st_size) for path in job.dataset.files(key))
+def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:
+    """Paths and sizes of the files that a node needs for a unit: those of depth only where its corruption needs it."""
+    options, attacked = job.options, unit.corruption in job.options.attacks
+    depths = None if attacked or not needs_depth(unit.corruption) else options.depth
+    files = files_of_sample(job.dataset, unit.key, options.window, depths)
+    return tuple((str(path), path.stat().st_size) for path in files)
 
 
 def variables() -> dict[str, str]:
