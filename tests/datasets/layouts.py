@@ -7,8 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
-from robustflow.flowio import write_flow
+from robustflow.datasets import Dataset, load_dataset
+from robustflow.errors import DataError
+from robustflow.flowio import read_flow, write_flow
+from robustflow.images.io import read_image
 
 HEIGHT, WIDTH = 6, 8
 
@@ -52,3 +56,22 @@ def kitti(folder: Path, keys: list[str], images: str = "image_2", noc: bool = Tr
             flow(folder / "flow_occ" / f"{key}_10.png", known)
         if noc:
             flow(folder / "flow_noc" / f"{key}_10.png", visible)
+
+
+def refused(name: str, root: Path, match: str, **options: object) -> None:
+    with pytest.raises(DataError, match=match) as caught:
+        load_dataset(name, root, **options)
+    assert "\n" not in str(caught.value)
+
+
+def check(dataset: Dataset, key: str, first: Path, second: Path, truth: Path | None) -> None:
+    """The sample has exactly the contents of these files, and lists them."""
+    sample = dataset.load(key)
+    np.testing.assert_array_equal(sample.frames[0], read_image(first))
+    np.testing.assert_array_equal(sample.frames[1], read_image(second))
+    assert dataset.files(key)[:2] == [first, second]
+    assert dataset.has_flow == (truth is not None)
+    if truth is not None:
+        np.testing.assert_array_equal(sample.flow, read_flow(truth)[0])
+        np.testing.assert_array_equal(sample.valid, read_flow(truth)[1])
+        assert truth in dataset.files(key)
