@@ -1,0 +1,13 @@
+"""A run that the tests of attacks share."""
+
+from __future__ import annotations
+
+import pytest
+
+from .small_runs import run
+
+
+@pytest.fixture(scope="session")
+def both(tmp_path_factory):
+    """A run with attacks and corruptions."""
+    return run(tmp_path_factory.mktemp("runs") / "both", corruptions=["contrast", "high_light"])

@@ -1,0 +1,28 @@
+"""Runs of two small pairs under attacks and corruptions."""
+
+from __future__ import annotations
+
+import polars as pl
+
+import robustflow as rf
+from robustflow.benchmarks import Benchmark
+from robustflow.models import ModelSpec
+from robustflow.testing import TexturePairs
+
+TINY = ModelSpec("tiny", (("device", "cpu"),))
+
+
+DATA = TexturePairs(2, (40, 48))
+
+
+def pairs(count: int = 2) -> Benchmark:
+    return Benchmark("drawn", DATA, DATA.keys()[:count], ("contrast", "high_light"), (1, 3))
+
+
+def run(folder, model=TINY, *, attacks=("fgsm", "pgd"), severities=(1, 3), count=2, **options):
+    options = {"examples": False, "progress": False, "engine": "serial", **options}
+    return rf.evaluate(model, pairs(count), output=folder, attacks=attacks, severities=severities, **options)
+
+
+def every(result) -> pl.DataFrame:
+    return pl.concat([result.rows, result.attack_rows]).unique().sort("sample", "corruption", "severity")

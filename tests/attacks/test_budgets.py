@@ -1,0 +1,148 @@
+"""Attacks stay inside their budgets, and the same seed gives the same frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import robustflow as rf
+from robustflow.attacks import Attack, load_attack
+from robustflow.attacks.ball import MOVED, NORMS, Ball
+from robustflow.attacks.images import frames_of
+from robustflow.attacks.registry import SHIPPED
+from robustflow.attacks.result import norms_of
+from robustflow.random.rng import Rng
+from robustflow.testing import TexturePairs
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from .small_attacks import FEW, ON_SMALL_PAIRS, attacked_pair  # noqa: E402
+from .smooth_net import random_pair, smooth_model  # noqa: E402
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from(NORMS),
+    st.sampled_from(MOVED),
+    st.floats(0.3, 40),
+    st.integers(0, 10**6),
+    st.booleans(),
+)
+def test_projected_frames_never_exceed_the_budget_in_8_bits(norm, moved, budget, seed, per_frame):
+    ball = Ball(*random_pair(seed=seed), budget, norm, moved, per_frame)
+    images = ball.project(ball.clean + np.random.default_rng(seed).normal(0, 0.3, ball.clean.shape).astype(np.float32))
+
+    frames = frames_of(ball.to_8_bits(images))
+
+    change = np.stack(frames).astype(np.float64) - np.stack([ball.frame1, ball.frame2])
+    parts = {"first": change[:1], "second": change[1:]}.get(moved, change)
+    squares = (parts**2).mean(axis=(1, 2, 3))
+    rms = np.sqrt(squares.max() if per_frame else squares.mean())
+    assert ball.holds(images)
+    area = 100 * parts.any(axis=-1).mean(axis=(1, 2)).max()
+    assert {"linf": np.abs(parts).max(), "rms": rms, "area": area}[norm] <= budget
+    still = {"first": 1, "second": 0}.get(moved)
+    assert still is None or not change[still].any()
+    assert moved != "joint" or np.array_equal(change[0], change[1])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(ON_SMALL_PAIRS),
+    st.sampled_from(["linf", "rms"]),
+    st.sampled_from(MOVED),
+    st.floats(0.4, 30),
+    st.integers(0, 10**6),
+)
+def test_no_attack_exceeds_any_budget_in_8_bits_and_none_that_searches_ends_below_the_clean_error(
+    name, norm, moved, budget, seed
+):
+    options = {"norm": norm, "moved": moved} | ({"box": "clipping"} if name == "pcfa" and moved == "joint" else {})
+    if norm not in load_attack(name).norms:
+        del options["norm"]
+    if name in ("worst_of", "square", "random_sign"):
+        options.pop("norm", None)
+        budget = max(budget, 1)
+    pair = random_pair(seed=seed)
+
+    attacked = rf.attack(
+        *pair,
+        smooth_model(),
+        name,
+        budget=budget,
+        flow=np.zeros((8, 10, 2), np.float32),
+        seed=seed,
+        **FEW.get(name, {}),
+        **options,
+    )
+
+    change = np.stack(attacked.frames).astype(int) - np.stack(pair)
+    parts = {"first": change[:1], "second": change[1:]}.get(moved, change)
+    size = np.abs(parts).max() if attacked.norm == "linf" else np.sqrt((parts.astype(float) ** 2).mean())
+    assert size <= budget * (1 + 1e-9)
+    assert not change[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
+    assert moved != "joint" or np.array_equal(*change)
+    if name in ("bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"):  # they search, and know the clean pair
+        gain = attacked.loss - attacked.clean_loss
+        assert (-gain if name == "pcfa" else gain) >= 0
+
+
+@pytest.mark.parametrize("severity", [1, 3, 5])
+@pytest.mark.parametrize("name", ON_SMALL_PAIRS)
+def test_every_attack_stays_inside_its_budget(name, severity):
+    clean, attacked = attacked_pair(name, severity=severity)
+
+    norms = dict(zip(("linf", "rms"), norms_of(attacked.frames, clean), strict=False))
+    assert 0 < norms[attacked.norm] <= attacked.budget == load_attack(name).budget(severity)
+    assert (attacked.linf, attacked.rms) == (norms["linf"], norms["rms"])
+
+
+@pytest.mark.parametrize("name", ON_SMALL_PAIRS)
+def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
+    first, again, other = (attacked_pair(name, seed=seed)[1].frames for seed in (1, 1, 2))
+
+    assert np.array_equal(first, again)
+    drawn = name not in ("fgsm", "bim", "pcfa", "apgd", "worst_of")  # apgd reaches the same corner from both starts
+    assert np.array_equal(first, other) != drawn
+
+
+def test_every_attack_is_documented_and_has_the_severities_of_its_norm():
+    for name in SHIPPED:
+        attack = load_attack(name)
+        assert isinstance(attack, Attack)
+        assert attack.name == name
+        assert type(attack).__doc__
+        budgets = [attack.budget(severity) for severity in range(1, 6)]
+        assert (
+            budgets
+            == {
+                "linf": [1, 2, 4, 8, 16],
+                "rms": [0.5, 1.25, 2.5, 5, 12.5],
+                "area": [0.1, 0.5, 1, 2, 5],
+            }[attack.norm]
+        )
+
+
+def test_a_ball_moves_uphill_by_the_size_of_its_step():
+    ball = Ball(*(np.full((2, 4, 5, 3), 128, np.uint8)), 10, "rms")
+    gradient = Rng.of(0).normals(ball.clean.size).astype(np.float32).reshape(ball.clean.shape)
+
+    change = ball.step(ball.clean, gradient, 3) - ball.clean
+
+    assert ball.size_of(change) * 255 == pytest.approx(3, rel=1e-4)
+    assert np.corrcoef(change.ravel(), gradient.ravel())[0, 1] > 0.9999
+
+
+def test_pcfa_gives_the_same_frames_on_any_number_of_threads():
+    model, sample = rf.load_model("tiny", device="cpu"), TexturePairs(2, (40, 48)).load("1")
+    before, frames = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            frames.append(rf.attack(*sample.frames, model, "pcfa", flow=sample.flow, key="1", steps=1).frames)
+    finally:
+        torch.set_num_threads(before)
+
+    assert np.array_equal(*frames)

@@ -1,0 +1,149 @@
+"""What attacks reach: known optima, the best pair seen, and more than noise of the same norm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.attacks.images import images_of
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from .small_attacks import FEW, attacked_pair  # noqa: E402
+from .smooth_net import Given, linear_model, random_pair, smooth_model  # noqa: E402
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd", "worst_of"])
+def test_on_a_linear_model_a_larger_budget_never_lowers_the_loss(name):
+    losses = [attacked_pair(name, linear_model(), severity)[1].loss for severity in range(1, 6)]
+
+    assert losses == sorted(losses)
+    assert losses[0] < losses[-1]
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
+def test_sign_attacks_on_a_linear_model_reach_the_optimum(name):
+    model, clean, budget = linear_model(), random_pair(), 4
+    _, attacked = attacked_pair(name, model, severity=3, **({"steps": 20} if name in ("bim", "pgd") else {}))
+
+    levels = np.stack(clean).astype(int).transpose(0, 3, 1, 2)
+    best = np.clip(levels + budget * np.sign(model.weights).astype(int), 0, 255)  # u is positive and away from 0
+    assert np.array_equal(np.stack(attacked.frames).transpose(0, 3, 1, 2), best)
+
+
+@pytest.mark.parametrize("name", ["bim", "apgd"])
+def test_attacks_under_rms_on_a_linear_model_reach_the_optimum_of_the_sphere(name):
+    model = linear_model()
+    grey = np.full((2, 8, 10, 3), 128, np.uint8)  # far from 0 and 255, so that only the ball binds
+    truth = np.zeros((8, 10, 2), np.float32)
+
+    attacked = rf.attack(*grey, model, name, 4, flow=truth, norm="rms", steps=60)
+
+    change = attacked.images - images_of(*grey)
+    optimum = model.weights / np.sqrt((model.weights**2).mean()) * 5 / 255
+    assert np.abs(change - optimum).max() < 1e-3 * np.abs(optimum).max()
+
+
+@pytest.mark.parametrize("name", ["pgd", "cospgd", "apgd"])
+def test_more_starts_never_lower_the_loss(name):
+    losses = [attacked_pair(name, starts=starts)[1].float_loss for starts in (1, 2, 4)]
+
+    assert losses == sorted(losses)
+
+
+@pytest.mark.parametrize("name", ["bim", "pgd", "apgd", "square"])
+def test_the_best_pair_that_was_seen_is_kept(name):
+    _, attacked = attacked_pair(name)
+
+    found = attacked.loss if attacked.float_loss is None else attacked.float_loss
+    assert found == pytest.approx(max(attacked.trace), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"])
+def test_where_every_change_helps_the_model_the_clean_pair_is_the_best(name):
+    clean = torch.from_numpy(images_of(*random_pair()))
+
+    def already_at_the_target(images1, images2):
+        return ((images1 - clean[:1]).abs() + (images2 - clean[1:]).abs())[:, :2]
+
+    pair, attacked = attacked_pair(name, Given(already_at_the_target), target="zero")
+
+    assert np.array_equal(attacked.frames, pair)
+    assert attacked.loss == attacked.clean_loss == 0
+    assert "nothing_gained" in attacked.warnings
+
+
+def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
+    """The flow grows up to a change of 0.6 grey levels, and shrinks at a whole one."""
+    clean = torch.from_numpy(images_of(*random_pair()))
+
+    def ridge(images1, images2):
+        up = (images1 - clean[:1]) * 255
+        return (10 + torch.where(up < 0.6, up, -3 * up))[:, :2] + 0 * images2[:, :2]
+
+    options = {"budget": 1, "flow": np.zeros((8, 10, 2), np.float32), "steps": 9}
+    attacked = rf.attack(*random_pair(), Given(ridge), "bim", **options)
+
+    assert np.array_equal(attacked.frames, random_pair())
+    assert attacked.loss == attacked.float_loss == attacked.clean_loss
+    assert {"nothing_gained", "rounding"} <= set(attacked.warnings)
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "cospgd", "apgd", "square"])
+def test_attacks_beat_random_noise_of_the_same_norm(name):
+    noise = attacked_pair("random_sign")[1].loss
+
+    assert attacked_pair(name, **({"queries": 300} if name == "square" else {}))[1].loss > noise
+
+
+@pytest.mark.parametrize(("target", "steps"), [("zero", 5), ("negative", 20)])
+def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps):
+    _, attacked = attacked_pair("pcfa", target=target, steps=steps)
+    _, noise = attacked_pair("random_gauss", target=target)
+
+    assert attacked.clean_loss - attacked.loss > 10 * abs(attacked.clean_loss - noise.loss)
+    goal = 0 if target == "zero" else -attacked.clean_flow
+    before, after = (np.linalg.norm(flow - goal, axis=-1).mean() for flow in (attacked.clean_flow, attacked.flow))
+    assert attacked.way_gone == pytest.approx((before - after) / before)
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
+def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
+    pair, model = random_pair(), smooth_model()
+
+    attacked = rf.attack(*pair, model, name, 4, **FEW.get(name, {}))
+    noise = rf.attack(*pair, model, "random_sign", 4)
+
+    assert attacked.moved > noise.moved > 0
+    assert "gradient_zero" not in attacked.warnings
+
+
+def test_an_attack_that_has_not_converged_says_so():
+    def bowl(images1, images2):  # grows ever faster: each step adds more
+        return (torch.exp(8 * images1) * torch.exp(8 * images2))[:, :2]
+
+    grey = np.full((2, 8, 10, 3), 100, np.uint8)
+    truth = np.zeros((8, 10, 2), np.float32)
+    rising = rf.attack(*grey, Given(bowl), "pgd", 5, flow=truth, steps=12, variant="flowbench")
+    done = rf.attack(*grey, linear_model(), "pgd", 2, flow=truth, steps=40)
+
+    assert "still_rising" in rising.warnings
+    assert "still_rising" not in done.warnings
+
+
+@pytest.mark.slow  # 200 flows of a real pair
+@pytest.mark.parametrize("name", ["dis", "farneback"])
+def test_square_on_a_classical_method_beats_random_noise_on_a_real_pair(shared, name):
+    data = rf.load_dataset("middlebury", shared("data/middlebury"))
+    sample = data.load(data.keys()[0])
+    cut = (slice(60, 220), slice(60, 320))
+    pair = [frame[cut] for frame in sample.frames[:2]]
+    truth = {"flow": sample.flow[cut], "valid": sample.valid[cut]}
+
+    noise = rf.attack(*pair, name, "random_sign", 4, **truth)
+    attacked = rf.attack(*pair, name, "square", 4, queries=200, **truth)
+
+    assert attacked.loss > noise.loss
+    assert attacked.loss > attacked.clean_loss
+    assert attacked.linf == noise.linf == 8

@@ -1,0 +1,105 @@
+"""Attacks that cannot be computed, refused in one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import DataError, ModelError, UsageError
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from .small_attacks import attacked_pair  # noqa: E402
+from .smooth_net import Given, random_pair, smooth_model  # noqa: E402
+
+
+def test_a_model_without_gradients_gets_one_sentence_and_square():
+    pair = random_pair(40, 48)
+    dis = rf.load_model("dis")
+
+    with pytest.raises(ModelError, match=r"^model 'dis' offers no gradient .* choose square") as refused:
+        rf.attack(*pair, dis, "pgd")
+    assert "\n" not in str(refused.value)
+    assert rf.attack(*pair, dis, "square", 3, queries=5).linf == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"name": "pdg"}, UsageError, "unknown attack 'pdg': did you mean 'pgd'"),
+        ({"norm": "l2"}, UsageError, "norm of attack pgd 'l2'"),
+        ({"steps": 0}, UsageError, "steps of attack pgd is a whole number from 1, not 0"),
+        ({"target": "up"}, UsageError, "target of attack pgd 'up'"),
+        ({"name": "square", "norm": "rms"}, UsageError, "norm of attack square 'rms'"),
+        ({"name": "pcfa", "moved": "joint"}, UsageError, "box=clipping"),
+        ({"reference": "truth"}, UsageError, "there is none; give the flow"),
+        ({"name": "pgd:steps=many"}, UsageError, "steps of attack pgd is a whole number from 1, not 'many'"),
+        ({"name": "pgd:20"}, UsageError, "attack pgd takes options, option=value, and no '20'"),
+        ({"name": "transfer:dis"}, ModelError, "model 'dis' offers no gradient of its flow, which the attack apgd"),
+        ({"name": "transfer:tny"}, UsageError, "unknown model 'tny'"),
+        ({"name": "transfer:tiny:attack=transfer"}, UsageError, "name its model alone"),
+        ({"name": "transfer:tiny:attack=pdg"}, UsageError, "unknown attack 'pdg'"),
+        ({"name": "worst_of:pgd+pcfa"}, UsageError, "pgd has norm linf, pcfa has norm rms; .* attacks of one norm"),
+        ({"name": "worst_of:pgd:queries=3"}, UsageError, "unknown option of the attacks in worst_of 'queries'"),
+        ({"name": "worst_of:worst_of:pgd"}, UsageError, "name them: worst_of:A"),
+        ({"name": "transfer:tiny:attack=worst_of"}, UsageError, "worst_of:transfer"),
+        ({"budget": 0}, UsageError, "more than 0 and at most 255 grey levels"),
+        ({"budget": "8"}, UsageError, "at most 255 grey levels, not '8'"),
+        ({"budget": float("nan")}, UsageError, "at most 255 grey levels, not nan"),
+        ({"severity": 2.5}, UsageError, "severity 2.5 does not exist"),
+        ({"flow": [[1, 2]]}, DataError, r"ground truth is list; expected float32 \(8, 10, 2\)"),
+        ({"flow": np.full((8, 10, 2), np.nan, np.float32)}, DataError, "NaN or infinite at pixels that are valid"),
+        ({"budget": 3, "severity": 2}, UsageError, "not both"),
+        ({"valid": np.ones((8, 10), bool)}, UsageError, "give the flow, too"),
+        ({"flow": np.zeros((3, 4, 2), np.float32)}, DataError, r"ground truth is float32 \(3, 4, 2\)"),
+        ({"flow": np.zeros((8, 10, 2), np.float32), "valid": np.zeros((8, 10), bool)}, UsageError, "no pixel as valid"),
+    ],
+)
+def test_what_cannot_be_attacked_is_refused_in_one_line(change, error, message):
+    arguments = {"name": "pgd", **change}
+
+    with pytest.raises(error, match=message) as refused:
+        rf.attack(*random_pair(), smooth_model(), **arguments)
+    assert "\n" not in str(refused.value)
+
+
+class Failing(torch.autograd.Function):
+    """A copy whose gradient cannot be computed."""
+
+    @staticmethod
+    def forward(ctx, images):
+        return images.clone()
+
+    @staticmethod
+    def backward(ctx, gradient):
+        raise RuntimeError("no\nbackward")
+
+
+def _out_of_memory(images1, images2):
+    if images1.requires_grad:
+        raise RuntimeError("out of memory\nhere")
+    return images1[:, :2]
+
+
+_LEARNED = torch.nn.Parameter(torch.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda images1, images2: images1[:, :2].detach(), "a flow without a gradient"),
+        (lambda images1, images2: images1[:, :2].detach() + _LEARNED, "does not follow from the images"),
+        (lambda images1, images2: images1[:, :2] if not images1.requires_grad else None, "returned NoneType"),
+        (lambda images1, images2: images1[:, :2] if not images1.requires_grad else (1,), "returned tuple"),
+        (_out_of_memory, "raised RuntimeError on .*in its method differentiable: out of memory"),
+        (
+            lambda images1, images2: Failing.apply(images1)[:, :2],
+            "raised RuntimeError on .*in its method differentiable",
+        ),
+    ],
+)
+def test_a_model_whose_gradient_cannot_be_used_is_refused_in_one_line(function, message):
+    with pytest.raises(ModelError, match=message) as refused:
+        attacked_pair("pgd", Given(function))
+    assert "\n" not in str(refused.value)

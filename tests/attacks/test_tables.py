@@ -1,0 +1,227 @@
+"""Tables, curves, correlations and pages of runs with attacks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.stats import spearmanr
+
+import robustflow as rf
+from robustflow.analysis.attack_ranks import predictions
+from robustflow.analysis.attacks import AttackScore, attack_scores, budget_at_double
+from robustflow.analysis.ranking import spearman, spearman_interval
+from robustflow.analysis.security_curves import security_curves
+from robustflow.attacks.ball import GREY_LEVELS
+from robustflow.attacks.registry import norm_of
+from robustflow.attacks.result import BESIDE_OTHERS, WARNINGS
+from robustflow.report.attack_table import attack_table, prediction_table
+
+from .small_runs import DATA, run
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+
+def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
+    scores = {(score.attack, score.severity): score for score in attack_scores(both)}
+    table = attack_table(both)
+
+    pgd, noise = scores["pgd", 3], scores["random_sign", 3]
+    assert pgd.gain == pytest.approx(pgd.epe - noise.epe)
+    assert pgd.gain > 0
+    assert noise.gain is None
+    rows = both.attack_rows.filter(corruption="pgd", severity=3)
+    assert pgd.epe == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+    assert [line.label for section in table.sections for line in section.lines] == [
+        f"{name} {level}" for name in ("random_sign", "fgsm", "pgd", "random_gauss") for level in (1, 3)
+    ]
+    cells = dict(zip((column.label for column in table.columns), _line(table, "pgd 3").cells, strict=True))
+    for label, column in {"> 1 px (%)": "px1", "> 3 px (%)": "px3", "> 5 px (%)": "px5", "Fl (%)": "fl"}.items():
+        assert cells[label].text == f"{(100 * rows[f'{column}_count'] / rows['n_valid']).mean():.2f}"
+    assert cells["median (px)"].text == f"{rows['attack_median'].mean():.2f}"
+    assert (cells["L-inf"].text, cells["RMS"].text) == ("4", f"{rows['attack_rms'].mean():.4g}")
+    spent = both.manifest.seconds
+    assert 0 < sum(spent[f"attack {name}"] for name in both.attacks) <= spent["attack"]
+    assert cells["time (s)"].text == f"{spent['attack pgd'] / 4:.2f}"  # two pairs at two severities
+    assert "way gone (%)" not in cells
+    assert not any(cell.best for section in table.sections for line in section.lines for cell in line.cells)
+
+
+def _line(table, label):
+    return next(line for section in table.sections for line in section.lines if line.label == label)
+
+
+def test_security_curves_begin_at_the_clean_error_and_have_the_means_of_the_rows(both):
+    points = security_curves(both)
+
+    errors = {(point.attack, point.budget): point.error for point in points}
+    rows = both.attack_rows.with_columns(epe=pl.col("epe_sum") / pl.col("n_valid"))
+    for name in both.attacks:
+        levels = GREY_LEVELS[norm_of(name)]
+        expected = {0.0: both.epe_clean}
+        expected |= {levels[s - 1]: rows.filter(corruption=name, severity=s)["epe"].mean() for s in (1, 3)}
+        assert {budget: error for (of, budget), error in errors.items() if of == name} == pytest.approx(expected)
+    assert {point.attack for point in points if point.warned} == {
+        one.attack for one in attack_scores(both) if one.warnings
+    }
+
+
+def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real_pictures):
+    from robustflow.cli.report import report
+
+    report([both.path], table="security", format="csv", output=tmp_path / "curves.csv")
+    lines = pl.read_csv(tmp_path / "curves.csv")
+    with real_pictures():
+        both.write_summary()
+    page = (both.path / "report.html").read_text(encoding="utf-8")
+
+    assert lines.columns[1:6] == ["attack, budget", "norm", "budget", "metric", "error (px)"]
+    assert lines.filter(pl.col("attack, budget") == "pgd 4")["error (px)"].item() == pytest.approx(
+        next(one.epe for one in attack_scores(both) if (one.attack, one.severity) == ("pgd", 3)), abs=1e-3
+    )
+    assert 'id="attacks-0-title">Security curves' in page
+
+
+class Shrunk:
+    """DIS with its flow shortened, which changes how much corruptions and noise move it."""
+
+    def __init__(self, share: float) -> None:
+        self.share, self.dis = share, rf.load_model("dis")
+
+    def predict(self, frame1, frame2):
+        return self.dis.predict(frame1, frame2) * np.float32(self.share)
+
+
+@pytest.fixture(scope="module")
+def five(tmp_path_factory):
+    """Runs of five models, with noise for an attack."""
+    folder = tmp_path_factory.mktemp("five")
+    shares = (1.0, 0.7, 0.9, 0.6, 0.8)
+    chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
+    return [run(folder / f"{share}", Shrunk(share), name=f"{share}", **chosen) for share in shares]
+
+
+def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows(five):
+    (noise, *_) = predictions(five)
+
+    def increase(rows):
+        return ((rows["epe_sum"] - rows["clean_epe_sum"]) / rows["n_valid"]).mean()
+
+    corrupted = [increase(one.rows.filter(pl.col("severity") > 0)) for one in five]
+    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in five]
+    assert noise.attack == "random_sign"
+    assert len(noise.models) == 5
+    assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
+    assert noise.interval[0] <= noise.rho <= noise.interval[1]
+
+
+def test_below_five_models_no_correlation_is_given_and_the_table_says_so(five):
+    table = prediction_table(five[:4])
+
+    assert [cell.text for cell in table.sections[0].lines[0].cells][1:] == ["4", "-", "-", "-"]
+    assert "4 models: too few for a correlation" in table.sections[0].lines[0].note
+    assert prediction_table(five[:1]) is None
+
+
+def test_a_number_with_a_warning_is_not_correlated(five, monkeypatch):
+    doubtful = replace(attack_scores(five[0])[0], warnings={"rounding": 1})
+    monkeypatch.setattr(
+        "robustflow.analysis.attack_ranks.attack_scores",
+        lambda one: [doubtful] if one is five[0] else attack_scores(one),
+    )
+
+    noise = next(one for one in predictions(five) if one.attack == "random_sign")
+    assert noise.left_out == {"1.0": "its number carries a warning"}
+    assert noise.rho is None
+
+
+def test_the_interval_of_a_rank_correlation_covers_the_true_one():
+    rng = np.random.default_rng(0)
+    true = 6 / np.pi * np.arcsin(0.6 / 2)  # of a normal pair with correlation 0.6
+    covered = 0
+    for _ in range(400):
+        first, noise = rng.normal(size=(2, 12))
+        low, high = spearman_interval(spearman(first, 0.6 * first + 0.8 * noise), 12)
+        covered += low <= true <= high
+
+    assert 0.92 < covered / 400 < 0.99
+
+
+def test_a_model_that_answers_twice_differently_carries_a_warning(tmp_path, real_pictures):
+    rng = np.random.default_rng(0)
+
+    def model(frame1, frame2):
+        return rng.normal(size=(*frame1.shape[:2], 2)).astype(np.float32)
+
+    with real_pictures():
+        done = run(tmp_path / "run", model, attacks="random_sign", severities=3, count=1)
+
+    words = "the model answers the same frames differently when asked twice"
+    assert done.attack_rows.filter(corruption="random_sign")["attack_warnings"].to_list() == ["answers_differ"]
+    assert words in _line(attack_table(done), "random_sign 3").note
+    assert words in (done.path / "report.html").read_text(encoding="utf-8")
+    sample = DATA.load("0")
+    assert rf.attack(*sample.frames, model, "random_sign", 3).warnings == ("answers_differ",)
+
+
+def test_the_json_of_a_run_has_its_attacks(both):
+    import json
+
+    from robustflow.cli.tables import as_json_text
+
+    (facts,) = json.loads(as_json_text([both]))
+    assert [(one["attack"], one["severity"]) for one in facts["attacks"]][:2] == [
+        ("random_sign", 1),
+        ("random_sign", 3),
+    ]
+    assert facts["attacks"][-1]["epe"] == attack_scores(both)[-1].epe
+
+
+def test_the_page_of_a_run_shows_its_attacks(both, real_pictures):
+    with real_pictures():
+        both.write_summary()
+    page = (both.path / "report.html").read_text(encoding="utf-8")
+
+    assert '<section id="attacks"' in page
+    assert "random_sign 3" in page
+
+
+def test_a_run_of_attacks_alone_has_a_page_and_prints(tmp_path, capsys, real_pictures):
+    from robustflow.cli.tables import print_result
+
+    with real_pictures():
+        alone = run(tmp_path / "run", attacks="fgsm", severities=2, count=1)
+    print_result(alone)
+
+    printed = capsys.readouterr().out
+    assert "clean EPE" in printed
+    assert "fgsm 2" in printed
+    assert alone.summary.corruptions == {}
+    assert '<section id="attacks"' in (alone.path / "report.html").read_text(encoding="utf-8")
+
+
+def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
+    values = {"norm": "linf", "budget": 2.0 ** (severity - 1), "samples": 3, "cre": None, "crer": None, "rcre": 1.0}
+    values |= dict.fromkeys(("px1", "px3", "px5", "fl", "median", "capped", "way_gone", "gain"))
+    values |= {"linf": 1.0, "rms": 1.0, "evaluations": 1.0, "seconds": None, "warnings": {}}
+    return AttackScore(attack, severity, epe=epe, **(values | changes))
+
+
+def test_the_budget_that_doubles_the_error_lies_on_the_line_between_severities():
+    scores = [score("pgd", 1, 1.5), score("pgd", 3, 3.5)]
+
+    assert budget_at_double(scores, "pgd", 1.0) == pytest.approx(1 + 3 * 0.25)
+    assert budget_at_double(scores, "pgd", 3.0) is None
+    assert budget_at_double(scores, "pgd", None) is None
+
+
+def test_a_white_box_attack_that_others_beat_carries_a_warning():
+    from robustflow.analysis.attacks import _compared
+
+    scores = {"fgsm": 3, "pgd": 2, "square": 2.5, "apgd": 4, "transfer:raft": 3.5, "transfer:dis": 1.5}
+    compared = _compared([score(name, 1, epe) for name, epe in scores.items()])
+
+    assert {one.attack: set(one.warnings) for one in compared if one.warnings} == {"pgd": set(BESIDE_OTHERS)}
+    assert not set(BESIDE_OTHERS) & set(WARNINGS)
