@@ -132,9 +132,9 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
 @njit(cache=True, nogil=True)
 def _layer_sums(frame: Any, layers: Any, source: Any, layer: int, y: int, x0: int, sums: Any) -> None:
     """Running sums of a layer's colours and of its mask, from column `x0` of row `y` on; (4, n + 1), first is zero."""
-    height, width = layers.shape
+    width = layers.shape[1]
     pixels, numbers = frame.reshape(-1), layers.reshape(-1)
-    row = mirrored(y, height) * width
+    row = y * width
     places = source.reshape(-1)
     r = g = b = m = np.int32(0)
     sums[0, 0] = sums[1, 0] = sums[2, 0] = sums[3, 0] = 0
@@ -165,11 +165,14 @@ def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
 @njit(cache=True, nogil=True)
 def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
     """The disk about row `y` of the running sums, which begin `reach` columns before the first of `total`."""
+    last = sums.shape[2] - 1
     for channel in range(4):
         line = total[channel]
         for i in range(line.size):
             line[i] = 0
         for dy in range(-reach, reach + 1):
+            if sums[y + dy, 3, last] == 0:  # none of the layer in this row
+                continue
             half = widths[abs(dy)]
             _add_segment(line, sums[y + dy, channel], _U(reach - half), _U(reach + half + 1))
 
@@ -238,7 +241,11 @@ def _blur(frame: Any, layers: Any, source: Any, present: Any, reach: Any, widths
                 n = columns + 2 * r + 1
                 sums = room[: (rows + 2 * r) * 4 * n].reshape(rows + 2 * r, 4, n)
                 for j in range(rows + 2 * r):
-                    _layer_sums(frame, layers, source, k, y0 - r + j, x0 - r, sums[j])
+                    y = mirrored(y0 - r + j, height)
+                    if _is_near(present, k, y, y + 1, x0 - r, x0 + columns + r, height, width):
+                        _layer_sums(frame, layers, source, k, y, x0 - r, sums[j])
+                    else:
+                        sums[j, 3, n - 1] = 0  # which `_sum_row` leaves out
                 left = False
                 for j in range(rows):
                     _sum_row(sums, j + r, r, widths[k], total)
