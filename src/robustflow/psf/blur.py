@@ -1,6 +1,6 @@
-"""Blur an image with a PSF that varies over it: columns of nodes, blended by triangular windows.
+"""Blur an image with a spatially varying PSF, interpolated between columns of nodes with triangular windows.
 
-The arithmetic is in `strip.py`. docs/optics.md has its error against exact kernels and its time.
+The arithmetic is in `strip.py`. docs/optics.md reports the error relative to exact kernels and the run time.
 """
 
 from __future__ import annotations
@@ -21,21 +21,22 @@ from .strip import BLOCK, CHUNK, UNROLL, convolve_rows, transform, transform_len
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
 GREY = 128.0
-"""Subtracted from the pixels: sums of smaller numbers lose less."""
+"""Grey level subtracted from the pixels; sums of smaller numbers have smaller rounding errors."""
 
 _REACH = SUPPORT // 2
 
 
 class Kernels(NamedTuple):
-    """The kernels of a field for an image size.
+    """The kernels of a PSF field for one image size.
 
     Attributes:
-        spectra: float32 (columns of nodes, rows of nodes, 3, T / 2 + 1, L, 2), as `convolve_rows` takes them, divided
-            by T.
-        firsts, weights: of the rows of nodes, for chunks of rows from `top` on, as `convolve_rows` takes them.
-        top: the first row of the image at which a node below the centre has a weight.
-        reach_x, reach_y: the largest lags at which a kernel is not zero.
-        length: T, of the transforms along x, pixels.
+        spectra: kernels transformed along x and divided by T, in the layout that `convolve_rows` expects, float32
+            (columns of nodes, rows of nodes, 3, T / 2 + 1, L, 2).
+        firsts, weights: indices and weights of the rows of nodes for each chunk of image rows from `top` on, in the
+            layout that `convolve_rows` expects.
+        top: index of the first image row at which a node below the centre has a non-zero weight.
+        reach_x, reach_y: largest lags at which any kernel is non-zero, in pixels.
+        length: length T of the transforms along x, in pixels.
     """
 
     spectra: npt.NDArray[np.float32]
@@ -48,7 +49,7 @@ class Kernels(NamedTuple):
 
 
 class KernelCache:
-    """Kernels by (field, height, width); the least recently used are dropped to stay within a limit in bytes."""
+    """A cache of kernels by (field, height, width) that drops the least recently used ones above a limit in bytes."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -56,7 +57,7 @@ class KernelCache:
         self._lock = threading.Lock()
 
     def get(self, key: tuple[str, int, int], compute: Callable[[], Kernels]) -> Kernels:
-        """Return the kernels of a key, computed if they are not held."""
+        """Return the kernels for a key, computing them if they are not cached."""
         with self._lock:
             kernels = self._entries.pop(key, None)
         kernels = compute() if kernels is None else kernels
@@ -68,7 +69,7 @@ class KernelCache:
 
     @property
     def nbytes(self) -> int:
-        """Bytes held."""
+        """The size of the cached kernels in bytes."""
         return sum(kernels.spectra.nbytes for kernels in self._entries.values())
 
 
@@ -78,15 +79,15 @@ CACHE = KernelCache(limit=320 * 2**20)
 def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
     """Convolve an image with the PSF of each of its points.
 
-    The image's centre takes field 0, its corners field 1, whatever its size; beyond its edges it is continued by
-    reflection (reflect-101). Kernels add up to one, so a flat image stays flat to within 1e-4 grey levels.
+    The image centre has field 0 and the corners have field 1 at any image size; the border is reflect-101. Kernels sum
+    to one, so a constant image stays constant to within 1e-4 grey levels.
 
     Args:
         frame: RGB uint8 (H, W, 3), any size.
-        field: the PSFs.
+        field: the PSFs over the lens's field.
 
     Returns:
-        float32 (H, W, 3) in grey levels, not rounded; the same bits on every machine.
+        The blurred image in grey levels, float32 (H, W, 3), not rounded; bit-identical on every machine.
 
     >>> from robustflow.psf.shipped import shipped_field
     >>> grey = blur(np.full((20, 30, 3), 77, np.uint8), shipped_field(1))
@@ -114,19 +115,19 @@ def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
 def _blur_strip(
     plain: npt.NDArray[np.float32], mirrored: npt.NDArray[np.float32], kernels: Kernels, column: int, height: int
 ) -> npt.NDArray[np.float32]:
-    """Blur what the kernels of one column of nodes reach, in an image and in its mirror image.
+    """Blur the part of an image within reach of one column of nodes, and the same part of the mirrored image.
 
-    They are the real and the imaginary part of one complex image, which is transformed along x, convolved along y with
-    kernels that change from row to row, and transformed back.
+    The two are the real and imaginary parts of one complex image, which is transformed along x, convolved along y with
+    kernels that vary from row to row, and transformed back.
 
     Args:
-        plain, mirrored: float32 (3, X, Y), from where the transform begins.
-        kernels: of the field.
-        column: the column of nodes.
-        height: rows of the image.
+        plain, mirrored: image and mirrored image, starting at the first pixel of the transform, float32 (3, X, Y).
+        kernels: kernels of the PSF field for this image size.
+        column: index of the column of nodes.
+        height: number of rows of the image.
 
     Returns:
-        float32 (2, 3, T - 2 reach, H).
+        The blurred part of both images, float32 (2, 3, T - 2 reach, H).
     """
     length, rows = kernels.length, height + 2 * kernels.reach_y
     work = np.empty((3, plain.shape[2] // BLOCK, length, 2, BLOCK), np.float32)
@@ -135,13 +136,13 @@ def _blur_strip(
     transform(work, twiddles(length))
     blurred = np.empty((3, -(-height // BLOCK), length, 2, BLOCK), np.float32)
     convolve_rows(kernels.spectra[column], work, (rows, height), kernels.firsts, kernels.weights, kernels.top, blurred)
-    transform(blurred, twiddles(length))  # with real and imaginary parts exchanged: the inverse
+    transform(blurred, twiddles(length))  # exchanging real and imaginary parts turns the transform into its inverse
     inside = blurred[:, :, 2 * kernels.reach_x :, ::-1].transpose(3, 0, 2, 1, 4)
     return inside.reshape(*inside.shape[:3], -1)[..., :height]
 
 
 def _continued(frame: Frame, margin_x: int, margin_y: int) -> npt.NDArray[np.float32]:
-    """Continue an image by reflection, to a multiple of BLOCK rows; column by column, less `GREY`, (3, X, Y)."""
+    """Pad an image by reflection to a multiple of BLOCK rows, subtract `GREY` and return it as columns, (3, X, Y)."""
     spare_rows = -(frame.shape[0] + 2 * margin_y) % BLOCK
     margins = (margin_y, margin_y + spare_rows, margin_x, margin_x)
     continued = cv2.copyMakeBorder(frame, *margins, cv2.BORDER_REFLECT_101).transpose(2, 1, 0)
@@ -149,7 +150,7 @@ def _continued(frame: Frame, margin_x: int, margin_y: int) -> npt.NDArray[np.flo
 
 
 def _kernels(field: PsfField, height: int, width: int) -> Kernels:
-    """The kernels of all nodes, their outer rows and columns that are zero everywhere left out."""
+    """Return the kernels of all nodes, without the outer rows and columns that are zero in every kernel."""
     pitch = grid_of(height, width)
     rows, columns = Axis.of(height, pitch), Axis.of(width, pitch)
     nodes, corner = rows.offsets.size, math.sqrt(height * height + width * width) / 2.0
@@ -176,7 +177,7 @@ def _kernels(field: PsfField, height: int, width: int) -> Kernels:
 
 
 def _blending(rows: Axis, top: int, height: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """The first node with a weight in each chunk of rows from `top` on, and the weights from that node on."""
+    """Return the first node with a non-zero weight for each chunk of rows from `top` on, and the weights from it on."""
     nodes, window = rows.windows.shape
     by_row = np.zeros((nodes, height + CHUNK), np.float32)
     for node, start in enumerate(rows.starts):

@@ -16,12 +16,12 @@ SHAPE = (FIELDS, 3, SIZE, SIZE)
 
 
 class PsfField:
-    """PSFs over the field, normalised.
+    """Normalised PSFs over the field.
 
     Attributes:
-        stack: float32 (64, 3, 61, 61): field 0 the image centre, 63 the corner; R, G, B; rows grow away from the
-            image centre. Each PSF adds up to 1.
-        digest: SHA-256 of the stack's bytes; names the field in caches.
+        stack: PSFs by field (0 is the image centre, 63 the corner) and colour (R, G, B), float32 (64, 3, 61, 61); the
+            row index increases away from the image centre. Each PSF sums to 1.
+        digest: SHA-256 of the stack's bytes, used as the cache key.
 
     >>> import numpy as np
     >>> point = np.zeros((64, 3, 61, 61)); point[:, :, 30, 30] = 5
@@ -30,10 +30,10 @@ class PsfField:
     """
 
     def __init__(self, stack: npt.NDArray[Any]) -> None:
-        """Take a stack of any scale; each PSF is divided by its sum.
+        """Build a field from a stack of any scale; each PSF is divided by its sum.
 
         Raises:
-            DataError: another shape, values that are not finite, or a PSF without energy.
+            DataError: the stack has the wrong shape, non-finite values, or a PSF that sums to zero or less.
         """
         values = np.asarray(stack, np.float64)
         if values.shape != SHAPE:

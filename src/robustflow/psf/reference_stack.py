@@ -1,8 +1,8 @@
-"""PSF stacks of the reference code, if a user has them: read safely, converted once.
+"""Read the PSF stacks of the reference code, if the user has them; each file is converted once.
 
 The reference code keeps one `.pth` file per severity, a float32 tensor (64, 3, 61, 61), named after its lens
-("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). It correlates images with these arrays; a convolution needs
-them turned by half a turn.
+("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). It correlates images with these arrays; a convolution needs them
+rotated by 180 degrees.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..sealed import sealed_bytes, unsealed_bytes
 from .psf_field import SHAPE, PsfField
 
 LARGEST = 16 * 2**20
-"""Bytes; a stack has 2.9 million, anything much larger is not one."""
+"""Maximum file size in bytes; a stack has 2.9 million."""
 
 
 def find_stack(folder: Path, rms: float) -> Path:
-    """The one `.pth` file of a folder whose name says `rms` (mm, as in the paper).
+    """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper).
 
     Raises:
-        AssetError: no folder, no such file, or several.
+        AssetError: the folder does not exist, or not exactly one file matches.
     """
     if not folder.is_dir():
         raise AssetError(f"the PSF folder {folder} does not exist; give the folder with the reference's .pth files")
@@ -47,14 +47,14 @@ def find_stack(folder: Path, rms: float) -> Path:
 
 
 def reference_field(folder: str | Path, rms: float) -> PsfField:
-    """The PSFs of the reference lens of RMS radius `rms` from a folder of `.pth` files.
+    """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files.
 
-    The file is read by torch with `weights_only`, once: the result is kept in the user's cache under the SHA-256 of
-    the file, with a digest, and read from there without torch afterwards.
+    PyTorch reads the file once, with `weights_only`. The result is cached under the SHA-256 of the file, together with
+    a checksum, and later calls read the cache without PyTorch.
 
     Raises:
-        AssetError: the file is missing, or torch is needed and not installed.
-        DataError: the file is not a stack.
+        AssetError: the file is missing, or PyTorch is needed but not installed.
+        DataError: the file is not a PSF stack.
     """
     path = find_stack(Path(folder), rms)
     if path.stat().st_size > LARGEST:
@@ -71,7 +71,7 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
 
 
 def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:
-    """A converted stack, unless it is missing or damaged."""
+    """Return a converted stack from the cache, or None if it is missing or damaged."""
     try:
         with open(path, "rb") as file:
             values = unsealed_bytes(file.read(LARGEST), source)
@@ -89,7 +89,7 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
     _check_declared(path, data)
     try:
         tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises a different type for each way in which a file can be wrong
+    except Exception as error:  # torch raises a different exception type for each kind of invalid file
         raise DataError(f"{path} is not a PSF stack that can be read safely; give an unchanged .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
         raise DataError(f"{path} does not hold one float32 tensor of shape {SHAPE}; give an unchanged .pth file")
@@ -97,10 +97,10 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
 
 
 def _check_declared(path: Path, data: bytes) -> None:
-    """Refuse a small file that declares a large content, before anything is allocated for it.
+    """Refuse a small file that declares a large content before memory is allocated for it.
 
     Raises:
-        DataError: an entry of the archive, or a number in its index (a count of elements), is larger than any stack.
+        DataError: the size of an archive entry, or an element count in its index, exceeds that of a PSF stack.
     """
     try:
         if zipfile.is_zipfile(io.BytesIO(data)):
@@ -109,7 +109,7 @@ def _check_declared(path: Path, data: bytes) -> None:
                 largest = sum(entry.file_size for entry in entries)
                 small = [entry for entry in entries if entry.filename.endswith(".pkl")] if largest <= LARGEST else []
                 numbers = [number for entry in small for number in _numbers(io.BytesIO(archive.read(entry)))]
-        else:  # PyTorch before 1.6: five pickles, the first of them a magic number, and the values
+        else:  # format before PyTorch 1.6: five pickles, the first of which is a magic number, followed by the values
             stream, largest = io.BytesIO(data), len(data)
             numbers = [number for place in range(5) for number in _numbers(stream) if place]
     except (zipfile.BadZipFile, ValueError, RuntimeError, NotImplementedError, EOFError, zlib.error) as error:
@@ -120,9 +120,9 @@ def _check_declared(path: Path, data: bytes) -> None:
 
 
 def _numbers(stream: io.BytesIO) -> list[int]:
-    """The sizes in the next pickle of a stream, without their signs; nothing of it is executed.
+    """Return the absolute values of the integers in the next pickle of a stream, without executing the pickle.
 
-    Storages are named by numbers, which older versions of PyTorch write as text: only true integers count.
+    Older versions of PyTorch write the numbers that name storages as text, so only actual integers are returned.
     """
     whole = ("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4")
     return [abs(arg) for code, arg, _ in pickletools.genops(stream) if code.name in whole and isinstance(arg, int)]

@@ -1,7 +1,7 @@
-"""The rendered PSFs of the five lenses that come with the package, checked by hash.
+"""Load the rendered PSFs of the five lenses in the package and check their hashes.
 
-A stack is stored as float16 and as one half, columns 30 to 60, because a PSF of a centred lens is symmetric about
-its meridional plane; `data/manifest.json` holds the SHA-256 of each lens and each stored half.
+Only half of a stack, columns 30 to 60, is stored, as float16: a PSF of a centred lens is symmetric about its meridional
+plane. `data/manifest.json` contains the SHA-256 of each lens and each stored half.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _MIDDLE = SIZE // 2
 
 @lru_cache(maxsize=len(SEVERITIES))
 def shipped_field(severity: int) -> PsfField:
-    """The rendered PSFs of a severity's lens.
+    """Return the rendered PSFs of the lens for a severity.
 
     Raises:
-        DataError: the file is missing or is not the one the manifest names.
+        DataError: the file is missing or its hash differs from the manifest.
     """
     path = DATA / f"psf_s{check_severity(severity)}.npz"
     try:
@@ -42,32 +42,32 @@ def shipped_field(severity: int) -> PsfField:
 
 
 def halved(field: PsfField) -> npt.NDArray[np.float16]:
-    """The stored part of a field: columns 30 to 60 as float16, (64, 3, 61, 31)."""
+    """Return the half of a field that is stored: columns 30 to 60, float16 (64, 3, 61, 31)."""
     return field.stack[..., _MIDDLE:].astype(np.float16)
 
 
 def whole(half: npt.NDArray[np.float16]) -> npt.NDArray[np.float64]:
-    """The stack (64, 3, 61, 61) of a stored half."""
+    """Restore the full stack (64, 3, 61, 61) from a stored half."""
     values = half.astype(np.float64)
     return np.concatenate([values[..., :0:-1], values], axis=-1)
 
 
 def half_digest(half: npt.NDArray[np.float16]) -> str:
-    """SHA-256 of a stored half, whatever the machine's byte order."""
+    """Return the SHA-256 of a stored half, independent of the machine's byte order."""
     return hashlib.sha256(np.ascontiguousarray(half, "<f2").tobytes()).hexdigest()
 
 
 def manifest() -> dict[str, str]:
-    """SHA-256 by name: lens_s1 .. lens_s5, psf_s1 .. psf_s5."""
+    """Return the SHA-256 hashes by name: lens_s1 .. lens_s5, psf_s1 .. psf_s5."""
     content: dict[str, str] = json.loads((DATA / "manifest.json").read_text(encoding="utf-8"))
     return content
 
 
 def check_digest(name: str, digest: str) -> None:
-    """Refuse what is not the file that the manifest names.
+    """Check that a digest matches the manifest.
 
     Raises:
-        DataError: another digest.
+        DataError: the digest differs from the manifest.
     """
     if manifest().get(name) != digest:
         raise DataError(

@@ -1,7 +1,7 @@
-"""The compiled arithmetic of `blur`: single precision, every sum in a fixed order.
+"""Compiled single-precision arithmetic for `blur`, with every sum in a fixed order.
 
-Loops run over a fixed number of neighbouring values and add nothing up across them, so a compiler can vectorise them
-without changing the order of an addition. No fast-math: IEEE arithmetic gives the same bits on every machine.
+Loops run over a fixed number of neighbouring values without summing across them, so a compiler can vectorise them
+without reordering additions. Without fast-math, IEEE arithmetic gives the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import numpy.typing as npt
 from ..compiled import intrinsic, njit, types
 
 BLOCK = 64
-"""Rows of an image that are transformed together."""
+"""Number of image rows transformed together."""
 
 CHUNK = 32
-"""Rows that are convolved along y together."""
+"""Number of rows convolved along y together."""
 
 UNROLL = 4
-"""Lags that are added up before they are added to a sum; the number of lags is a multiple of it."""
+"""Number of lags summed before they are added to the running sum; the number of lags is a multiple of it."""
 
 _LAG = 3 * CHUNK
 
 LENGTHS = (24, 27, 32, 36, 48, 54, 64, 72, 81, 96, 108, 128)
-"""Lengths of transforms: products of 2 and 3. The largest holds the widest window and kernel."""
+"""Lengths of transforms: products of 2 and 3. The largest fits the widest window and kernel."""
 
 _ZERO, _PLUS, _MINUS = np.float32(0.0), np.float32(1.0), np.float32(-1.0)
 _SIN_60 = np.float32(math.sqrt(3.0) / 2.0)
@@ -46,7 +46,7 @@ def _fma(_: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 def transform_length(least: int) -> int:
-    """Return the smallest length in `LENGTHS` from `least` on.
+    """Return the smallest length in `LENGTHS` that is at least `least`.
 
     >>> transform_length(108), transform_length(73)
     (108, 81)
@@ -56,10 +56,10 @@ def transform_length(least: int) -> int:
 
 @lru_cache(maxsize=16)
 def twiddles(length: int) -> npt.NDArray[np.float32]:
-    """Return exp(-2 pi i k / length) for k below `length`, real and imaginary parts, float32 (length, 2).
+    """Return the real and imaginary parts of exp(-2 pi i k / length) for k below `length`, float32 (length, 2).
 
-    Sines and cosines of mathematics libraries differ in the last bit of a double, which decides no bit of a float:
-    a test shows it for every length in use.
+    Math libraries disagree on sines and cosines in the last bit of a double; this does not affect the values rounded to
+    float32, which a test checks for every length in use.
     """
     angles = [2.0 * math.pi * k / length for k in range(length)]
     return np.array([(math.cos(angle), -math.sin(angle)) for angle in angles], np.float32)
@@ -70,9 +70,9 @@ def transform(work: Any, roots: Any) -> None:
     """Fourier-transform the third axis in place by Stockham's algorithm with radices 4, 3 and 2.
 
     Args:
-        work: float32 (m, n, T, 2, BLOCK), real and imaginary parts. With the parts exchanged before and after, the
-            result is T times the inverse.
-        roots: `twiddles(T)`.
+        work: real and imaginary parts, float32 (m, n, T, 2, BLOCK). If the parts are exchanged before and after, the
+            result is T times the inverse transform.
+        roots: roots of unity, `twiddles(T)`.
     """
     spare = np.empty(work.shape[2:], np.float32)
     for m in range(work.shape[0]):
@@ -138,13 +138,13 @@ def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
 
 @njit(**_OPTIONS)
 def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
-    """Blend the kernels u + iv of the nodes for each row of a chunk, as the parts u, u + v and v - u.
+    """Blend the kernels u + iv of the nodes for each row of a chunk and store u, u + v and v - u.
 
     Args:
-        spectrum: float32 (n, L, 2), kernels of the nodes at one frequency, real and imaginary parts.
-        first: the first node with a weight at these rows.
-        weights: float32 (4 g, CHUNK), of the nodes from `first` on.
-        blended: float32 (L * 3 * CHUNK,) receives the parts.
+        spectrum: kernels of the nodes at one frequency, real and imaginary parts, float32 (n, L, 2).
+        first: index of the first node with a non-zero weight in these rows.
+        weights: weights of the nodes from `first` on, float32 (4 g, CHUNK).
+        blended: output array for the three parts, float32 (L * 3 * CHUNK,).
     """
     blended[:] = 0
     last = spectrum.shape[0] - 1
@@ -170,11 +170,11 @@ def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None
     """Convolve two lines with blended kernels: sums of products over the lags.
 
     Args:
-        blended: from `_blend`, float32 (L * 3 * CHUNK,).
-        lines: float32 (2, 3, R), of each complex line x + iy the parts x + y, y and x.
-        begin: the index of R that belongs to the first lag of the first row.
-        sums: float32 (2 * 3 * CHUNK,), overwritten.
-        out: float32 (2, 2, CHUNK) receives real and imaginary parts of each.
+        blended: blended kernels from `_blend`, float32 (L * 3 * CHUNK,).
+        lines: parts x + y, y and x of each complex line x + iy, float32 (2, 3, R).
+        begin: index along R of the first lag of the first row.
+        sums: work array, overwritten, float32 (2 * 3 * CHUNK,).
+        out: output array for the real and imaginary parts of each line, float32 (2, 2, CHUNK).
     """
     sums[:] = 0
     for lag in range(0, blended.size // _LAG, UNROLL):
@@ -199,27 +199,29 @@ def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None
 
 @njit(**_OPTIONS)
 def convolve_rows(spectra: Any, image: Any, shape: Any, firsts: Any, weights: Any, top: Any, out: Any) -> None:
-    """Convolve an image along y, each row of its lower half with a kernel blended from those of the nearest nodes.
+    """Convolve an image along y; the kernel of each row of the lower half is blended from those of the nearest nodes.
 
-    The upper half takes the kernels upside down: the upside-down image is convolved as well. A kernel's spectrum at
-    frequency T - k is the complex conjugate of that at k: there, the image's spectrum is conjugated, and the result.
-    A product of complex numbers takes three multiplications, with t = u (x + y):
-    (u + iv)(x + iy) = (t - (u + v) y) + i (t + (v - u) x).
+    The upper half uses vertically flipped kernels, which is the same as convolving the flipped image. A kernel's
+    spectrum at frequency T - k is the complex conjugate of that at k, so at T - k the image's spectrum and the result
+    are conjugated. A complex product needs three multiplications, with t = u (x + y): (u + iv)(x + iy) = (t - (u + v)
+    y) + i (t + (v - u) x).
 
     Args:
-        spectra: float32 (n, 3, T / 2 + 1, L, 2), kernels of n nodes transformed along x, real and imaginary parts;
-            along y the last lag comes first, and zeros follow up to L, a multiple of `UNROLL`.
-        image: float32 (3, b, T, 2, BLOCK), an image transformed along x, in blocks of rows.
-        shape: (rows of `image` that count, rows of the blurred image); the kernels reach over half the difference.
-        firsts: int64 (c,), the first node with a weight, for each of c chunks of rows.
-        weights: float32 (c, 4 g, CHUNK), of the nodes from there on.
-        top: the row of the result at which the first chunk begins.
-        out: float32 (3, h, T, 2, BLOCK) receives the blurred rows, the imaginary part before the real one.
+        spectra: kernels of n nodes transformed along x, real and imaginary parts, float32 (n, 3, T / 2 + 1, L, 2);
+            along y the last lag comes first, zero-padded to L, a multiple of `UNROLL`.
+        image: image transformed along x, in blocks of rows, float32 (3, b, T, 2, BLOCK).
+        shape: number of valid rows of `image` and number of rows of the blurred image; half the difference is the
+            kernels' reach.
+        firsts: index of the first node with a non-zero weight for each of c chunks of rows, int64 (c,).
+        weights: weights of the nodes from that index on, float32 (c, 4 g, CHUNK).
+        top: index of the row of the result at which the first chunk begins.
+        out: output array for the blurred rows, with the imaginary part before the real part, float32 (3, h, T, 2,
+            BLOCK).
     """
     (rows, height), length, lags, count = shape, image.shape[2], spectra.shape[3], firsts.size * CHUNK
     blended, sums = np.empty(lags * _LAG, np.float32), np.empty(2 * _LAG, np.float32)
-    lines = np.zeros((2, 2, 3, rows + lags + CHUNK), np.float32)  # k and T - k; upright and upside down; x + y, y, x
-    convolved = np.empty((2, 2, 2, count), np.float32)  # k and T - k; upright and upside down; real and imaginary
+    lines = np.zeros((2, 2, 3, rows + lags + CHUNK), np.float32)  # (k, T - k) x (upright, flipped) x (x + y, y, x)
+    convolved = np.empty((2, 2, 2, count), np.float32)  # (k, T - k) x (upright, flipped) x (real, imaginary)
     for channel in range(3):
         for k in range(length // 2 + 1):
             both = 2 if 0 < 2 * k < length else 1

@@ -1,9 +1,9 @@
-"""Where the kernels of a spatially varying blur are, and what they are.
+"""Positions and values of the kernels of a spatially varying blur.
 
-The blur is out = sum over nodes of w_node * (image convolved with the kernel of the node), with triangular windows
-w that add up to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart, closer in small images,
-over which the blur changes faster. Nodes are symmetric about the image centre, so that a quarter of the kernels
-serves the whole image, mirrored.
+The blur is out = sum over nodes of w_node * (image convolved with the kernel of the node), with triangular windows w
+that sum to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart. Small images have closer nodes
+because the blur varies faster over their pixels. Nodes are symmetric about the image centre, so the kernels of one
+quadrant, mirrored, cover the whole image.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ import numpy.typing as npt
 from ..compiled import njit
 
 SUPPORT = 61
-"""Side of a kernel, pixels."""
+"""Side length of a kernel in pixels."""
 
 PITCHES = (34, 30, 24, 18, 12)
-"""Largest distances between nodes, pixels."""
+"""Largest allowed distances between nodes in pixels."""
 
 FINENESS = 27.0
-"""How many distances between nodes the image's half diagonal holds at least; the interpolation's error falls with
-its square and its time rises with it. Measured in docs/optics.md."""
+"""Minimum number of node spacings along half of the image diagonal. The interpolation error decreases with the square
+of this number, and the run time increases with it; docs/optics.md has the measurements.
+"""
 
 
 def grid_of(height: int, width: int) -> int:
-    """Return the entry of `PITCHES` for an image.
+    """Return the entry of `PITCHES` for an image size.
 
     >>> grid_of(375, 1242), grid_of(2160, 4096)
     (24, 34)
@@ -41,14 +42,14 @@ def grid_of(height: int, width: int) -> int:
 
 @dataclass(frozen=True)
 class Axis:
-    """The nodes of one axis of an image, on the far side of the centre only; the others mirror them.
+    """The nodes along one image axis, from the centre to the last pixel; the other half is its mirror image.
 
     Attributes:
-        length: pixels along the axis.
-        pitch: distance between nodes, pixels.
-        offsets: distance of each node from the image centre, float64 (n,).
-        starts: the first pixel of each node's window (may be outside the image).
-        windows: weights of the pixels from `starts` on, float64 (n, 2 x the largest pitch).
+        length: number of pixels along the axis.
+        pitch: distance between nodes in pixels.
+        offsets: distance of each node from the image centre in pixels, float64 (n,).
+        starts: first pixel of each node's window (may be outside the image).
+        windows: window weights of the pixels from `starts` on, float64 (n, 2 x the largest pitch).
 
     >>> Axis.of(375, 34).offsets[:2]
     array([17., 51.])
@@ -63,7 +64,7 @@ class Axis:
     @classmethod
     @lru_cache(maxsize=32)
     def of(cls, length: int, largest_pitch: int) -> Axis:
-        """The fewest nodes that reach from the centre to the last pixel."""
+        """Return the smallest set of nodes that covers the axis from the centre to the last pixel."""
         count = max(1, math.ceil(((length - 1) / largest_pitch + 1.0) / 2.0))
         pitch = max((length - 1) / (2 * count - 1), 1.0)
         offsets = np.asarray((np.arange(count) + 0.5) * pitch, np.float64)
@@ -75,16 +76,17 @@ class Axis:
 
 @njit(cache=True, error_model="numpy")
 def kernels_at(stack: Any, dx: Any, dy: Any, corner: float, out: Any) -> None:
-    """Kernels of image points at (dx, dy) pixels from the image centre.
+    """Compute the kernels at image points (dx, dy) pixels from the image centre.
 
     Args:
-        stack: (F, 3, 61, 61); field 0 the centre, F - 1 the corner; rows grow away from the image centre.
-        dx, dy: right and down, pixels, (P,).
-        corner: distance from centre to corner, pixels; points beyond it take the corner's kernel.
-        out: (P, 3, 61, 61) receives kernels in image orientation, each of sum 1.
+        stack: PSFs by field (0 is the centre, F - 1 the corner), (F, 3, 61, 61); the row index increases away from the
+            image centre.
+        dx, dy: offsets to the right and down in pixels, (P,).
+        corner: distance from centre to corner in pixels; points beyond it use the corner's kernel.
+        out: output array for the kernels in image orientation, each with sum 1, (P, 3, 61, 61).
 
-    Neighbouring fields are interpolated linearly in the distance from the centre, then turned so that the stack's
-    rows point along (dx, dy), with bilinear sampling. Only + - * / and sqrt: the same bits on every machine.
+    Neighbouring fields are interpolated linearly in the distance from the centre, then rotated so that the stack's rows
+    point along (dx, dy), with bilinear sampling. Using only + - * / and sqrt gives the same bits on every machine.
     """
     fields, colours, size, _ = stack.shape
     middle = (size - 1) / 2.0

@@ -1,1 +1,1 @@
-"""Counter-based random streams, named by what they are drawn for."""
+"""Counter-based random streams, each named after its purpose."""

@@ -1,7 +1,7 @@
-"""Standard normal numbers from only additions, multiplications, divisions and square roots.
+"""Compute standard normal numbers with additions, multiplications, divisions and square roots only.
 
-The logarithms, sines and exponentials of libm (and numpy's vector versions of them) may differ in the last bit from
-machine to machine; the four basic operations and the square root may not (IEEE 754). The quantile function is
+Logarithms, sines and exponentials from libm (and numpy's vectorised versions) may differ between machines in the last
+bit; IEEE 754 fixes the results of the four basic operations and the square root exactly. The quantile function is
 algorithm AS 241, PPND16 (Wichura 1988, Applied Statistics 37:477), accurate to about one part in 10**16.
 """
 
@@ -46,10 +46,10 @@ _FAR_DENOMINATOR = (
 
 @njit(cache=True, nogil=True)
 def normals_from_bits(bits: Any, out: Any) -> None:
-    """One standard normal float64 per 64-bit word: the quantile of p = (top 52 bits + 1/2) / 2**52.
+    """Convert each 64-bit word to a standard normal number: the quantile of p = (top 52 bits + 1/2) / 2**52.
 
-    `bits` is uint64 (n,), `out` float64 (n,). The centre of the distribution (85 %) is computed for every word in a
-    loop that vectorises; then the tails are put in their places.
+    `bits` is uint64 (n,), `out` float64 (n,). A vectorised loop evaluates the central approximation (85 % of the
+    distribution) for every word; a second loop overwrites the values in the tails.
     """
     for i in range(bits.size):
         out[i] = _centre(_deviation(bits[i]))
@@ -61,7 +61,7 @@ def normals_from_bits(bits: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _deviation(word: Any) -> Any:
-    """p - 1/2, exact: an odd multiple of 2**-53."""
+    """Return p - 1/2 exactly, as an odd multiple of 2**-53."""
     return (np.float64(np.int64(word >> np.uint64(12)) - np.int64(2**51)) + 0.5) * 2.0**-52
 
 
@@ -88,9 +88,9 @@ def _tail(q: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def natural_log(x: Any) -> Any:
-    """The natural logarithm of a float64 in (0, 1], within a few ulp.
+    """Return the natural logarithm of a float64 in (0, 1], accurate to a few ulp.
 
-    Scales into [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges as 0.03**k.
+    Scales the argument into [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges as 0.03**k.
     """
     halvings = 0
     while x < 2.0**-16:

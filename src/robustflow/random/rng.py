@@ -1,9 +1,9 @@
 """A counter-based random generator: value `i` of stream `key` is a hash of (key, i).
 
-Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any number
-of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion to floating
-point is exact, and normal numbers only need operations whose results IEEE 754 fixes exactly. Streams are named
-by what they are for (`Rng.of(seed, "fog", 3, "000010")`), not by when they were made.
+The only state is a position, so any number of threads can read a stream from any position in any order, and the values
+are the same on every machine: all arithmetic is on 64-bit integers, the conversion to floating point is exact, and
+normal numbers need only operations whose results IEEE 754 fixes exactly. A stream's name describes its purpose
+(`Rng.of(seed, "fog", 3, "000010")`), not its order of creation.
 
 The hash is two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
 SplitMix64; Steele, Lea and Flood 2014), keyed by adding the key before each round.
@@ -25,7 +25,7 @@ _MASK = (1 << 64) - 1
 
 @njit(uint64(uint64, uint64), inline="always", cache=True, nogil=True)
 def hash64(key: Any, counter: Any) -> Any:
-    """64 random bits for position `counter` of stream `key`. For use inside compiled loops."""
+    """Return 64 random bits for position `counter` of stream `key`. For use inside compiled loops."""
     z = (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15) + key
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -37,13 +37,13 @@ def hash64(key: Any, counter: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def fill_bits(key: Any, start: Any, out: Any) -> None:
-    """Positions `start`, `start` + 1, ... of stream `key` into `out`, uint64. For use inside compiled loops."""
+    """Fill `out` (uint64) with positions `start`, `start` + 1, ... of stream `key`. For use inside compiled loops."""
     for i in range(out.size):
         out[i] = hash64(key, start + np.uint64(i))
 
 
 def key_of(*parts: str | int) -> int:
-    """A 64-bit key from strings and integers; different tuples are hashed from different texts.
+    """Hash strings and integers to a 64-bit key; different tuples are encoded as different texts before hashing.
 
     >>> key_of("fog", 1) != key_of("fog1") != key_of("fog", "1")
     True
@@ -53,7 +53,7 @@ def key_of(*parts: str | int) -> int:
 
 
 class Rng:
-    """A stream of random numbers with a name.
+    """A named stream of random numbers.
 
     >>> a, b = Rng.of(0, "demo"), Rng.of(0, "demo")
     >>> a.uniform() == b.uniform()
@@ -68,36 +68,36 @@ class Rng:
 
     @classmethod
     def of(cls, *parts: str | int) -> Rng:
-        """The stream named by `parts`, for example (seed, corruption, severity, sample key)."""
+        """Return the stream named by `parts`, for example (seed, corruption, severity, sample key)."""
         return cls(key_of(*parts))
 
     def spawn(self, *parts: str | int) -> Rng:
-        """A separate stream, independent of how much of this one has been read."""
+        """Return a separate stream that does not depend on the current position of this stream."""
         return Rng(key_of(self.key, *parts))
 
     def bits(self, count: int) -> npt.NDArray[np.uint64]:
-        """The next `count` 64-bit words, uint64 (count,)."""
+        """Return the next `count` 64-bit words, uint64 (count,)."""
         out = np.empty(count, np.uint64)
         fill_bits(np.uint64(self.key), np.uint64(self._position), out)
         self._position += count
         return out
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
-        """One number from [low, high)."""
+        """Return one number from [low, high)."""
         return low + (high - low) * float(self.uniforms(1)[0])
 
     def uniforms(self, count: int) -> npt.NDArray[np.float64]:
-        """`count` numbers from [0, 1), multiples of 2**-53, float64."""
+        """Return `count` numbers from [0, 1), multiples of 2**-53, float64."""
         return (self.bits(count) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
     def integer(self, low: int, high: int) -> int:
-        """One integer from low, ..., high - 1."""
+        """Return one integer from low, ..., high - 1."""
         if high <= low:
             raise ValueError(f"no integer in [{low}, {high})")
         return low + ((int(self.bits(1)[0]) * (high - low)) >> 64)
 
     def normals(self, count: int) -> npt.NDArray[np.float64]:
-        """`count` standard normal numbers, float64, one per position, the same bits on every machine."""
+        """Return `count` standard normal numbers, float64, one per position; bit-identical on every machine."""
         out = np.empty(count, np.float64)
         normals_from_bits(self.bits(count), out)
         return out
