@@ -1,1 +1,1 @@
-"""Lenses at build time: prescriptions, ray tracing, and the search that designs them."""
+"""Lens design at build time: prescriptions, ray tracing, and automated search."""

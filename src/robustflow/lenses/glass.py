@@ -1,11 +1,11 @@
 """Optical glasses of the Schott catalogue and their dispersion.
 
-The coefficients are those of the Schott data sheets ("Optical Glass: Data Sheets"), constants of dispersion B1..B3
-and C1..C3 in micrometres squared, for the Sellmeier equation
+The coefficients are from the Schott data sheets ("Optical Glass: Data Sheets"): dispersion constants B1..B3, and C1..C3
+in micrometres squared, for the Sellmeier equation
 
     n(w)^2 - 1 = sum_i B_i w^2 / (w^2 - C_i)
 
-with w in micrometres, relative to air.
+with the wavelength w in micrometres. The indices n are relative to air.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..errors import unknown_name
 
 AIR: Final = "air"
 
-# The comment gives the refractive index n_d (587.6 nm) and the Abbe number V_d.
+# Each comment gives the refractive index n_d (587.6 nm) and the Abbe number V_d.
 SELLMEIER: Final[dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]]] = {
     "N-FK51A": ((0.971247817, 0.216901417, 0.904651666), (0.00472301995, 0.0153575612, 168.68133)),  # 1.48656 84.5
     "N-PK52A": ((1.029607, 0.1880506, 0.736488165), (0.00516800155, 0.0166658798, 138.964129)),  # 1.49700 81.6
@@ -47,14 +47,14 @@ SELLMEIER: Final[dict[str, tuple[tuple[float, float, float], tuple[float, float,
 
 
 def refractive_index(glass: str, wavelength: float) -> float:
-    """The refractive index of a catalogue glass (or of "air", 1) relative to air.
+    """Return the refractive index of a catalogue glass relative to air (1 for "air").
 
     Args:
-        glass: a name of `SELLMEIER`, or "air".
-        wavelength: micrometres, within the visible band.
+        glass: name of a glass in `SELLMEIER`, or "air".
+        wavelength: wavelength in micrometres, within the visible band.
 
     Raises:
-        UsageError: a glass the catalogue does not hold.
+        UsageError: the glass is not in the catalogue.
 
     >>> round(refractive_index("N-BK7", 0.5875618), 5)
     1.5168
@@ -71,7 +71,7 @@ def refractive_index(glass: str, wavelength: float) -> float:
 
 
 def abbe_number(glass: str) -> float:
-    """V_d = (n_d - 1) / (n_F - n_C), the inverse dispersion.
+    """Return the Abbe number V_d = (n_d - 1) / (n_F - n_C), the inverse dispersion.
 
     >>> round(abbe_number("N-SF6"), 1)
     25.4

@@ -1,8 +1,8 @@
-"""What each severity's lens should be: the paper's numbers, and the blur measured on its reference lens.
+"""Design goals of each severity's lens: the paper's numbers, and the blur measured on the reference lens.
 
-The paper gives the RMS radius of five lenses; its reference code names their element count, half field and f-number.
-`data/goals.json` holds, per severity, what was measured on the PSFs released with that code: modulation transfer and
-its part in phase at five frequencies, RMS radius and lateral colour at six field points, per colour.
+The paper gives the RMS radius of five lenses; its reference code states their element count, half field and f-number.
+`data/goals.json` contains measurements of the PSFs released with that code, per severity and colour: modulation
+transfer and its in-phase part at five frequencies, RMS radius and lateral colour, all at six field points.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from .prescription import IMAGE_RADIUS, tangent_of
 
 @dataclass(frozen=True)
 class Specification:
-    """Elements, elements in front of the stop, half field in degrees, f-number, nominal RMS radius in mm."""
+    """The specification of a lens: number of elements, number of elements in front of the stop, half field in degrees,
+    f-number, nominal RMS radius in mm.
+    """
 
     elements: int
     stop: int
@@ -40,7 +42,7 @@ SPECIFICATIONS = (
 
 
 def goal_of(severity: int) -> tuple[Specification, Goal]:
-    """The specification and the goal of a severity's lens.
+    """Return the specification and the goal of a severity's lens.
 
     >>> specification, goal = goal_of(2)
     >>> specification.elements, round(goal.focal_length, 1)

@@ -1,14 +1,15 @@
-"""The merit function of lens design: how far a lens is from the blur it should have, as residuals to be squared.
+"""The merit function of lens design: residuals between the blur of a lens and its goal, for least squares.
 
 A lens is scaled to its focal length, its entrance pupil is found for six field points by aiming four rays each at
-the stop, and a grid of rays is traced per wavelength. The rays' landing points give, without any image,
+the stop, and a grid of rays is traced per wavelength. The rays' landing points give the following statistics without
+rendering an image:
 
 * the modulation transfer in the tangential and sagittal direction at five frequencies (`FREQUENCIES`): the modulus
   of the rays' mean of exp(-2 pi i f y), times the sinc of the pixel;
-* the RMS radius, per field and colour, within a disc of 30 pixels and without any window.
+* the RMS radius, per field and colour, both within a disc of 30 pixels and over all rays.
 
-Stop and window edges are ramps about a ray spacing wide, so that residuals change smoothly with the prescription.
-Cosines are polynomials: with + - * / and sqrt alone a search takes the same path on every machine.
+Stop and window edges are ramps about as wide as the ray spacing, so residuals change smoothly with the prescription.
+Cosines are polynomials; using only + - * / and sqrt makes a search take the same path on every machine.
 """
 
 from __future__ import annotations
@@ -25,30 +26,31 @@ FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
 
 BASE_FREQUENCY = 0.02
 FREQUENCIES: Array = BASE_FREQUENCY * np.array([1.0, 2.0, 4.0, 8.0, 16.0])
-"""Cycles per pixel: 0.02, 0.04, ..., 0.32."""
+"""Frequencies in cycles per pixel: 0.02, 0.04, ..., 0.32."""
 
 WINDOW_RADIUS = 30.0
-"""Pixels; a PSF is cut off at this distance, a disc, so that turning it within its 61 x 61 array loses nothing."""
+"""Radius in pixels of the disc to which a PSF is clipped, so that rotating it within its 61 x 61 array loses nothing.
+"""
 
 GRID_X, GRID_Y = 7, 14
 AIM_TOLERANCE = 0.2
-"""Most by which an aimed ray may miss its place in the stop, in radii of the stop."""
+"""Maximum distance between an aimed ray and its target in the stop, in radii of the stop."""
 MECHANICAL_WEIGHT = 3.0
 
 
 class Goal(NamedTuple):
-    """The blur that a lens should have.
+    """The target blur of a lens.
 
     Attributes:
-        focal_length: mm.
-        f_number: focal length over entrance pupil diameter.
+        focal_length: focal length in mm.
+        f_number: ratio of focal length to entrance pupil diameter.
         field_tangent: tangent of the half field angle.
-        tangential, sagittal: modulation transfer, (6 fields, 3 colours, 5 frequencies).
-        in_phase: real part of the tangential transfer about green's centroid, the same shape; the damage done to an
-            image depends on it as much as on the modulus, and it holds lateral colour and coma.
+        tangential, sagittal: modulation transfer in each direction, (6 fields, 3 colours, 5 frequencies).
+        in_phase: real part of the tangential transfer relative to green's centroid, (6 fields, 3 colours, 5
+            frequencies). It affects image quality as much as the modulus does, and it includes lateral colour and coma.
         rms: RMS radius within the window in pixels, (6 fields, 3 colours).
-        lateral: height of each colour's centroid above green's, pixels, (6 fields, 3 colours).
-        nominal_rms: mean RMS radius over fields and colours without a window, mm.
+        lateral: height of each colour's centroid above green's in pixels, (6 fields, 3 colours).
+        nominal_rms: mean RMS radius over fields and colours without a window, in mm.
     """
 
     focal_length: float
@@ -63,9 +65,10 @@ class Goal(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What can be made, in mm: the least centre and edge thickness of glass, the greatest centre thickness, the least
-    air gap on the axis and at the edge, the greatest length from first surface to sensor in focal lengths, the least
-    distance to the sensor."""
+    """Manufacturing limits in mm: minimum centre and edge thickness of glass, maximum centre thickness, minimum air gap
+    on the axis and at the edge, maximum length from first surface to sensor (in focal lengths), minimum distance to the
+    sensor.
+    """
 
     glass_centre: float = 1.5
     glass_edge: float = 1.0
@@ -78,7 +81,7 @@ class Limits(NamedTuple):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
-    """Cosine and sine of 2 pi turns, to 1e-9, from a polynomial on a quarter of the angle doubled twice."""
+    """Return cosine and sine of 2 pi `turns` to within 1e-9: a polynomial at a quarter of the angle, doubled twice."""
     a = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
     q = a * a
     s = a * (1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110)))))
@@ -89,14 +92,14 @@ def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
 
 @njit(cache=True, error_model="numpy")
 def _launch(x: Any, y: Any, tangent: Any) -> Any:
-    """Rays of a field in the vertex plane of the first surface, x and y (R,), one tangent each."""
+    """Return rays that start at x and y (R,) in the vertex plane of the first surface, one field tangent per ray."""
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     return (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
 
 
 @njit(cache=True, error_model="numpy")
 def _at_plane(rays: Any) -> Any:
-    """Where rays cross the plane z = 0."""
+    """Return x and y where rays cross the plane z = 0."""
     t = -rays[2] / rays[5]
     return rays[0] + t * rays[3], rays[1] + t * rays[4]
 
@@ -106,7 +109,7 @@ def aim(
     curvature: Any, conic: Any, thickness: Any, index: Any, stop: int, radius: float, tangents: Any,
     pupil_position: float, magnification: float,
 ) -> Any:  # fmt: skip
-    """Per field, rays through the stop's centre, its top, bottom and side, found by the secant method.
+    """Find rays through the centre, top, bottom and side of the stop for each field by the secant method.
 
     Returns x and y (4 F,) in the vertex plane of the first surface, in the order centre, top, bottom, side, and
     the largest miss at the stop relative to its radius.
@@ -150,11 +153,12 @@ def landing(
     curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, stop: int, radius: float, tangent: float,
     bottom: float, top: float, side: float, columns: int, rows: int, ramp: float, margin: float,
 ) -> Any:  # fmt: skip
-    """Landing points (mm) and weights of a grid of rays of one field and wavelength, the half x > 0 of the pupil.
+    """Trace a grid of rays of one field and wavelength through the half x > 0 of the pupil; return landing points (mm)
+    and weights.
 
     The grid fills the box [0, side] x [bottom, top] of the first vertex plane, widened by `margin`, so that the stop
-    and not the grid cuts the beam; the rims of the elements, `clear`, block stray rays. `ramp` is the width of the
-    stop's edge as a fraction of its radius.
+    limits the beam and the grid does not. The rims of the elements, `clear`, block stray rays. `ramp` is the width of
+    the stop's edge as a fraction of its radius.
     """
     middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin
     x, y = np.empty(columns * rows), np.empty(columns * rows)
@@ -184,10 +188,10 @@ def _window(u: float, v: float) -> float:
 def blur_statistics(
     sx: Any, sy: Any, weight: Any, out_t: Any, out_re: Any, out_s: Any, out_rms: Any, out_mean: Any
 ) -> float:
-    """Fill transfer (3, 5), RMS and centroid (3,) within the window from rays in pixels, (3 colours, R).
+    """Fill the transfer (3, 5), RMS radius and centroid (3,) within the window from rays in pixels, (3 colours, R).
 
-    Rays are of the half x > 0; centroids are heights above the middle of the window, which green's defines.
-    Returns the sum over colours of the RMS radius about each colour's centroid, without any window.
+    The rays cover the half x > 0 of the pupil. Centroids are heights above the centre of the window, which is green's
+    centroid. Returns the sum over colours of the RMS radius about each colour's centroid, without any window.
     """
     colours, count = sx.shape
     centre = 0.0
@@ -204,7 +208,7 @@ def blur_statistics(
     inner, c, s, cs, ss = np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     for colour in range(colours):
         x, y, outer = sx[colour], sy[colour], weight[colour]
-        for i in range(count):  # elementwise, so that the compiler works on several rays at once
+        for i in range(count):  # elementwise, so that the compiler can vectorise over rays
             v = y[i] - centre
             inner[i] = outer[i] * _window(x[i], v)
             c[i], s[i] = _cos_sin_turns(BASE_FREQUENCY * v)
@@ -236,7 +240,7 @@ def blur_statistics(
             out_re[colour, k] = pixel * re / total
             out_s[colour, k] = pixel * abs(sagittal) / total
             frequency *= 2.0
-            for i in range(count):  # to twice the frequency
+            for i in range(count):  # double the frequency
                 c[i], s[i] = c[i] * c[i] - s[i] * s[i], 2.0 * c[i] * s[i]
                 cs[i], ss[i] = cs[i] * cs[i] - ss[i] * ss[i], 2.0 * cs[i] * ss[i]
     return unbounded

@@ -8,17 +8,18 @@ from ..compiled import njit
 from .prescription import Lens
 
 DESIGN_WAVELENGTH = 0.55
-"""Micrometres; the wavelength at which focal length and f-number are meant."""
+"""Reference wavelength of focal length and f-number in micrometres."""
 
 
 class FirstOrder(NamedTuple):
-    """All in mm.
+    """First-order properties of a lens, lengths in mm.
 
     Attributes:
         focal_length: effective focal length.
-        back_focus: from the last surface to the paraxial focus.
-        pupil_position: entrance pupil, from the vertex of the first surface, positive towards the sensor.
-        pupil_magnification: entrance pupil radius over stop radius.
+        back_focus: distance from the last surface to the paraxial focus.
+        pupil_position: position of the entrance pupil relative to the vertex of the first surface, positive towards the
+            sensor.
+        pupil_magnification: ratio of entrance pupil radius to stop radius.
     """
 
     focal_length: float
@@ -29,7 +30,9 @@ class FirstOrder(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[float, float, float, float]:
-    """The fields of `FirstOrder` from arrays (K,), (K,), (K + 1,): one paraxial ray forward, two back from the stop."""
+    """Compute the fields of `FirstOrder` from arrays (K,), (K,), (K + 1,): trace one paraxial ray forwards and two
+    backwards from the stop.
+    """
     height, slope = 1.0, 0.0
     surfaces = curvature.size
     for k in range(surfaces):
@@ -38,7 +41,7 @@ def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[
             height += thickness[k] * slope
     focal_length, back_focus = -1.0 / slope, -height / slope
 
-    # Backwards from the centre of the stop (position) and from its edge, parallel to the axis (magnification).
+    # Trace backwards from the centre of the stop (position) and from its edge, parallel to the axis (magnification).
     y, u, y_edge, u_edge = 0.0, 1.0, 1.0, 0.0
     for k in range(stop - 1, -1, -1):
         y -= thickness[k] * u
@@ -53,7 +56,7 @@ def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[
 
 
 def first_order_of(lens: Lens, wavelength: float = DESIGN_WAVELENGTH) -> FirstOrder:
-    """The first-order properties of a lens.
+    """Return the first-order properties of a lens.
 
     >>> from robustflow.lenses.prescription import Lens, Surface
     >>> stop = Surface(curvature=0, thickness=0, semi_diameter=1)

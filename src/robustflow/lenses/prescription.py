@@ -1,4 +1,4 @@
-"""A lens prescription: surfaces from the object to the sensor, validated, as JSON of a few kilobytes."""
+"""A lens prescription: a validated list of surfaces from the object to the sensor, stored as JSON."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ IMAGE_RADIUS = 14.3
 """Half diagonal of the sensor in mm: 1154 pixels of 12.394 um, the corner of a 1920 x 1280 image."""
 
 PIXEL = 0.012394
-"""Side of an effective pixel in mm."""
+"""Side length of an effective pixel in mm."""
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def tangent_of(degrees: float) -> float:
-    """The tangent of an angle, rounded to twelve digits: mathematical libraries differ in the last bit, and the search
+    """Return the tangent of an angle, rounded to twelve digits. Math libraries differ in the last bit, and the search
     and the rendered PSFs must not.
 
     >>> tangent_of(45.0)
@@ -38,10 +38,10 @@ class Surface(Frozen):
 
     Attributes:
         curvature: c in 1/mm, 0 for a plane, positive when the centre of curvature lies towards the sensor.
-        conic: the conic constant k: 0 sphere, -1 paraboloid.
-        thickness: distance along the axis to the next surface, or from the last one to the sensor, mm.
-        glass: the medium behind the surface, a catalogue name or "air".
-        semi_diameter: clear radius in mm; its rim blocks rays. The stop's is the radius of the aperture.
+        conic: conic constant k: 0 for a sphere, -1 for a paraboloid.
+        thickness: distance in mm along the axis to the next surface, or from the last surface to the sensor.
+        glass: medium behind the surface, a catalogue name or "air".
+        semi_diameter: clear radius in mm; rays outside it are blocked. For the stop, the radius of the aperture.
     """
 
     curvature: _Finite
@@ -62,11 +62,11 @@ class Lens(Frozen):
     """A lens focused at infinity.
 
     Attributes:
-        name: what the lens is called.
-        surfaces: from the object to the sensor; one of them, plane and in air, is the aperture stop.
+        name: name of the lens.
+        surfaces: surfaces from the object to the sensor; one of them, plane and in air, is the aperture stop.
         stop: index of the aperture stop in `surfaces`; its `semi_diameter` clips the rays.
-        f_number: focal length over entrance pupil diameter.
-        half_field: half of the field of view, centre to corner, degrees.
+        f_number: ratio of focal length to entrance pupil diameter.
+        half_field: half of the field of view, from centre to corner, in degrees.
 
     >>> from robustflow.lenses.prescription import Lens, Surface
     >>> plane = Surface(curvature=0, thickness=2, semi_diameter=3)
@@ -96,25 +96,27 @@ class Lens(Frozen):
 
     @property
     def elements(self) -> int:
-        """How many glass elements the lens has."""
+        """The number of glass elements."""
         return sum(surface.glass != AIR for surface in self.surfaces)
 
     @property
     def stop_radius(self) -> float:
-        """Radius of the aperture stop, mm."""
+        """The radius of the aperture stop in mm."""
         return self.surfaces[self.stop].semi_diameter
 
     @property
     def field_tangent(self) -> float:
-        """Tangent of the half field angle."""
+        """The tangent of the half field angle."""
         return tangent_of(self.half_field)
 
     def column(self, name: str) -> npt.NDArray[np.float64]:
-        """One attribute of all surfaces, float64 (K,): `lens.column("curvature")`."""
+        """Return one attribute of all surfaces, float64 (K,), such as `lens.column("curvature")`."""
         return np.array([getattr(surface, name) for surface in self.surfaces], np.float64)
 
     def indices(self, wavelength: float) -> npt.NDArray[np.float64]:
-        """Refractive indices of the media at a wavelength in um: before surface 0, then behind each; (K + 1,)."""
+        """Return the refractive indices in front of the first surface and behind each surface, (K + 1,), at a
+        wavelength in um.
+        """
         media = [AIR, *(surface.glass for surface in self.surfaces)]
         return np.array([refractive_index(glass, wavelength) for glass in media], np.float64)
 
@@ -123,7 +125,7 @@ def read_lens(path: str | Path) -> Lens:
     """Read a prescription.
 
     Raises:
-        DataError: the file is missing, or is not a prescription; the message names the first fault.
+        DataError: the file is missing or not a valid prescription; the message gives the first error.
     """
     path = Path(path)
     try:
@@ -135,5 +137,5 @@ def read_lens(path: str | Path) -> Lens:
 
 
 def write_lens(lens: Lens, path: str | Path) -> None:
-    """Write a prescription as JSON that `read_lens` reads back equal."""
+    """Write a prescription as JSON; `read_lens` restores an equal prescription."""
     Path(path).write_text(lens.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n")

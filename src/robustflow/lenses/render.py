@@ -1,4 +1,4 @@
-"""The PSFs of a lens over its field, traced from its prescription."""
+"""Trace the PSFs of a lens over its field from its prescription."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .spectrum import CHANNELS, channel_wavelengths
 
 
 def field_tangents(lens: Lens, fields: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Tangents of the field angles of fractions 0..1 of the image's half diagonal."""
+    """Return the tangents of the field angles at fractions 0..1 of the image's half diagonal."""
     return np.asarray(fields * lens.field_tangent, np.float64)
 
 
 @njit(cache=True, error_model="numpy")
 def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
-    """Count rays (pixels, x > 0 half) and their mirror images within a disc about (0, centre)."""
+    """Count rays (in pixels, half x > 0) and their mirror images per pixel within a disc about (0, centre)."""
     half = out.shape[0] // 2
     for i in range(sx.size):
         v = sy[i] - centre
@@ -35,7 +35,7 @@ def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _centroid(sx: Any, sy: Any, weight: Any) -> float:
-    """Centroid in y of the rays within a disc that is centred on it."""
+    """Return the y centroid of the rays within a disc centred on that centroid."""
     centre = 0.0
     for step in range(60):
         total, moment = 0.0, 0.0
@@ -54,13 +54,13 @@ def _centroid(sx: Any, sy: Any, weight: Any) -> float:
 def field_rays(
     lens: Lens, fields: npt.NDArray[np.float64], columns: int = 96, rows: int = 192, samples: int = 5
 ) -> list[list[npt.NDArray[np.float64]]]:
-    """Landing points of the rays of each field (outer list) and colour (inner list), float64 (3, R).
+    """Return the landing points of the rays of each field (outer list) and colour (inner list), float64 (3, R).
 
-    The rows of an entry are x and y on the sensor in pixels from the axis, and the weight, 1 for a ray that passes the
-    stop and every surface, else 0. Only the half x > 0 of the pupil is traced; the other half mirrors it.
+    The rows of an entry are x and y on the sensor in pixels from the axis, and the weight: 1 for a ray that passes the
+    stop and every surface, otherwise 0. Only the half x > 0 of the pupil is traced; the other half mirrors it.
 
     Raises:
-        DataError: the stop cannot be reached from a field point.
+        DataError: no ray of some field point reaches the edge of the stop.
     """
     arrays = lens.column("curvature"), lens.column("conic"), lens.column("thickness")
     order = first_order_of(lens)
@@ -91,10 +91,11 @@ def field_rays(
 
 
 def render_psfs(lens: Lens) -> PsfField:
-    """Trace the PSFs of a lens: 64 fields, 3 colours of five wavelengths, 18 000 rays per half pupil each.
+    """Trace the PSFs of a lens: 64 fields, 3 colours with five wavelengths each, 18 000 rays per half pupil and
+    wavelength.
 
-    Every field is centred on the centroid of its green PSF, so that the blur moves nothing; red and blue keep their
-    lateral colour. Distortion and the fall-off of light towards the corner are left out.
+    Every field is centred on the centroid of its green PSF, so the blur does not shift the image; red and blue keep
+    their lateral colour. Distortion and vignetting are ignored.
     """
     stack = np.zeros(SHAPE)
     for f, field in enumerate(np.linspace(0.0, 1.0, FIELDS)):

@@ -1,7 +1,8 @@
-"""Compute the residuals of a lens's merit function from its free numbers, and one damped least-squares step.
+"""Compute the residuals of a lens's merit function from its free parameters, and one damped least-squares step.
 
-The free numbers are the curvatures of the glass surfaces times the focal length, the gaps over the focal length, and
-the distance of the sensor from paraxial focus in mm. The lens is scaled to its focal length before it is judged.
+The free parameters are the curvatures of the glass surfaces times the focal length, the gaps over the focal length, and
+the distance of the sensor from paraxial focus in mm. The lens is scaled to the goal's focal length before the residuals
+are computed.
 """
 
 from __future__ import annotations
@@ -18,15 +19,18 @@ from .trace import propagate
 
 STEP = 1e-5
 PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0
-"""Weights beside 1 for a modulation: of its part in phase, of relative RMS radii, of a pixel of lateral colour, of the
-relative nominal RMS radius."""
+"""Weights relative to the modulation (1): in-phase transfer, relative RMS radius, lateral colour per pixel, relative
+nominal RMS radius.
+"""
 RIM = 1.03
-"""Clear radius of a surface over the largest height at which an aimed ray meets it."""
+"""Ratio of a surface's clear radius to the largest height of the aimed rays on it."""
 
 
 @njit(cache=True, error_model="numpy")
 def build_lens(free: Any, index: Any, stop: int, focal_length: float, f_number: float) -> Any:
-    """Curvatures, gaps, stop radius, pupil position and magnification; the radius is 0 for an impossible lens."""
+    """Return curvatures, gaps, stop radius, pupil position and magnification; the stop radius is 0 for an infeasible
+    lens.
+    """
     surfaces = index.shape[1] - 1
     curvature, thickness = np.zeros(surfaces), np.zeros(surfaces)
     position = 0
@@ -54,14 +58,16 @@ def build_lens(free: Any, index: Any, stop: int, focal_length: float, f_number: 
 
 @njit(cache=True, error_model="numpy")
 def _sag(c: float, h: float) -> float:
-    """Sag of a sphere, continued linearly beyond 0.95 of its radius."""
+    """Return the sag of a sphere, extrapolated linearly beyond 0.95 of its radius."""
     limit = h if abs(c * h) < 0.95 else 0.95 / abs(c)
     return c * limit * limit / (1.0 + np.sqrt(1.0 - c * c * limit * limit)) + (h - limit) * 3.0 * np.sign(c)
 
 
 @njit(cache=True, error_model="numpy")
 def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, y: Any, tangent: Any) -> Any:
-    """The largest height of the aimed rays on each surface and a little more, mm, and how many of them fail."""
+    """Return the clear radius of each surface in mm (`RIM` times the largest height of the aimed rays), and the number
+    of aimed rays that fail.
+    """
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     rays = (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
     path = np.zeros((curvature.size, 3, x.size))
@@ -75,7 +81,7 @@ def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, 
 
 @njit(cache=True, error_model="numpy")
 def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
-    """Fill the residuals of a lens; False where it cannot be built or traced. `index` is (3 n + 1, K + 1)."""
+    """Fill the residuals of a lens; return False if it cannot be built or traced. `index` is (3 n + 1, K + 1)."""
     focal_length, f_number, field_tangent, tangential, in_phase, sagittal, wanted_rms, lateral, nominal = goal
     curvature, thickness, radius, pupil, magnification = build_lens(free, index, stop, focal_length, f_number)
     if radius <= 0.0:
@@ -150,13 +156,15 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
 
 @njit(cache=True)
 def residual_count(fields: int, surfaces: int) -> int:
-    """How many residuals `fill_residuals` fills."""
+    """Return the number of residuals that `fill_residuals` fills."""
     return fields * 51 + 2 + 4 * surfaces - 1
 
 
 @njit(cache=True, error_model="numpy")
 def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, iterations: int) -> Any:
-    """Levenberg-Marquardt with forward differences; returns the improved numbers and their sum of squares."""
+    """Run Levenberg-Marquardt with forward differences; return the improved parameters and their sum of squared
+    residuals.
+    """
     rows, columns = residual_count(fields.size, index.shape[1] - 1), free.size
     base, trial, jacobian = np.zeros(rows), np.zeros(rows), np.zeros((columns, rows))
     best = free.copy()
@@ -204,7 +212,7 @@ def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: An
 
 @njit(cache=True, error_model="numpy")
 def solve_damped(normal: Any, gradient: Any, damping: float) -> Any:
-    """(normal + damping diag(normal)) x = gradient by Cholesky's method, in a fixed order of operations."""
+    """Solve (normal + damping diag(normal)) x = gradient by Cholesky's method, in a fixed order of operations."""
     size = gradient.size
     lower, x = np.zeros((size, size)), np.zeros(size)
     for a in range(size):

@@ -1,7 +1,7 @@
-"""The automated search for a lens: random structures, screening, damped least squares, global moves.
+"""Search for a lens automatically: random structures, screening, damped least squares, global moves.
 
-Every choice comes from a named random stream and every stage ends after a count, never by the clock, so that a
-severity and a seed name one lens (Gao et al. 2024 and the paper call this global search of minimalist lenses).
+Every choice comes from a named random stream and every stage has a fixed number of steps instead of a time limit, so a
+severity and a seed determine one lens (Gao et al. 2024 and the paper call this global search of minimalist lenses).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _GLASSES = tuple(SELLMEIER)
 
 @dataclass(frozen=True)
 class Structure:
-    """What is not a number: the glasses in order, and where the stop stands among them.
+    """The discrete parameters of a lens: the glasses in order, and the position of the stop among them.
 
-    `stop` counts the elements in front of the stop.
+    `stop` is the number of elements in front of the stop.
     """
 
     glasses: tuple[str, ...]
@@ -36,7 +36,7 @@ class Structure:
 
     @property
     def media(self) -> tuple[str, ...]:
-        """The medium in front of the lens, then behind each surface, the stop's included; (K + 1,)."""
+        """The medium in front of the lens, then behind each surface, including the stop; (K + 1,)."""
         media = [AIR]
         for element, glass in enumerate((*self.glasses, AIR)):
             if element == self.stop:
@@ -47,11 +47,13 @@ class Structure:
 
     @property
     def stop_surface(self) -> int:
-        """Index of the stop among the surfaces."""
+        """The index of the stop among the surfaces."""
         return 2 * self.stop
 
     def indices(self, samples: int) -> Array:
-        """Refractive indices, (3 samples + 1, K + 1): the channels' wavelengths, then the design wavelength."""
+        """Return the refractive indices at the channels' wavelengths, then at the design wavelength, (3 samples + 1, K
+        + 1).
+        """
         wavelengths = [w for channel in CHANNELS for w in channel_wavelengths(channel, samples)]
         return np.array(
             [[refractive_index(glass, w) for glass in self.media] for w in (*wavelengths, DESIGN_WAVELENGTH)]
@@ -60,7 +62,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A structure, its free numbers (see `residuals`), and its sum of squared residuals."""
+    """A structure, its free parameters (see `residuals`), and its sum of squared residuals."""
 
     structure: Structure
     free: Array
@@ -69,7 +71,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Budget:
-    """How many of each the search does before it stops."""
+    """The number of steps in each stage of the search."""
 
     structures: int = 1500
     screened: int = 24
@@ -93,7 +95,7 @@ def _cost(structure: Structure, free: Array, goal: Goal, limits: Limits) -> floa
 
 
 def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) -> Candidate:
-    """The candidate after damped least squares, its numbers rounded to 1e-9."""
+    """Return the candidate after damped least squares, with parameters rounded to 1e-9."""
     structure = candidate.structure
     free, cost = damped_least_squares(
         candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, limits, iterations
@@ -102,7 +104,7 @@ def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) ->
 
 
 def random_candidate(rng: Rng, elements: int, stop: int) -> Candidate:
-    """A structure drawn at random: glasses, powers that add up to that of the lens, bendings, thicknesses, gaps."""
+    """Draw a random candidate: glasses, powers that sum to that of the lens, bendings, thicknesses, gaps."""
     structure = Structure(tuple(_GLASSES[rng.integer(0, len(_GLASSES))] for _ in range(elements)), stop)
     powers = np.array([rng.uniform(-2.0, 2.5) for _ in range(elements)]) if elements > 1 else np.ones(1)
     powers += (1.0 - powers.sum()) / elements
@@ -117,7 +119,9 @@ def random_candidate(rng: Rng, elements: int, stop: int) -> Candidate:
 
 
 def move(candidate: Candidate, rng: Rng) -> Candidate:
-    """One global move: bend an element, shift power between two, swap a glass, change the gaps, or shake it all."""
+    """Make one global move: bend an element, shift power between two elements, swap a glass, change the gaps, or
+    perturb all parameters.
+    """
     structure, free = candidate.structure, candidate.free.copy()
     elements = len(structure.glasses)
     curved = 2 * elements
@@ -164,19 +168,19 @@ def search(
     limits: Limits | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> Candidate:
-    """The best lens found within a budget.
+    """Return the best lens found within a budget.
 
     Raises:
-        RobustFlowError: none of the best lenses lets every field point fill the stop.
+        RobustFlowError: in each of the best lenses, some field point fails to fill the stop.
 
     Args:
-        elements: how many glass elements.
-        stop: how many of them are in front of the stop.
-        goal: the blur wanted.
-        rng: the stream of every choice.
-        budget: counts after which the stages end.
-        limits: what can be made.
-        report: called with a line of progress now and then.
+        elements: number of glass elements.
+        stop: number of elements in front of the stop.
+        goal: target blur.
+        rng: random stream for every choice.
+        budget: number of steps in each stage.
+        limits: manufacturing limits.
+        report: function called with progress messages.
     """
     budget, limits = budget or Budget(), limits or Limits()
     drawn: list[Candidate] = []
@@ -192,7 +196,7 @@ def search(
     for number in range(budget.moves):
         choices = rng.spawn("move", number)
         share = choices.uniform()
-        place = int(share * share * len(pool))  # the better, the more often
+        place = int(share * share * len(pool))  # better candidates are picked more often
         tried = refine(move(pool[place], choices), goal, limits, budget.iterations)
         if tried.cost < pool[place].cost:
             pool[place] = tried
@@ -207,7 +211,9 @@ def search(
 
 
 def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:
-    """Whether rays of every field point reach the edge of the stop, not only those of the merit function's six."""
+    """Return whether rays from every field point, including those between the merit function's six, reach the edge of
+    the stop.
+    """
     structure = candidate.structure
     index, stop = structure.indices(1)[-1:], structure.stop_surface
     curvature, thickness, radius, pupil, magnification = build_lens(

@@ -1,4 +1,4 @@
-"""The prescriptions of the five lenses that come with the package, checked by hash, and how new ones are shipped."""
+"""Load the prescriptions of the five lenses in the package, check their hashes, and write new lenses to the package."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .prescription import Lens, read_lens
 
 
 def shipped_lens(severity: int) -> Lens:
-    """The lens of a severity.
+    """Return the shipped lens for a severity.
 
     >>> shipped_lens(1).elements
     6
@@ -29,12 +29,12 @@ def shipped_lens(severity: int) -> Lens:
 
 
 def lens_digest(lens: Lens) -> str:
-    """SHA-256 of a prescription's content, whatever the file's line ends."""
+    """Return the SHA-256 of a prescription's content, independent of the file's line endings."""
     return hashlib.sha256(lens.model_dump_json().encode()).hexdigest()
 
 
 def ship_lens(severity: int, lens: Lens, field: PsfField, folder: Path | None = None) -> None:
-    """Write a lens, its PSFs and their hashes where the package finds them."""
+    """Write a lens, its PSFs and their hashes to the package's data folder."""
     folder = shipped_psfs.DATA if folder is None else folder
     half = halved(field)
     buffer = io.BytesIO()

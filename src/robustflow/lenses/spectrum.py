@@ -5,14 +5,14 @@ from __future__ import annotations
 from ..errors import unknown_name
 
 CHANNELS: dict[str, float] = {"red": 0.64, "green": 0.54, "blue": 0.46}
-"""Centre of each channel's band in micrometres, in the order R, G, B."""
+"""Centres of the channels' bands in micrometres, in the order R, G, B."""
 
 BANDWIDTH = 0.1
 """Width of each band in micrometres."""
 
 
 def channel_wavelengths(channel: str, samples: int = 5) -> tuple[float, ...]:
-    """Equally spaced wavelengths of a channel in micrometres.
+    """Return equally spaced wavelengths of a channel in micrometres.
 
     >>> channel_wavelengths("green")
     (0.5, 0.52, 0.54, 0.56, 0.58)

@@ -1,9 +1,9 @@
-"""Sequential ray tracing through surfaces of revolution (spheres and conics), exact, vectorised over rays.
+"""Exact sequential ray tracing through surfaces of revolution (spheres and conics), vectorised over rays.
 
-Only + - * / and sqrt, each rounded as IEEE 754 says, in a fixed order and without contraction: the same rays give
-the same bits on every machine, so that rendered PSFs can be checked by hash.
+The arithmetic uses only + - * / and sqrt, each rounded as IEEE 754 requires, in a fixed order and without contraction.
+The same rays therefore give the same bits on every machine, and rendered PSFs can be checked by hash.
 
-The intersection is the closed form for conics (Welford, "Aberrations of Optical Systems", ch. 4): with the surface
+The intersection uses the closed form for conics (Welford, "Aberrations of Optical Systems", ch. 4): with the surface
 written c (x^2 + y^2 + (1 + k) z^2) = 2 z, the path length t from a point (x, y, z) along (l, m, n) is
 t = C / (B + sqrt(B^2 - A C)), which also holds for planes.
 """
@@ -22,9 +22,9 @@ Array = npt.NDArray[np.float64]
 
 
 class Rays(NamedTuple):
-    """R rays: positions in mm relative to the vertex of a surface, unit direction cosines, float64 (R,).
+    """R rays: positions in mm relative to the vertex of a surface, and unit direction cosines, float64 (R,) each.
 
-    `alive` is 1 where the ray has met every surface so far and 0 where it missed one or was totally reflected.
+    `alive` is 1 if the ray has hit every surface so far, and 0 if it missed one or was totally reflected.
     """
 
     x: Array
@@ -40,17 +40,17 @@ class Rays(NamedTuple):
 def propagate(
     curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, first: int, last: int, rays: Any, path: Any
 ) -> None:
-    """Carry rays, in place, from the vertex plane of surface `first` through surfaces first .. last - 1.
+    """Propagate rays, in place, from the vertex plane of surface `first` through surfaces first .. last - 1.
 
-    On return positions are relative to the vertex of surface `last` (the sensor, when `last` is the number of
-    surfaces). Rays that meet a surface beyond its radius `clear` (K,) are lost. `path` (last - first, 3, R), or with
-    no rows, receives the intersections with each surface.
+    On return, positions are relative to the vertex of surface `last` (the sensor if `last` is the number of surfaces).
+    Rays that hit a surface outside its radius `clear` (K,) are blocked. Unless `path` is empty, the intersections with
+    each surface are written to `path` (last - first, 3, R).
     """
     x, y, z, l, m, n, alive = rays  # noqa: E741
     for k in range(first, last):
         c, shape, ratio, gap = curvature[k], 1.0 + conic[k], index[k] / index[k + 1], thickness[k]
         widest = clear[k] * clear[k]
-        # Without a branch, so that the compiler works on several rays at once.
+        # Without a branch, so that the compiler can vectorise over rays.
         for i in range(x.size):
             x0, y0, z0, l0, m0, n0 = x[i], y[i], z[i], l[i], m[i], n[i]
             a = c * (1.0 + (shape - 1.0) * n0 * n0)
@@ -84,13 +84,13 @@ def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None,
     """Trace rays from the vertex plane of the first surface to the sensor, or to the plane of a surface's vertex.
 
     Args:
-        rays: positions relative to the first vertex; not changed.
-        wavelength: micrometres.
-        surface: stop in the vertex plane of this surface instead of at the sensor.
+        rays: rays with positions relative to the first vertex; not modified.
+        wavelength: wavelength in micrometres.
+        surface: index of the surface at whose vertex plane tracing stops; the sensor by default.
         clip: whether the rims of the elements and the stop block rays.
 
     Returns:
-        Rays in that plane (z = 0). Dead rays (`alive` 0) hold their last good position and mean nothing.
+        Rays in that plane (z = 0). Rays with `alive` 0 keep their last valid position; ignore them.
 
     >>> import numpy as np
     >>> from robustflow.lenses.prescription import Lens, Surface
@@ -117,7 +117,9 @@ def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None,
 
 
 def trace_path(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
-    """Where rays meet each surface, float64 (K, 3, R), relative to its vertex in mm, and the rays at the sensor."""
+    """Return the intersections with each surface in mm relative to its vertex, float64 (K, 3, R), and the rays at the
+    sensor.
+    """
     carried = Rays(*(np.array(part, np.float64) for part in rays))
     path = np.empty((len(lens.surfaces), 3, carried.x.size))
     propagate(

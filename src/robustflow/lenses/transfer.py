@@ -16,10 +16,10 @@ _PLACE = np.arange(SIZE) - SIZE // 2.0
 
 
 class Moments(NamedTuple):
-    """Statistics of each PSF, in pixels, float64 (64, 3).
+    """Statistics of each PSF in pixels, float64 (64, 3) each.
 
     Attributes:
-        x, y: centroid from the middle of the window; y grows away from the image centre.
+        x, y: centroid relative to the centre of the window; y increases away from the image centre.
         rms: RMS radius about the centroid, within the window.
     """
 
@@ -29,7 +29,7 @@ class Moments(NamedTuple):
 
 
 def moments(field: PsfField) -> Moments:
-    """Centroids and RMS radii.
+    """Return the centroids and RMS radii of a field's PSFs.
 
     >>> from robustflow.psf.shipped import shipped_field
     >>> bool(abs(moments(shipped_field(3)).y[:, 1]).max() < 0.05)     # centred on the green centroid
@@ -43,7 +43,8 @@ def moments(field: PsfField) -> Moments:
 
 
 def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
-    """Tangential and sagittal modulation transfer, each (64, 3, frequencies), at cycles per pixel.
+    """Return the tangential and sagittal modulation transfer, (64, 3, frequencies) each, at frequencies in cycles per
+    pixel.
 
     Tangential is along the radius from the image centre (the stack's rows), sagittal across it.
     """
@@ -53,9 +54,9 @@ def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
 
 
 def nominal_rms(lens: Lens, fields: int = 16) -> float:
-    """Mean RMS radius in mm over evenly spaced field points and the three colours, all rays counted.
+    """Return the mean RMS radius in mm over evenly spaced field points and the three colours, including all rays.
 
-    This is the number by which the paper names its lenses.
+    The paper names its lenses by this number.
     """
     radii = []
     for place in np.linspace(0.0, 1.0, fields):

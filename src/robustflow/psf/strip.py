@@ -203,8 +203,8 @@ def convolve_rows(spectra: Any, image: Any, shape: Any, firsts: Any, weights: An
 
     The upper half uses vertically flipped kernels, which is the same as convolving the flipped image. A kernel's
     spectrum at frequency T - k is the complex conjugate of that at k, so at T - k the image's spectrum and the result
-    are conjugated. A complex product needs three multiplications, with t = u (x + y): (u + iv)(x + iy) = (t - (u + v)
-    y) + i (t + (v - u) x).
+    are conjugated. With t = u (x + y), a complex product needs three multiplications:
+    (u + iv)(x + iy) = (t - (u + v) y) + i (t + (v - u) x).
 
     Args:
         spectra: kernels of n nodes transformed along x, real and imaginary parts, float32 (n, 3, T / 2 + 1, L, 2);
