@@ -11,11 +11,11 @@ from .images import Images
 from .problem import Problem
 
 _MOMENTUM = 0.75
-"""Weight of the projected step; the previous step has the rest."""
+"""Weight of the projected step; the rest is the weight of the previous step."""
 _IMPROVED = 0.75
 """The step is halved if a smaller share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
-"""Shares of all steps: before the first check, the decrease of the interval between checks, and its minimum."""
+"""Fractions of all steps: before the first check, by which the interval between checks shrinks, and its minimum."""
 
 
 @dataclass(frozen=True, kw_only=True)

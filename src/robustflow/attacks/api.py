@@ -38,13 +38,13 @@ def list_attacks() -> list[str]:
 
 
 def load_attack(name: AnyAttack, **options: Any) -> Attack:
-    """An attack with options, see its class.
+    """Build an attack from its name and options.
 
     Args:
-        name: as `robustflow list attacks` prints it, with options if there are any: `pgd:steps=40:loss=cosine`,
+        name: the name that `robustflow list attacks` prints, with options if there are any: `pgd:steps=40:loss=cosine`,
             `transfer:tiny:attack=pgd`, `worst_of:apgd+square`; or an attack of your own, as a class or an object
-            (docs/add-your-attack.md), which is known by its name from then on. Nothing is imported for a name.
-        options: as in the name.
+            (docs/add-your-attack.md), which can be used by its name from then on.
+        options: the same options as keywords.
 
     Raises:
         UsageError: unknown name or option.
@@ -72,8 +72,9 @@ target, loss, reference, moved, steps, starts
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Names of attacks as a run has them (`Attack.label`), each once, after both kinds of random noise, and after
-    random patches if there are patches. Only for what the user requests: `module.path:Attribute` is imported.
+    """Return the names under which a run stores the attacks (`Attack.label`), without duplicates, after both kinds of
+    random noise, and after random patches if there are patches. Only for what the user requests:
+    `module.path:Attribute` is imported.
 
     Raises:
         UsageError: an unknown attack or option.
@@ -106,17 +107,17 @@ def attack(
     Args:
         frame1, frame2: RGB uint8 (H, W, 3) of one size.
         model: a name as of `load_model`, or an object as `evaluate` takes it.
-        name: of the attack, or your own; see `load_attack`.
+        name: name of the attack, or your own attack; see `load_attack`.
         severity: 1 (mild) to 5 (severe); 3 by default.
-        budget: grey levels of 255, instead of a severity.
+        budget: largest change in grey levels (of 255), instead of a severity.
         flow: ground truth, float32 (H, W, 2), pixels, which an attack without a target moves the flow away from; the
             model's own flow of the clean frames if it is not given.
         valid: bool (H, W), where the ground truth is known; everywhere by default.
-        seed: of the random choices; with `key`, the name of the pair, and the severity it names their stream.
-        options: of the attack.
+        seed: seed of the random choices, which also depend on `key`, the name of the pair, and on the severity.
+        options: options of the attack.
 
     Returns:
-        The attacked frames, as a file would hold them, with flows, norms and costs.
+        The attacked frames, rounded to 8 bits, with flows, norms and costs.
 
     Raises:
         UsageError: unknown attack or option, severity and budget together, or a mask without flow.
@@ -152,16 +153,16 @@ def attack_of_sample(
     seed: int,
     warnings: frozenset[str] = frozenset(),
 ) -> Attacked:
-    """Attack a sample, whose key names the random choices, with a known clean flow.
+    """Attack a sample whose clean flow is known.
 
     Args:
-        attack: with its options.
-        model: loaded.
-        sample: with ground truth or without.
-        clean_flow: of its frames, float32 (H, W, 2), pixels.
-        severity: 1 to 5.
-        seed: of the random choices.
-        warnings: keys of `WARNINGS` that are known of the model.
+        attack: the attack with its options.
+        model: a loaded model.
+        sample: a sample with or without ground truth; its key selects the random stream.
+        clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
+        severity: severity 1 to 5.
+        seed: seed of the random choices.
+        warnings: keys of `WARNINGS` that already apply to the model.
 
     Raises:
         ModelError: see `attack`.
@@ -170,13 +171,13 @@ def attack_of_sample(
 
 
 def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
-    """The pair of a sample that is attacked, with the attack's budget at a severity."""
+    """Build the pair to attack from a sample, with the attack's budget at a severity."""
     first, second = sample.frames[:2]
     return Pair((first, second), attack.budget(severity), sample.flow, sample.valid, sample.key, seed, severity)
 
 
 def first_warnings(model: FlowModel, frames: tuple[Frame, Frame], key: str, first: Flow) -> frozenset[str]:
-    """Check a model before it is attacked: whether it returns a different flow for the same pair when asked again.
+    """Check whether a model is deterministic: whether it predicts the same flow twice for the same pair.
 
     Raises:
         ModelError: the model raised, or returned no flow.
@@ -191,11 +192,11 @@ def attack_pair(
     """Attack a pair whose clean flow is known.
 
     Args:
-        attack: with its options.
-        model: with `predict`, loaded.
-        pair: with its budget.
-        clean_flow: of its frames, float32 (H, W, 2), pixels.
-        warnings: keys of `WARNINGS` that are known of the model.
+        attack: the attack with its options.
+        model: a loaded model with `predict`.
+        pair: the frames and the budget.
+        clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
+        warnings: keys of `WARNINGS` that already apply to the model.
 
     Raises:
         UsageError: the attack needs ground truth and there is none.
@@ -214,7 +215,7 @@ def attack_pair(
     warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
-        if images is problem.best:  # the clean pair is in every budget, and no worse than what rounding left
+        if images is problem.best:  # the clean pair is inside every budget, so an attack never ends with a lower loss than that
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
             float_loss = None if float_loss is None else clean_loss
     linf, rms, changed = norms_of(frames, pair.frames)
@@ -250,7 +251,7 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
 
 
 def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
-    """Warnings that follow from the course of the attack."""
+    """Return the warnings that follow from how the attack went."""
     warnings = set()
     trace = [problem.loss.score(value) for value in problem.trace]
     last = len(trace) - len(trace) // 4
@@ -267,7 +268,7 @@ def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) 
         if not is_frame or frame.shape[2] != 3 or frame.shape != frame1.shape:
             raise DataError("an attack takes two RGB uint8 frames (H, W, 3) of one size")
     if valid is not None and flow is None:
-        raise UsageError("a mask of valid pixels belongs to a ground truth; give the flow, too")
+        raise UsageError("a mask of valid pixels needs a ground truth; give the flow, too")
     expected = (*frame1.shape[:2], 2)
     if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
         what = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__

@@ -1,4 +1,4 @@
-"""How far frames may be changed: balls around the clean pair, measured in grey levels of the 8-bit frames."""
+"""The perturbations that an attack may use: balls around the clean pair, in grey levels of the 8-bit frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..sample import Frame
 from .images import WHITE, Images, grey_levels_of, images_of
 
 NORMS = ("linf", "rms", "area")
-"""`linf`: the largest change of a value; `rms`: the root of the mean squared change over the values that may move;
+"""`linf`: the largest change of a value; `rms`: the root mean square of the change over the values that may move;
 `area`: the share of a frame's pixels that change, by any amount."""
 
 GREY_LEVELS: dict[str, tuple[float, ...]] = {
@@ -22,16 +22,16 @@ GREY_LEVELS: dict[str, tuple[float, ...]] = {
     "rms": (0.5, 1.25, 2.5, 5, 12.5),
     "area": (0.1, 0.5, 1, 2, 5),
 }
-"""The budgets of severities 1 to 5 by norm, in grey levels of 255; of "area" in % of the pixels. 1.275 grey levels are
-PCFA's bound of 0.005."""
+"""The budgets of severities 1 to 5 by norm, in grey levels of 255, or for "area" in % of the pixels. PCFA's bound of
+0.005 is 1.275 grey levels."""
 
 MOVED = ("both", "first", "second", "joint")
 """Which frames are perturbed: both, separately; one of them; or both by the same change."""
 
 _SLACK = 1e-6
-"""Relative rounding error up to which float images are inside a ball."""
+"""Relative tolerance for float images that lie on the surface of a ball."""
 _HALVINGS = 30
-"""Halvings of the interval in which the factor for 8-bit frames is searched."""
+"""Bisection steps in the search for the scale factor of 8-bit frames."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Ball:
 
     Args:
         frame1, frame2: the clean pair, RGB uint8 (H, W, 3).
-        budget: grey levels of 255; % of the pixels for "area".
+        budget: size of the ball in grey levels of 255, or for "area" in % of the pixels.
         norm: one of `NORMS`.
         moved: one of `MOVED`.
-        per_frame: "rms" holds for each frame separately, instead of for both together.
+        per_frame: whether the "rms" bound applies to each frame separately instead of to both together.
 
     Raises:
-        UsageError: an unknown norm or choice of frames, or a budget that is not above 0.
+        UsageError: an unknown norm or choice of frames, or a budget that is not positive.
 
     >>> black = np.zeros((4, 6, 3), np.uint8)
     >>> ball = Ball(black, black, 8)
@@ -77,7 +77,7 @@ class Ball:
 
     @property
     def radius(self) -> np.float32:
-        """The budget in units of `Images`; of "area" in %."""
+        """The budget on the scale of `Images` (0..1), or for "area" in %."""
         return np.float32(self.budget if self.norm == "area" else self.budget / WHITE)
 
     @property
@@ -86,7 +86,7 @@ class Ball:
         return {"first": slice(0, 1), "second": slice(1, 2)}.get(self.moved, slice(0, 2))
 
     def size_of(self, change: npt.NDArray[np.float32]) -> float:
-        """The norm of a change (2, 3, H, W), in the change's units."""
+        """Compute the norm of a change of shape (2, 3, H, W), in the units of the change."""
         moved = change[self._kept].astype(np.float64)
         if self.norm == "linf":
             return float(np.abs(moved).max())
@@ -96,7 +96,7 @@ class Ball:
         return float(np.sqrt(means.max() if self.per_frame else means.mean()))
 
     def holds(self, images: Images) -> bool:
-        """Whether images are inside, apart from rounding errors of float32."""
+        """Whether images are inside the ball, apart from float32 rounding errors."""
         change = images - self.clean
         inside = images.min() >= 0 and images.max() <= 1
         together = self.moved != "joint" or np.abs(change[0] - change[1]).max() <= _SLACK
@@ -126,7 +126,7 @@ class Ball:
         return change
 
     def _largest(self, change: Images) -> Images:
-        """Keep the change where it is largest, on as many pixels of each frame as the budget has."""
+        """Keep the largest changes, on as many pixels of each frame as the budget allows."""
         sizes = np.abs(change).max(axis=1).reshape(2, -1)
         order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
         kept = np.zeros_like(sizes, bool)
@@ -134,13 +134,13 @@ class Ball:
         return change * kept.reshape(2, 1, *change.shape[2:])
 
     def step(self, images: Images, gradient: Images, size: float) -> Images:
-        """One step uphill, and back into the ball.
+        """Take one gradient step and project the result into the ball.
 
         Args:
-            images: where it begins.
-            gradient: of the score.
-            size: of the step in grey levels: along the sign of the gradient, or along the gradient, and of this root
-                mean square, for "rms".
+            images: the starting point.
+            gradient: gradient of the score with respect to the images.
+            size: step size in grey levels: along the sign of the gradient for "linf", or along the gradient, as its
+                root mean square, for "rms".
         """
         if self.moved == "joint":
             gradient = np.broadcast_to(gradient.sum(axis=0), gradient.shape)
@@ -155,7 +155,7 @@ class Ball:
         return self.project(images + length * direction)
 
     def random(self, rng: Rng) -> Images:
-        """A random start inside: uniform values, and for "rms" a uniform direction of full length."""
+        """Draw a random start inside the ball: uniform values, or for "rms" a uniform direction of full length."""
         shape = self.clean.shape
         count = self.clean.size
         if self.norm != "rms":
@@ -173,10 +173,10 @@ class Ball:
         return self.clean + (images - self.clean) * np.float32(float(self.radius) / size)
 
     def to_8_bits(self, images: Images) -> npt.NDArray[np.int16]:
-        """Images as a file holds them, inside the budget, int16 (2, 3, H, W).
+        """Round images to 8 bits inside the budget, int16 (2, 3, H, W).
 
-        Rounding can leave the ball. For "linf" the change is then cut to whole grey levels; for "rms" it is shortened
-        by the largest factor with which the rounded frames are inside.
+        Rounding can leave the ball. For "linf" the change is then truncated to whole grey levels; for "rms" it is
+        scaled by the largest factor that brings the rounded frames inside.
         """
         clean = grey_levels_of(self.clean)
         if self.norm == "linf":
@@ -196,7 +196,8 @@ class Ball:
         return (clean + self._rounded(images, clean, low)).astype(np.int16)
 
     def _rounded(self, images: Images, clean: npt.NDArray[np.int16], factor: float) -> npt.NDArray[np.int16]:
-        """`factor` times the change, in whole grey levels; the same in both frames where they move together."""
+        """Scale the change by `factor` and round it to whole grey levels, equally in both frames if they move
+        together."""
         change, low, high = (images - self.clean).astype(np.float64), clean, clean
         if self.moved == "joint":
             change[:] = change.mean(axis=0)

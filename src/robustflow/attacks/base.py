@@ -1,7 +1,7 @@
-"""The base of attacks, which move a pair of frames inside a ball so that a loss of the model's flow grows.
+"""The base class of attacks: each moves a pair of frames inside a ball to increase a loss of the model's flow.
 
-An attack has options and no state: its evaluations and results are in the `Problem`, its random choices come from a
-given stream. So the same pair, model, options and seed give the same frames.
+An attack has options but no state: evaluations and results are kept in the `Problem`, and random numbers come from
+a stream that is passed in, so the same pair, model, options and seed give the same frames.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from .registry import norm_of
 _PACKAGE = __name__.partition(".")[0] + "."
 
 FAMILY = "adversarial"
-"""The family of every attack, and of no corruption: it is never part of the paper's means."""
+"""The family of all attacks, which is never part of the paper's means."""
 
 VARIANTS = ("default", "flowbench", "original")
 """`default`: as docs/attacks.md defines it; `flowbench`: what FlowBench's code does where that differs; `original`:
 what the code of an attack's authors does."""
 
 TARGETS = ("none", "zero", "negative")
-"""What the flow should become: anything far from the reference, zero everywhere, or minus the clean flow."""
+"""The flow that the attack aims for: any flow far from the reference, zero everywhere, or minus the clean flow."""
 
 REFERENCES = ("auto", "truth", "clean")
-"""What an untargeted attack moves the flow away from; `auto` is the ground truth if there is one."""
+"""The flow that an untargeted attack moves away from; `auto` is the ground truth if there is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Attack(ABC):
         moved: one of `ball.MOVED`.
 
     Raises:
-        UsageError: an option that there is not.
+        UsageError: an unknown option.
     """
 
     name: ClassVar[str]
@@ -62,7 +62,7 @@ class Attack(ABC):
     control: ClassVar[bool] = False
     """Whether it is random noise that does not query the model, with which attacks are compared."""
     agreeing: ClassVar[bool] = False
-    """Whether pixels count by CosPGD's weight."""
+    """Whether pixels are weighted as in CosPGD."""
     variants: ClassVar[tuple[str, ...]] = ("default",)
     norms: ClassVar[tuple[str, ...]] = ("linf", "rms")
     targets: ClassVar[tuple[str, ...]] = TARGETS
@@ -95,26 +95,26 @@ class Attack(ABC):
 
     @property
     def masked(self) -> bool:
-        """Whether only pixels with valid ground truth count; FlowBench's code counts all, with flow 0 where there is
-        no truth."""
+        """Whether only pixels with valid ground truth count; FlowBench's code counts all pixels, with flow 0 where
+        there is no truth."""
         return self.variant != "flowbench"
 
     @property
     def per_frame(self) -> bool:
-        """Whether a budget of the norm "rms" holds for each frame by itself, as in FlowBench's code."""
+        """Whether a budget of the norm "rms" applies to each frame separately, as in FlowBench's code."""
         return self.variant == "flowbench"
 
     def budget(self, severity: int) -> float:
-        """The budget of a severity in grey levels.
+        """Return the budget of a severity in grey levels.
 
         Raises:
-            UsageError: no such severity.
+            UsageError: the severity is not 1 to 5.
         """
         return GREY_LEVELS[self.norm][check_severity(severity) - 1]
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """Build the attack with options; texts are read as numbers where an option is a number.
+        """Build the attack with options; strings are converted where an option is a number.
 
         Raises:
             UsageError: an option that there is not.
@@ -128,7 +128,7 @@ class Attack(ABC):
         return cls(**options)
 
     def with_variant(self, variant: str) -> Self:
-        """The attack in a variant, unless it does not have that variant or one was chosen for it."""
+        """Return the attack in a variant, or unchanged if it lacks that variant or already has one."""
         chosen = self.variant == "default" and variant in self.variants
         return replace(self, variant=variant) if chosen else self
 
@@ -143,44 +143,44 @@ class Attack(ABC):
 
     @property
     def label(self) -> str:
-        """The name with the options that are not the default ones, as runs and tables have it and `load_attack` reads
-        it: `pgd:steps=40`."""
+        """The name with the options that are not the defaults, as `load_attack` accepts it and tables print it:
+        `pgd:steps=40`."""
         text = ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
         return text if norm_of(text) == self.norm else f"{text}:norm={self.norm}"
 
     @property
     def source(self) -> str:
-        """A digest of what decides the frames besides the label: a different model, or source that is not this
-        package's; empty for most attacks."""
+        """A digest of everything besides the label that affects the frames, such as a second model or a user's source
+        code; empty for most attacks."""
         return "" if type(self).__module__.startswith(_PACKAGE) else source_digest(type(self))
 
     @property
     def trains(self) -> str:
-        """What it is trained on before it is used: a number of samples, or a file that names them; empty for most
-        attacks."""
+        """The training samples: their number, or a file that lists them; empty for most attacks, which are not
+        trained."""
         return ""
 
     @property
     def needs(self) -> str:
-        """What it needs from a model, in a word."""
+        """What the attack needs from a model: "gradients", "flows" or "nothing"."""
         return "gradients" if self.needs_gradients else "nothing" if self.control else "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Raise unless a model can be attacked in this way.
+        """Check that a model can be attacked in this way.
 
         Raises:
-            ModelError: it cannot.
+            ModelError: the model cannot.
         """
         if self.needs_gradients:
             refuse_without_gradient(model, self.name)
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        """What this attack has to solve on a pair.
+        """Build the optimisation problem of this attack on a pair.
 
         Args:
-            model: that is attacked.
-            pair: with its budget.
-            clean_flow: the model's, of the clean frames, float32 (H, W, 2), pixels.
+            model: the attacked model.
+            pair: the frames and the budget.
+            clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
 
         Raises:
             UsageError: the attack needs ground truth and there is none.
@@ -190,7 +190,7 @@ class Attack(ABC):
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
 
     def _loss(self, clean_flow: Flow, pair: Pair) -> tuple[Loss, bool]:
-        """The score, and whether it is the distance to the clean flow."""
+        """Return the loss, and whether it is the distance to the clean flow."""
         if self.target != "none":
             target = -clean_flow if self.target == "negative" else np.zeros_like(clean_flow)
             return Loss(target, None, self.loss, towards=True, agreeing=self.agreeing), False
@@ -208,11 +208,11 @@ class Attack(ABC):
 
     @abstractmethod
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """The attacked pair, inside the ball.
+        """Return the attacked pair, inside the ball.
 
         Args:
-            problem: model, ball, loss.
-            rng: every random choice; spawned by the number of the start where there are several.
+            problem: the model, the ball and the loss.
+            rng: the source of all randomness; each of several random starts spawns its own generator.
 
         Returns:
             float32 (2, 3, H, W).
@@ -221,7 +221,7 @@ class Attack(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Control(Attack):
-    """Random frames that do not query the model, with which attacks of a norm are compared."""
+    """Random noise that does not query the model: the control for attacks of the same norm."""
 
     needs_gradients: ClassVar[bool] = False
     control: ClassVar[bool] = True

@@ -12,12 +12,12 @@ from .pgd import Pgd
 class Bim(Pgd):
     """Projected gradient ascent that begins at the clean pair.
 
-    In the variant "flowbench" every step is the whole budget, because its code overwrites the step that it is given.
+    In the variant "flowbench" every step is the whole budget, because FlowBench's code overwrites the step size.
     """
 
     name: ClassVar[str] = "bim"
     at_random: ClassVar[bool] = False
 
     def step_size(self, budget: float) -> float:
-        """The step for a budget, both in grey levels."""
+        """The step size for a budget, both in grey levels."""
         return budget if self.variant == "flowbench" else super().step_size(budget)

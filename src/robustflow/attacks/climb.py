@@ -10,21 +10,21 @@ from .problem import Problem
 def start_of(problem: Problem, rng: Rng, at_random: bool) -> Images:
     """The pair from which an attack begins: the clean one, or a random one in the ball.
 
-    At the clean frames the distance to the clean flow is zero and has no direction, so an attack against that flow
-    always begins at random.
+    At the clean frames the distance to the clean flow is zero and has no gradient, so an attack on that distance
+    always begins at a random pair.
     """
     return problem.ball.random(rng) if at_random or problem.from_clean else problem.ball.clean
 
 
 def climb(problem: Problem, images: Images, steps: int, size: float, keep_best: bool) -> Images:
-    """Take steps uphill inside the ball.
+    """Run projected gradient ascent.
 
     Args:
-        problem: model, ball and loss.
-        images: where to begin, inside the ball.
-        steps: how many.
-        size: of a step, in grey levels of the ball's norm.
-        keep_best: return the best images that were seen, and not the last.
+        problem: the model, the ball and the loss.
+        images: the starting point, inside the ball.
+        steps: number of steps.
+        size: step size, in grey levels of the ball's norm.
+        keep_best: return the best images so far instead of the last ones.
     """
     for _ in range(steps):
         _, gradient = problem.slope(images)

@@ -10,9 +10,10 @@ from .pgd import Pgd
 
 @dataclass(frozen=True, kw_only=True)
 class CosPgd(Pgd):
-    """PGD whose gradient is that of each pixel's loss times the cosine between softmax(u, v) and that of the reference.
+    """PGD in which the loss of each pixel is weighted by the cosine between softmax(u, v) of the flow and of the
+    reference.
 
-    The weight depends only on u - v, and is near 0 or 1 once that is a few pixels; docs/attacks.md says what follows.
+    The weight depends only on u - v and saturates at 0 or 1 within a few pixels; docs/attacks.md shows the effect.
     """
 
     name: ClassVar[str] = "cospgd"

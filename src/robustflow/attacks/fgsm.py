@@ -16,10 +16,10 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class Fgsm(Attack):
-    """One gradient, one step. Against the clean flow, whose distance has no gradient at the clean frames, it starts at
-    random.
+    """A single gradient step. If the loss is the distance to the clean flow, which has no gradient at the clean frames,
+    the attack starts at a random pair.
 
-    The variant "flowbench" takes the sign of the gradient under "rms", too, brought to the length of the budget.
+    The variant "flowbench" uses the sign of the gradient under "rms", too, scaled to the length of the budget.
     """
 
     name: ClassVar[str] = "fgsm"

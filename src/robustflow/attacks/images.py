@@ -1,4 +1,4 @@
-"""Convert a pair of frames to one array that an attack can change, and back to 8 bits."""
+"""Convert a pair of frames to a float array and back to 8 bits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..sample import Frame
 
 Images = npt.NDArray[np.float32]
-"""Frames 1 and 2 as one array, RGB in 0..1, float32 (2, 3, H, W); their gradient has this shape too."""
+"""Both frames as one RGB array in 0..1, float32 (2, 3, H, W), or a gradient with respect to it."""
 
 WHITE = 255
 
@@ -27,11 +27,11 @@ def images_of(frame1: Frame, frame2: Frame) -> Images:
 
 
 def grey_levels_of(images: Images) -> npt.NDArray[np.int16]:
-    """Round to grey levels 0..255, int16 (2, 3, H, W), as in a file."""
+    """Round images to grey levels 0..255, int16 (2, 3, H, W)."""
     return np.rint(np.clip(images, 0, 1) * np.float32(WHITE)).astype(np.int16)
 
 
 def frames_of(levels: npt.NDArray[np.int16]) -> tuple[Frame, Frame]:
-    """Grey levels (2, 3, H, W) as two frames, RGB uint8 (H, W, 3)."""
+    """Convert grey levels (2, 3, H, W) to two frames, RGB uint8 (H, W, 3)."""
     first, second = np.ascontiguousarray(levels.transpose(0, 2, 3, 1), np.uint8)
     return first, second

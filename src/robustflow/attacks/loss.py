@@ -1,4 +1,4 @@
-"""The losses of attacks: distances of the flow to a reference, over the pixels that count."""
+"""The losses of attacks: distances between the flow and a reference over the valid pixels."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ..sample import Flow, Mask
 
 LOSSES = ("epe", "mse", "cosine", "capped")
 """`epe`: mean end-point error; `mse`: mean squared difference of u and v; `cosine`: 1 minus the cosine between flow and
-reference; `capped`: the end-point error of a pixel counted up to the frame's diagonal, so that pixels sent far outside
-the frame cannot make the mean."""
+reference; `capped`: the end-point error of each pixel, capped at the frame's diagonal, so that a few pixels with huge
+flow cannot dominate the mean."""
 
 _Map = npt.NDArray[np.float64]
 
@@ -27,12 +27,12 @@ class Loss:
         reference: float32 (H, W, 2), pixels: the ground truth, the clean flow, or a target.
         valid: bool (H, W), the pixels that count; None for all.
         kind: one of `LOSSES`.
-        towards: whether the flow should approach the reference, a target, instead of leaving it.
-        agreeing: pixels count by CosPGD's weight: the cosine between the softmax of (u, v) and of the reference's, or
-            1 minus it if `towards`; no gradient goes through the weight.
+        towards: whether the reference is a target, which the flow should approach.
+        agreeing: whether pixels have CosPGD's weight, the cosine between the softmax of (u, v) and of the reference,
+            or 1 minus the cosine if `towards`; the weight has no gradient.
 
     Raises:
-        UsageError: an unknown kind, or a mask without a pixel.
+        UsageError: an unknown kind, or a mask without valid pixels.
 
     >>> flow = np.full((2, 3, 2), (3, 4), np.float32)
     >>> Loss(np.zeros_like(flow)).of(flow)
@@ -52,19 +52,19 @@ class Loss:
             raise UsageError("the ground truth marks no pixel as valid, so there is nothing to attack")
 
     def of(self, flow: Flow, weighted: bool = True) -> float:
-        """The loss of a flow float32 (H, W, 2); without `weighted`, CosPGD's weight is left out."""
+        """Compute the loss of a flow, float32 (H, W, 2); unless `weighted`, without CosPGD's weight."""
         values, _ = self._parts(flow, weighted)
         return float(values[self._counted].mean())
 
     def slope(self, flow: Flow) -> tuple[float, Flow]:
-        """The loss of a flow and its derivative with respect to the flow, float32 (H, W, 2)."""
+        """Compute the loss of a flow and its gradient with respect to the flow, float32 (H, W, 2)."""
         values, slopes = self._parts(flow, True)
         counted = self._counted
         slopes = np.where(counted[..., None], slopes, 0) / np.count_nonzero(counted)
         return float(values[counted].mean()), slopes.astype(np.float32)
 
     def score(self, loss: float) -> float:
-        """The score, which grows: the loss, or minus the loss `towards` a target."""
+        """Compute the score, which attacks maximise: the loss, or minus the loss if `towards` a target."""
         return -loss if self.towards else loss
 
     @property
@@ -111,13 +111,13 @@ _DISTANCES = {"epe": _epe, "mse": _mse, "cosine": _cosine, "capped": _capped}
 
 
 def _divided(above: _Map, below: _Map) -> _Map:
-    """A quotient that is 0 where the divisor is 0."""
+    """Divide, with 0 where the divisor is 0."""
     out: _Map = np.divide(above, below, out=np.zeros_like(above), where=below > 0)
     return out
 
 
 def _softmax(flow: npt.NDArray[Any]) -> _Map:
-    """Over (u, v) of each pixel."""
+    """Apply the softmax over (u, v) of each pixel."""
     powers: _Map = np.exp((flow - flow.max(axis=-1, keepdims=True)).astype(np.float64))
     out: _Map = powers / powers.sum(axis=-1, keepdims=True)
     return out

@@ -1,6 +1,6 @@
-"""A user's own attack: an object, a class or `module:Attribute`, which is checked and then known by its name.
+"""A user's own attack: an object, a class or `module:Attribute`, checked and registered under its name.
 
-`robustflow.testing.check_attack` looks further (budget, determinism, the best pair).
+`robustflow.testing.check_attack` has further checks (budget, determinism, the best pair).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .problem import Pair, Problem
 from .registry import ATTACKS, split_name
 
 Made = Any
-"""A class of attacks, or an object of one."""
+"""An attack class or object."""
 
 _own: dict[str, Made] = {}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -32,11 +32,11 @@ _GUIDE = "see the guide 'add your attack'"
 
 @dataclass(frozen=True, kw_only=True)
 class OwnAttack(Attack):
-    """Wraps a user's attack: its inputs are read-only, and its exceptions become one-line errors.
+    """Wrap a user's attack: its inputs are read-only, and its exceptions become one-line errors.
 
     Args:
-        made_by_user: anything with `run(problem, rng)`; see `Attack.run`.
-        given: options with which its class was built.
+        made_by_user: any object with `run(problem, rng)`; see `Attack.run`.
+        given: the options that its class was built with.
     """
 
     made_by_user: Any
@@ -44,10 +44,10 @@ class OwnAttack(Attack):
 
     @classmethod
     def of(cls, registered: str, **options: Any) -> Attack:
-        """A registered attack with options: those of the user's class, and those of every attack.
+        """Build a registered attack with options of the user's class and of `Attack`.
 
         Raises:
-            UsageError: an option that there is not, or a class that cannot be built.
+            UsageError: an unknown option, or a class that cannot be built.
         """
         made = _own[registered]
         if inspect.isclass(made) and issubclass(made, Attack):
@@ -65,12 +65,12 @@ class OwnAttack(Attack):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """The user's name for it."""
+        """The attack's name."""
         return own_name(self.made_by_user)
 
     @property
     def needs_gradients(self) -> bool:  # type: ignore[override]
-        """Whether it asks for gradients, unless its attribute `needs_gradients` says no."""
+        """What the attack needs: gradients, unless its attribute `needs_gradients` is False."""
         return bool(getattr(self.made_by_user, "needs_gradients", True))
 
     def known_options(self) -> set[str]:
@@ -84,11 +84,11 @@ class OwnAttack(Attack):
 
     @property
     def source(self) -> str:
-        """A digest of the source files and of the attributes that decide the result."""
+        """A digest of the source files and of the attributes that affect the result."""
         return source_digest(self.made_by_user)
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        """See `Attack.problem`; nothing of the pair can be written to."""
+        """See `Attack.problem`; the arrays of the pair are read-only."""
         first, second = (frame.view() for frame in pair.frames)
         made = super().problem(model, replace(pair, frames=(first, second)), clean_flow)
         for array in (first, second, made.ball.clean):
@@ -114,7 +114,7 @@ def register_attack(made: Made) -> str:
     """Register a class or an object under its name, and return that name; a later registration replaces an earlier one.
 
     Raises:
-        UsageError: it has no `run`, an unusable name, or one of this package's.
+        UsageError: it has no `run`, or its name is unusable or taken by this package.
     """
     if not callable(getattr(made, "run", None)):
         raise UsageError(f"{described(made)} has no method run, so it is not an attack; {_GUIDE}")
@@ -128,10 +128,10 @@ def register_attack(made: Made) -> str:
 
 
 def with_target_registered(name: str) -> str:
-    """A name in which `module.path:Attribute` is imported and replaced by its attack's name; for what a user requests.
+    """Import an attack given as `module.path:Attribute` and return its name; only for names that a user entered.
 
     Raises:
-        UsageError: it cannot be imported, or is not an attack.
+        UsageError: the attribute cannot be imported, or is not an attack.
 
     >>> with_target_registered("pgd:steps=3")
     'pgd:steps=3'
@@ -145,18 +145,19 @@ def with_target_registered(name: str) -> str:
 
 
 def is_own(name: str) -> bool:
-    """Whether an attack of the user's is registered under a name."""
+    """Whether a user's attack is registered under a name."""
     return name in _own
 
 
 def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """The registered attacks in some names, parts of others included, for another process to `register_attack`."""
+    """Return the users' attacks among some names, including parts of composite attacks, for `register_attack` in
+    workers."""
     parts = {part for name in names for part in re.split(r"[:=+]", name)}
     return tuple(made for name, made in _own.items() if name in parts)
 
 
 def _parameters(made: Made) -> dict[str, Any]:
-    """The options of a class and their defaults; none of an object."""
+    """Return the options of a class with their defaults; an object has none."""
     if not inspect.isclass(made):
         return {}
     return {name: one.default for name, one in inspect.signature(made).parameters.items()}

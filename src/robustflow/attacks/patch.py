@@ -18,19 +18,20 @@ from .trained import Pattern, Trained
 _STRIPE = 4
 """Width of a stripe, pixels."""
 _ANGLE, _SCALE = 10.0, 0.05
-"""Largest rotation of a trained pattern, degrees, and change of its scale, as Ranjan et al. have them."""
+"""Largest rotation of a trained pattern, in degrees, and largest relative change of its scale (Ranjan et al.)."""
 _REACH = 5.0
-"""Sum of the steps of the training, of values in 0..1."""
+"""Sum of all training steps, for values in 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Patch(Trained):
-    """Paste a disc at a random place, the same in both frames: black and white vertical stripes, which need no
-    training, or a trained pattern, resized to the budget of each frame, rotated by up to 10 degrees and scaled by up to
-    5 % at random. Training does so in every step.
+    """Paste a disc at a random place, the same in both frames.
+
+    The disc has black and white vertical stripes, which need no training, or a trained pattern, resized to the budget,
+    rotated by up to 10 degrees and scaled by up to 5 % at random, in training as well.
 
     Args:
-        steps: of the training, each with a gradient for every sample.
+        steps: number of training steps, each with a gradient for every sample.
     """
 
     name: ClassVar[str] = "patch"
@@ -44,11 +45,11 @@ class Patch(Trained):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.moved == "joint":  # the same colours are not the same change
+        if self.moved == "joint":  # pasting the same colours into two frames changes each frame differently
             raise unknown_name("moved of attack patch", self.moved, ("both", "first", "second"))
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; it asks the model nothing."""
+        """See `Attack.run`; the model is not queried."""
         pattern = self.pattern(problem)
         disc = Disc.of(problem, problem.pair.stream("patch"))
         return paste(problem, stripes(problem), disc) if pattern is None else paste(problem, pattern, disc.turned())
@@ -84,15 +85,15 @@ class Patch(Trained):
 
 @dataclass(frozen=True)
 class Disc:
-    """The position of a disc in a pair, and of a pattern in it.
+    """The position of a disc in a pair, and of a pattern in the disc.
 
     Attributes:
-        frames: the frames that have it.
-        where: its square, rows and columns.
-        mask: bool, of the disc in the square.
-        rng: of the rotation and the scale.
-        angle: by which a pattern is turned, degrees.
-        scale: of its content.
+        frames: slice of the frames with the disc.
+        where: rows and columns of the square around the disc.
+        mask: bool, True inside the disc.
+        rng: the generator of the rotation and the scale.
+        angle: rotation of the pattern, degrees.
+        scale: scale factor of the pattern.
     """
 
     frames: slice
@@ -104,10 +105,10 @@ class Disc:
 
     @classmethod
     def of(cls, problem: Problem, rng: Rng) -> Disc:
-        """The disc of a pair: as large as the budget has pixels, at a random place.
+        """Place a disc with the area of the budget at random.
 
         Raises:
-            DataError: it is larger than the frames, or smaller than a pixel.
+            DataError: the disc is larger than the frames, or smaller than a pixel.
         """
         size = diameter(problem)
         height, width = problem.ball.clean.shape[2:]
@@ -116,12 +117,12 @@ class Disc:
         return cls(frames, (slice(top, top + size), slice(left, left + size)), _disc(size), rng)
 
     def turned(self) -> Disc:
-        """The disc with a random rotation and scale."""
+        """Return the disc with a random rotation and scale."""
         angle, scale = self.rng.uniform(-_ANGLE, _ANGLE), self.rng.uniform(1 - _SCALE, 1 + _SCALE)
         return replace(self, angle=angle, scale=scale)
 
     def taken_from(self, pattern: Pattern) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """For each pixel of the square the nearest one of a pattern of any size, rows and columns."""
+        """Return the row and column of the nearest pixel of a pattern for each pixel of the square."""
         size, side = len(self.mask), pattern.shape[1]
         down, right = np.indices(self.mask.shape) - (size - 1) / 2
         along, across = (turn(np.deg2rad(self.angle)) * side / (size * self.scale) for turn in (np.cos, np.sin))
@@ -131,10 +132,10 @@ class Disc:
 
 
 def diameter(problem: Problem) -> int:
-    """The side of the largest disc inside the budget, pixels.
+    """Compute the diameter of the largest disc inside the budget, in pixels.
 
     Raises:
-        DataError: it is larger than the frames, or smaller than a pixel.
+        DataError: the disc is larger than the frames, or smaller than a pixel.
     """
     height, width = problem.ball.clean.shape[2:]
     most = problem.ball.budget / 100 * height * width
@@ -150,14 +151,14 @@ def diameter(problem: Problem) -> int:
 
 
 def stripes(problem: Problem) -> Pattern:
-    """Black and white stripes from top to bottom, float32 (3, N, N)."""
+    """Draw vertical black and white stripes, float32 (3, N, N)."""
     size = diameter(problem)
     white = (np.arange(size) // _STRIPE % 2).astype(np.float32)
     return np.broadcast_to(white, (3, size, size)).copy()
 
 
 def paste(problem: Problem, pattern: Pattern, place: Disc) -> Images:
-    """The clean pair with a pattern in a disc."""
+    """Paste a pattern into the clean pair."""
     images = problem.ball.clean.copy()
     rows, columns = place.taken_from(pattern)
     square = images[place.frames][(..., *place.where)]

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 BOXES = ("change", "clipping")
 _INSIDE = 1e-7
-"""Distance that the change of variables keeps from 0 and 1."""
+"""Margin that the change of variables keeps from 0 and 1."""
 _WEIGHT = 2500.0
-"""Weight of the penalty, over the bound; 1.5 times this for a target that is not zero."""
+"""Weight of the penalty, to be divided by the bound; 1.5 times this unless the target is zero."""
 _SATURATED = 0.05
 _ITERATIONS = 10
 """Iterations of LBFGS in each step."""
@@ -32,13 +32,13 @@ _ITERATIONS = 10
 class Pcfa(Attack):
     """Minimise the distance to the target plus a penalty on the mean square of the change above the squared budget.
 
-    After every step, a pair outside the budget is cut to the ball and evaluated there; the pair nearest to the target
-    is kept. In the variant "original" nothing is cut but the pair that is kept in the end: the nearest to the target
-    among those inside the budget, or the one with the smallest change if none is.
+    After every step, a pair outside the budget is projected into the ball and evaluated there; the pair whose flow is
+    nearest to the target is returned. The variant "original" projects only the pair that is returned: the nearest to
+    the target among the pairs inside the budget, or the pair with the smallest change if there is none.
 
     Args:
-        steps: calls of LBFGS, each of ten evaluations.
-        box: how values stay in 0..1: "change" of variables (tanh, with which values of 0 and 255 cannot move), or
+        steps: number of LBFGS steps, each with ten evaluations.
+        box: how values stay in 0..1: "change" of variables (tanh, in which values of 0 and 255 cannot move), or
             "clipping".
     """
 
@@ -61,7 +61,7 @@ class Pcfa(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`; nothing is random."""
-        with problem.reproducible():  # sums of LBFGS depend on the number of threads
+        with problem.reproducible():  # the sums in LBFGS depend on the number of threads
             return self._run(problem)
 
     def _run(self, problem: Problem) -> Images:
@@ -100,7 +100,7 @@ class _Search:
         self._kept_size, self._kept_loss = np.inf, np.inf
 
     def run(self, steps: int) -> None:
-        """Call LBFGS `steps` times, and look at the pair before each call and after the last."""
+        """Run LBFGS `steps` times, and check the pair before each step and after the last."""
         import torch
 
         optimizer = torch.optim.LBFGS(self.variables, max_iter=_ITERATIONS)
@@ -110,7 +110,8 @@ class _Search:
         self.objective(keep=True)
 
     def objective(self, keep: bool = False) -> float:
-        """Distance plus penalty at the variables, with the gradient in them; `keep` compares the pair with the best."""
+        """Compute the distance plus the penalty and store the gradient in the variables; `keep` compares with the best
+        pair."""
         import torch
 
         for variable in self.variables:
@@ -142,7 +143,7 @@ class _Search:
             self.kept, self._kept_size, self._kept_loss = images, size, loss
 
     def _changed(self) -> tuple[Tensor, Tensor]:
-        """The pair and its change under the change of variables."""
+        """Compute the pair and its change from the transformed variables."""
         import torch
 
         kept = 1 - _INSIDE
@@ -167,7 +168,7 @@ class _Search:
         return images, torch.stack([change, change])
 
     def _whole(self, frames: list[Any]) -> Tensor:
-        """Both frames, those that do not move as they are."""
+        """Return both frames, with unperturbed frames unchanged."""
         import torch
 
         every = dict(zip(self._moved, frames, strict=True))

@@ -12,15 +12,15 @@ from .images import WHITE, Images
 from .problem import Problem
 
 FLOWBENCH_STEP = 0.01 * WHITE
-"""FlowBench's step under "linf", in grey levels, whatever the budget."""
+"""FlowBench's step size under "linf", in grey levels, for every budget."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pgd(Attack):
     """Projected gradient ascent.
 
-    The step is 2.5 budgets over the number of steps. The variant "flowbench" takes a step of 0.01 of the full range and
-    returns the last pair instead of the best.
+    The step size is 2.5 times the budget divided by the number of steps. The variant "flowbench" uses a step size of
+    0.01 of the full range and returns the last pair instead of the best.
 
     Args:
         steps: gradients for each start.
@@ -34,7 +34,7 @@ class Pgd(Attack):
     starts: int = 1
 
     at_random: ClassVar[bool] = True
-    """Whether it begins at a random pair of the ball."""
+    """Whether the attack begins at a random pair in the ball."""
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
@@ -46,5 +46,5 @@ class Pgd(Attack):
         return images
 
     def step_size(self, budget: float) -> float:
-        """The step for a budget, both in grey levels."""
+        """The step size for a budget, both in grey levels."""
         return 2.5 * budget / self.steps if self.variant == "default" else FLOWBENCH_STEP

@@ -1,4 +1,4 @@
-"""The interface of an attack to a pair: its loss, its gradient, and the cost so far."""
+"""The optimisation problem that an attack solves: the loss of a pair, its gradient, and the cost so far."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Pair:
 
     Args:
         frames: RGB uint8 (H, W, 3) each.
-        budget: in the units of an attack's norm.
-        truth: float32 (H, W, 2), pixels; None if it is not known.
-        valid: bool (H, W), where the truth is known; None for everywhere.
+        budget: size of the ball in the units of the attack's norm.
+        truth: ground truth, float32 (H, W, 2), pixels; None if there is none.
+        valid: valid pixels of the ground truth, bool (H, W); None if all are valid.
         key: name of the sample.
-        seed: of the random choices.
-        severity: 1 to 5; 0 for a budget without one.
+        seed: seed of the random choices.
+        severity: severity 1 to 5; 0 if the budget was given instead.
     """
 
     frames: tuple[Frame, Frame]
@@ -42,7 +42,7 @@ class Pair:
     severity: int = 0
 
     def stream(self, attack: str) -> Rng:
-        """The stream of an attack's random choices on this pair, the same if the attack is part of another one."""
+        """Return the random stream of an attack on this pair; the stream is the same inside a composite attack."""
         return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 
@@ -51,19 +51,19 @@ class Problem:
     """A pair, a model, a loss and a ball.
 
     Args:
-        model: that is attacked.
-        ball: around the clean pair.
-        loss: that should grow.
-        pair: given to the attack.
-        clean_flow: the model's, of the clean pair, float32 (H, W, 2), pixels.
+        model: the attacked model.
+        ball: the ball around the clean pair.
+        loss: the loss to maximise.
+        pair: the clean pair.
+        clean_flow: the model's flow of the clean pair, float32 (H, W, 2), pixels.
         from_clean: the loss is the distance to the clean flow, which has no gradient at the clean pair.
 
     Attributes:
-        evaluations: flows that were computed for the attack, those with a gradient included.
-        gradients: how many of them had a gradient.
-        trace: the loss at each of them, without CosPGD's weight.
-        best: the images inside the ball with the highest score so far; at first the clean pair, which every budget has.
-        troubles: what happened that makes a result doubtful, as keys of `result.WARNINGS`.
+        evaluations: number of flows computed for the attack, including those with a gradient.
+        gradients: number of evaluations with a gradient.
+        trace: the loss of each evaluation, without CosPGD's weight.
+        best: the images inside the ball with the highest score so far, at first the clean pair.
+        troubles: keys of `result.WARNINGS` for events that make the result doubtful.
     """
 
     model: AnyModel
@@ -84,7 +84,7 @@ class Problem:
         self.best, self.best_score = self.ball.clean, score if np.isfinite(score) else -np.inf
 
     def loss_at(self, images: Images) -> float:
-        """The loss at images, without CosPGD's weight; computed only if it is not known. Not noted."""
+        """The loss of images, without CosPGD's weight; not recorded, and computed only if it is not cached."""
         if images is self.ball.clean:
             return self.loss.of(self.clean_flow, weighted=False)
         if images is self.best:
@@ -92,37 +92,37 @@ class Problem:
         return self.loss.of(self.flow(images), weighted=False)
 
     def score(self, images: Images) -> float:
-        """The score at images, which become the best if they are inside the ball and score higher."""
+        """Compute the score of images, which become the best if they are inside the ball and score higher."""
         return self.note(images, self.loss.of(self.flow(images), weighted=False))
 
     def query(self, images: Images) -> float:
-        """The score of images rounded to 8 bits, for attacks that need no gradient; noted as by `score`."""
+        """Compute the score of images rounded to 8 bits, for attacks that need no gradient; recorded as by `score`."""
         return self.score_of_frames(frames_of(self.ball.to_8_bits(images)))
 
     def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
-        """The score of 8-bit frames, for attacks that need no gradient."""
+        """Compute the score of 8-bit frames, for attacks that need no gradient."""
         self.evaluations += 1
         assert isinstance(self.model, FlowModel)
         flow = predict_checked(self.model, frames, self.pair.key, "an attacked pair", 0)
         return self.note(images_of(*frames), self.loss.of(flow))
 
     def flow(self, images: Images) -> Flow:
-        """The flow at images between the grey levels, float32 (H, W, 2)."""
+        """Predict the flow of images that are not rounded to grey levels, float32 (H, W, 2)."""
         self.evaluations += 1
         flow, _ = self._called(images, gradient=False)
         return _as_flow(flow)
 
     def slope(self, images: Images) -> tuple[float, Images]:
-        """The score at images, recorded as by `score`, and the gradient that the attack follows.
-
-        The gradient is that of the loss with CosPGD's weight, if the loss has it.
+        """Compute the score of images, recorded as by `score`, and its gradient, with CosPGD's weight if the loss has
+        it.
         """
         loss, flow, gradient = self.loss_and_gradient(images)
         plain = self.loss.of(flow, weighted=False) if self.loss.agreeing else loss
         return self.note(images, plain), -gradient if self.loss.towards else gradient
 
     def loss_and_gradient(self, images: Images) -> tuple[float, Flow, Images]:
-        """The loss at images, the flow (H, W, 2), and the loss's gradient with respect to the images; not noted."""
+        """Compute the loss, the flow (H, W, 2), and the gradient of the loss with respect to the images; not
+        recorded."""
         import torch
 
         self.evaluations += 1
@@ -144,7 +144,7 @@ class Problem:
         return loss, there, gradient
 
     def _called(self, images: Images, gradient: bool) -> tuple[Any, Any]:
-        """The model's flow at images and the tensor of images, both PyTorch's."""
+        """Compute the model's flow of images with PyTorch; return the flow and the images as tensors."""
         import torch
 
         assert isinstance(self.model, Differentiable)
@@ -164,16 +164,16 @@ class Problem:
         return f"sample '{self.pair.key}', an attacked pair, in its method differentiable"
 
     def reproducible(self) -> Any:
-        """A context in which PyTorch gives the same numbers again, whatever the number of threads outside."""
+        """A context in which PyTorch's results are reproducible, whatever the number of threads outside."""
         from ..models.torch.reproducible import reproducible
 
         return reproducible(getattr(self.model, "threads", 1))
 
     def checked(self, images: Any, attack: str) -> Images:
-        """Project images that an attack returned into the ball, if they are outside.
+        """Project the images that an attack returned into the ball.
 
-        Raises:
-            UsageError: they are not float32 of the pair's shape, or not finite.
+    Raises:
+        UsageError: the images are not float32 of the pair's shape, or not finite.
         """
         shape = self.ball.clean.shape
         if not isinstance(images, np.ndarray) or images.dtype != np.float32 or images.shape != shape:
@@ -189,7 +189,7 @@ class Problem:
         self.gradients += other.gradients
 
     def note(self, images: Images, loss: float) -> float:
-        """Record a known loss; the images become the best if they are inside the ball and score higher."""
+        """Record a loss; the images become the best if they are inside the ball and score higher."""
         self.trace.append(loss)
         score = self.loss.score(loss)
         if score > self.best_score and self.ball.holds(images):
@@ -198,10 +198,10 @@ class Problem:
 
 
 def refuse_without_gradient(model: AnyModel, attack: str) -> None:
-    """Raise unless a model offers the gradients that an attack needs.
+    """Check that a model offers the gradients that an attack needs.
 
     Raises:
-        ModelError: it does not.
+        ModelError: the model has no gradients.
     """
     if not isinstance(model, Differentiable):
         name = model_identity(model).get("name") or type(model).__name__

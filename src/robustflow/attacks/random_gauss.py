@@ -13,7 +13,7 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class RandomGauss(Control):
-    """Random noise with the norm of the attacks under "rms"; it asks the model nothing."""
+    """Add Gaussian noise that fills the budget under "rms", without querying the model."""
 
     name: ClassVar[str] = "random_gauss"
     norms: ClassVar[tuple[str, ...]] = ("rms",)

@@ -16,7 +16,7 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class RandomPatch(Control):
-    """Random colours in a disc of the budget's area; it asks the model nothing."""
+    """Fill a disc of the budget's area with random colours, without querying the model."""
 
     name: ClassVar[str] = "random_patch"
     norms: ClassVar[tuple[str, ...]] = ("area",)

@@ -1,4 +1,4 @@
-"""Control: every value moved by the whole budget, up or down at random."""
+"""Control: every value changes by the whole budget, up or down at random."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class RandomSign(Control):
-    """Random noise with the norm of the attacks under "linf"; it asks the model nothing."""
+    """Add noise of random sign that fills the budget under "linf", without querying the model."""
 
     name: ClassVar[str] = "random_sign"
     norms: ClassVar[tuple[str, ...]] = ("linf",)

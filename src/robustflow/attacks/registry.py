@@ -1,4 +1,4 @@
-"""Every attack by name, without importing any of them."""
+"""The registry of attacks by name; attacks are imported only when they are built."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from ..registry import Registry
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
 ATTACK_VERSION = 4
-"""Part of every run's identity: raised when any attack's frames change, so that results never mix."""
+"""Part of every run's identity; increased whenever the frames of an attack change, so that results never mix."""
 
 CONTROLS = ("random_sign", "random_gauss")
-"""Random noise of the attacks' norms, which an attack has to beat."""
+"""The random-noise controls, which an attack has to beat."""
 PATCH_CONTROL = "random_patch"
-"""Random patches, which a patch has to beat."""
+"""The control for patches, which a patch has to beat."""
 
 _CLASSES = {
     "random_sign": "random_sign:RandomSign",
@@ -40,8 +40,7 @@ NORMS: dict[str, str] = {"random_gauss": "rms", "pcfa": "rms", "random_patch": "
 
 
 def split_name(name: str) -> tuple[str, str, dict[str, str]]:
-    """The parts of an attack's name as a run has it: its name in the registry, what follows that without a "=", and
-    its options.
+    """Split an attack's label into its name in the registry, the positional part (without "="), and its options.
 
     >>> split_name("pgd:steps=40:loss=cosine")
     ('pgd', '', {'steps': '40', 'loss': 'cosine'})
@@ -63,7 +62,7 @@ def split_name(name: str) -> tuple[str, str, dict[str, str]]:
 
 
 def norm_of(name: str) -> str:
-    """The norm in which the budget of an attack holds, by its name in a run; it is not imported to find out.
+    """Return the norm of an attack's budget from its label, without importing the attack.
 
     >>> norm_of("pgd"), norm_of("pgd:norm=rms"), norm_of("pcfa"), norm_of("transfer:tiny:attack=pcfa")
     ('linf', 'rms', 'rms', 'rms')
@@ -79,7 +78,7 @@ def norm_of(name: str) -> str:
 
 
 def control_of(name: str) -> str:
-    """The random noise of an attack's norm.
+    """Return the control with the same norm as an attack.
 
     >>> control_of("pgd")
     'random_sign'

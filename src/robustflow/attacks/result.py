@@ -10,7 +10,7 @@ from ..sample import Flow, Frame
 from .images import WHITE, Images
 
 WARNINGS = {
-    "answers_differ": "the model answers the same frames differently when asked twice",
+    "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
     "gradient_not_finite": "the gradient was NaN or infinite somewhere",
     "gradient_zero": "the gradient was zero everywhere: the model may hide it",
     "nothing_gained": "the attacked pair has no larger error than the clean one: the attack found nothing",
@@ -18,14 +18,14 @@ WARNINGS = {
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
     "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
 }
-"""Warnings about the number of one attack, by a short name."""
+"""Warnings about the result of one attack, by a short name."""
 
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the steps are badly chosen",
     "square_above_white_box": "Square, which uses no gradient, is stronger",
     "transfer_above_white_box": "frames made on a different model are stronger",
 }
-"""Warnings that follow from other attacks of the run."""
+"""Warnings that follow from a comparison with the run's other attacks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +33,21 @@ class Attacked:
     """An attacked pair.
 
     Attributes:
-        attack: its name.
-        budget: in grey levels.
-        norm: in which the budget holds, "linf" or "rms".
-        frames: the attacked pair as a file holds it, RGB uint8 (H, W, 3): inside the budget.
-        flow: of these frames, float32 (H, W, 2), pixels.
-        clean_flow: of the clean frames, likewise.
+        attack: name of the attack.
+        budget: the budget in grey levels.
+        norm: norm of the budget, "linf" or "rms".
+        frames: the attacked pair, RGB uint8 (H, W, 3), inside the budget.
+        flow: the model's flow of the attacked frames, float32 (H, W, 2), pixels.
+        clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
         images: the attacked pair before rounding to 8 bits, float32 (2, 3, H, W) in 0..1.
-        loss, clean_loss: of the 8-bit frames and of the clean ones.
-        float_loss: of `images`; None if the attack works on 8-bit frames.
-        linf, rms: norms of the change of the 8-bit frames over both frames, grey levels.
+        loss, clean_loss: loss of the attacked 8-bit frames and of the clean frames.
+        float_loss: loss of `images`; None if the attack works on 8-bit frames.
+        linf, rms: norms of the change over both 8-bit frames, grey levels.
         changed: share of the values that changed, 0..1.
         way_gone: share of the way from the clean flow to the target, below 0 when the flow moved away from it; None
             without a target.
         trace: the loss at each evaluation, in order.
-        evaluations, gradients: flows computed by the attack, and those of them with a gradient.
+        evaluations, gradients: number of flows computed by the attack, and of those with a gradient.
         warnings: keys of `WARNINGS`.
     """
 

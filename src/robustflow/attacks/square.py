@@ -14,19 +14,20 @@ from .images import WHITE, Images, frames_of, grey_levels_of
 from .problem import Problem
 
 _LARGEST = 0.8
-"""Share of the frame that a square covers at the beginning."""
+"""Fraction of the frame that a square covers at the beginning."""
 _HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
-"""Queries out of 10 000 after which that share is halved."""
+"""Numbers of queries, out of 10 000, after which the area of a square is halved."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Square(Attack):
-    """Vertical stripes at first, then one square at a random place of one frame for each query, kept if the loss grows.
+    """Random search: begin with vertical stripes, then try a random square in one frame per query; keep it if the loss
+    grows.
 
-    It only queries 8-bit frames and needs no gradient, so it fits every model.
+    The attack only queries the flow of 8-bit frames and needs no gradient, so it works with every model.
 
     Args:
-        queries: flows that it asks for.
+        queries: number of flows that the attack may query.
     """
 
     name: ClassVar[str] = "square"
@@ -69,5 +70,5 @@ class Square(Attack):
 
 
 def _signs(rng: Rng, count: int) -> np.typing.NDArray[np.int16]:
-    """-1 or 1 at random, int16 (count,)."""
+    """Draw -1 or 1 at random, int16 (count,)."""
     return 2 * (rng.bits(count) & np.uint64(1)).astype(np.int16) - 1

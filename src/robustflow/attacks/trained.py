@@ -1,4 +1,4 @@
-"""Attacks trained once, on samples that are not measured, and then applied to others."""
+"""Attacks that are trained once, on held-out samples, and then applied to the measured ones."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .images import Images
 from .problem import Pair, Problem, refuse_without_gradient
 
 Pattern = npt.NDArray[np.float32]
-"""What is trained: the change of all pairs, or the patch."""
+"""The trained array: the perturbation of all pairs, or the patch."""
 
 _MOMENTUM = 0.75
-"""Weight of the gradients before this step's."""
+"""Weight of the running mean of earlier gradients."""
 _SMALLEST = 1e-30
 _LARGEST = 2**28
-"""Bytes of a perturbation file."""
+"""Largest accepted perturbation file, in bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,15 +35,15 @@ class Trained(Attack):
     """A pattern that is the same for every sample.
 
     Args:
-        train: samples for training in a run: their number, drawn by the run's seed from those that are not measured, or
-            a file of their keys. Each severity has its own pattern.
-        file: a pattern that is stored as a NumPy array (.npy), instead of training.
-        steps: of the training, each with a gradient for every sample.
-        learned: pattern of each severity that was trained; a run fills it in.
+        train: training samples of a run: their number, drawn by the run's seed from those that are not measured, or a
+            file of their keys. Each severity has its own pattern.
+        file: a stored pattern, a NumPy array (.npy), instead of training.
+        steps: number of training steps, each with a gradient for every sample.
+        learned: the trained pattern of each severity; a run fills it in.
     """
 
     moves: ClassVar[bool] = False
-    """Whether it is put at a different place in every step of the training."""
+    """Whether every training step puts the pattern at a different place."""
 
     train: str = ""
     file: str = ""
@@ -73,7 +73,7 @@ class Trained(Attack):
 
     @property
     def source(self) -> str:
-        """A digest of the file; what it is trained on is added by a run."""
+        """A digest of the file; a run adds the training samples."""
         return digest_of_bytes(read_file(self.file), size=8) if self.file else ""
 
     @property
@@ -82,25 +82,25 @@ class Trained(Attack):
         return "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Raise if it is to be trained and the model has no gradients.
+        """Check that the model has gradients, if the attack is to be trained.
 
         Raises:
-            ModelError: it has none.
+            ModelError: the model has no gradients.
         """
         if self.train:
             refuse_without_gradient(model, self.name)
 
     def learn(self, model: AnyModel, pairs: Sequence[tuple[Pair, Flow]], rng: Rng) -> Pattern:
-        """Train the pattern: ascent on the mean score of all samples along a running mean of the gradients, in steps
-        that become shorter.
+        """Train the pattern by gradient ascent with momentum on the mean score of all samples, with a decaying step
+        size.
 
-        The best pattern is kept; the last one, where a pattern is put at a different place in every step (`moves`), so
-        that the scores of two steps cannot be compared.
+        Returns the best pattern, or the last one if every step puts the pattern at a different place (`moves`), where
+        the scores of two steps cannot be compared.
 
         Args:
-            model: with gradients.
-            pairs: each with the model's flow of its clean frames, all of one budget.
-            rng: of the first pattern and of the places.
+            model: a model with gradients.
+            pairs: pairs with the model's flow of the clean frames, all with the same budget.
+            rng: the generator of the first pattern and of the places.
         """
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
         pattern = self.first(problems, rng)
@@ -118,10 +118,10 @@ class Trained(Attack):
         return pattern if self.moves else best
 
     def pattern(self, problem: Problem) -> Pattern | None:
-        """The pattern for a pair: from the file or from training; None without either.
+        """Return the pattern for a pair, from the file or from training; None if there is neither.
 
         Raises:
-            UsageError: it was not trained at this severity.
+            UsageError: no pattern was trained at this severity.
         """
         if self.file:
             return self.checked_pattern(read_array(self.file), problem)
@@ -135,34 +135,34 @@ class Trained(Attack):
 
     @abstractmethod
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """The pattern that training begins with."""
+        """Return the pattern that training begins with."""
 
     @abstractmethod
     def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
-        """The pair with the pattern, inside the ball; the stream says where it is."""
+        """Return the pair with the pattern, inside the ball; the generator determines its place."""
 
     @abstractmethod
     def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
-        """The gradient of a pair's score with respect to the pattern, which is where the stream says."""
+        """Compute the gradient of a pair's score with respect to the pattern; the generator determines its place."""
 
     @abstractmethod
     def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
-        """The pattern one step uphill; the shares of all steps have the sum 1."""
+        """Take one training step; the step shares sum to 1."""
 
     @abstractmethod
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
-        """The array of a file as a pattern for this pair.
+        """Check the array of a file and return it as a pattern for this pair.
 
         Raises:
-            DataError: it has another shape.
+            DataError: the array has the wrong shape.
         """
 
 
 def read_file(path: str) -> bytes:
-    """The bytes of a perturbation file.
+    """Read the bytes of a perturbation file.
 
     Raises:
-        DataError: no such file, or one that is too large.
+        DataError: the file does not exist or is too large.
     """
     file = Path(path).expanduser()
     try:
@@ -176,7 +176,7 @@ def read_file(path: str) -> bytes:
 
 
 def read_array(path: str) -> Pattern:
-    """A perturbation file as float32; nothing in it is run.
+    """Read a perturbation file as float32, without running pickled code.
 
     Raises:
         DataError: not a NumPy array of finite floating-point numbers with three or four axes.
@@ -185,7 +185,7 @@ def read_array(path: str) -> Pattern:
     file = Path(path).expanduser()
     try:
         array = np.lib.format.open_memmap(file, mode="r") if content[:6] == b"\x93NUMPY" else None
-    except Exception as error:  # whatever a hostile header makes NumPy's parser raise
+    except Exception as error:  # a hostile header can make NumPy's parser raise anything
         raise DataError(f"{path} is damaged, or no array of numbers ({' '.join(str(error).split())[:100]})") from error
     if array is None or array.dtype.kind != "f" or array.ndim not in (3, 4) or not 0 < array.size <= _LARGEST // 2:
         what = "no NumPy array (.npy)" if array is None else f"an array {array.dtype} {array.shape}"

@@ -20,17 +20,16 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer(Attack):
-    """Attack the same pair on a different model, and give the result to the model under test. It does not query that
-    model, so it fits models without gradients; a white-box attack on a model that hides its gradient should not be
-    weaker.
+    """Attack the same pair on a different model (the surrogate), and evaluate the result on the model under test.
 
-    Options of the inner attack, and of the model that it is made on, are given like its own:
-    `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
+    The attack does not query the model under test, so it works with models without gradients. If it is stronger than a
+    white-box attack, the model hides its gradient. Options of the inner attack and of the surrogate are given like its
+    own: `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
 
     Args:
-        on: the model on which the attack is made, a name as of `load_model`, or an object.
-        attack: that is made on it.
-        model_options: of that model, if it is named.
+        on: the surrogate, a name for `load_model` or an object.
+        attack: the attack on the surrogate.
+        model_options: options of the surrogate, if it is given by name.
     """
 
     name: ClassVar[str] = "transfer"
@@ -49,7 +48,7 @@ class Transfer(Attack):
         known = load_attack(name).known_options()
         inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
         if isinstance(inner, Transfer):
-            raise UsageError("a transfer of a transfer is that of the inner one; name its model alone")
+            raise UsageError("attack transfer cannot contain another transfer; name only the inner model")
         if inner.name == "worst_of":
             raise UsageError(
                 "attack transfer: give the parts of worst_of, worst_of:transfer+..., and not worst_of itself"
@@ -75,11 +74,11 @@ class Transfer(Attack):
         )
 
     def known_options(self) -> set[str]:
-        """See `Attack.known_options`; only the named model knows its own."""
+        """See `Attack.known_options`; the options of the surrogate are checked when it is loaded."""
         return {"on", "attack", *self.attack.known_options()}
 
     def options(self) -> dict[str, Any]:
-        """See `Attack.options`: also those of the inner attack and of the model."""
+        """See `Attack.options`; includes the options of the inner attack and of the surrogate."""
         if not isinstance(self.on, str):
             raise UsageError("a run names the model of the attack transfer: transfer:MODEL")
         mine = {"on": self.on, "attack": self.attack.name}
@@ -88,14 +87,14 @@ class Transfer(Attack):
 
     @property
     def label(self) -> str:
-        """See `Attack.label`; the model comes right after the name."""
+        """See `Attack.label`; the surrogate comes right after the name."""
         options = self.options()
         on = options.pop("on", "tiny")
         return ":".join([self.name, on, *(f"{name}={value}" for name, value in options.items())])
 
     @property
     def source(self) -> str:
-        """A digest of the identity of the model that the attack is made on."""
+        """A digest of the surrogate's identity."""
         assert self._spec is not None
         return digest_of_value([self._spec.identity(self._other), self.attack.source])
 
@@ -108,17 +107,17 @@ class Transfer(Attack):
         return self._spec.load() if self._spec else as_model(self.on, "the model of the attack transfer")
 
     def check(self, model: AnyModel) -> None:
-        """Raise unless the attack can be made on the model that it names.
+        """Check that the surrogate can be attacked.
 
         Raises:
-            ModelError: it is not a model of two frames, or has no gradients.
+            ModelError: the surrogate is not a model of two frames, or has no gradients.
         """
         if not isinstance(self._other, FlowModel):
             raise ModelError("the attack transfer is made on a model of two frames, which the one it names is not")
         self.attack.check(self._other)
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; evaluations are those of the other model."""
+        """See `Attack.run`; the evaluations are of the surrogate."""
         pair = problem.pair
         clean_flow = predict_checked(self._other, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
         inner = self.attack.problem(self._other, pair, clean_flow)

@@ -18,18 +18,19 @@ from .problem import Problem
 from .trained import Pattern, Trained, read_array, read_file
 
 _REACH = 2.5
-"""Sum of the steps of the training, in budgets."""
+"""Sum of all training steps, as a multiple of the budget."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Universal(Trained):
-    """Add the same perturbation to every pair, cut to the budget and to 0..255.
+    """Add the same perturbation to every pair, projected to the budget and clipped to 0..255.
 
-    In training, the largest frame decides its size; smaller frames get the top left part. The perturbation of a file
-    must have the frames' size, and is shortened where it exceeds a budget, never lengthened.
+    A trained perturbation has the size of the largest frame; smaller frames get its top left part. A perturbation from
+    a file must have the frames' size, and is scaled down if it exceeds the budget, but never scaled up.
 
     Args:
-        second: file of frame 2's perturbation, as PCFA writes one for each frame; without it both frames get `file`'s.
+        second: file with the perturbation of frame 2, because PCFA writes one file per frame; by default both frames
+            get the perturbation of `file`.
     """
 
     name: ClassVar[str] = "universal"
@@ -47,7 +48,7 @@ class Universal(Trained):
         """See `Trained.check`.
 
         Raises:
-            UsageError: neither samples to train on nor a file.
+            UsageError: there are neither training samples nor a file.
         """
         if not self.train and not self.file:
             raise UsageError(
@@ -57,20 +58,20 @@ class Universal(Trained):
         super().check(model)
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; it asks the model nothing."""
+        """See `Attack.run`; the model is not queried."""
         pattern = self.pattern(problem)
         assert pattern is not None
         return self.placed(problem, pattern, rng)
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """See `Trained.first`: at random, of the largest frame's size."""
+        """See `Trained.first`; random, in the size of the largest frame."""
         shapes = [problem.ball.clean.shape[2:] for problem in problems]
         height, width = (max(sizes) for sizes in zip(*shapes, strict=True))
         ball = self._around_grey(problems[0], (height, width))
         return ball.random(rng) - ball.clean
 
     def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
-        """See `Trained.placed`; it is everywhere."""
+        """See `Trained.placed`; the perturbation covers the whole frame."""
         ball = problem.ball
         height, width = ball.clean.shape[2:]
         missing = [(0, 0), (0, 0), (0, max(height - pattern.shape[2], 0)), (0, max(width - pattern.shape[3], 0))]
@@ -112,6 +113,6 @@ class Universal(Trained):
         return whole
 
     def _around_grey(self, problem: Problem, shape: tuple[int, ...]) -> Ball:
-        """The ball around grey frames, in which a perturbation is the change."""
+        """The ball around grey frames, for which perturbation and change are the same."""
         grey = np.full((*shape, 3), 128, np.uint8)
         return Ball(grey, grey, problem.ball.budget, self.norm, self.moved, self.per_frame)

@@ -1,4 +1,4 @@
-"""Worst of: the strongest of several attacks on a pair (Croce and Hein 2020, the idea of AutoAttack)."""
+"""Worst of: the strongest of several attacks on each pair, like AutoAttack (Croce and Hein 2020)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _PLUS = "+"
 
 @dataclass(frozen=True, kw_only=True)
 class WorstOf(Attack):
-    """Make each attack as usual, evaluate its 8-bit frames, and keep the pair with the largest error.
+    """Run each attack as usual, evaluate its 8-bit frames, and keep the pair with the largest error.
 
-    Options go to every part that has them: `worst_of:apgd+square:queries=100`.
+    Options are passed to every part that has them: `worst_of:apgd+square:queries=100`.
 
     Args:
-        parts: attacks of one norm: names joined by "+", or several.
+        parts: attacks of the same norm: names joined by "+", or a sequence of attacks.
     """
 
     name: ClassVar[str] = "worst_of"
@@ -53,7 +53,7 @@ class WorstOf(Attack):
                 f"attack worst_of: {trained[0]} is trained on samples; run it by itself, then give file= what it kept"
             )
         if any(isinstance(part, WorstOf) for part in parts):
-            raise UsageError("a worst_of of worst_of is that of all parts; name them: worst_of:A+B+C")
+            raise UsageError("attack worst_of cannot contain another worst_of; name all parts: worst_of:A+B+C")
         norms = {part.norm for part in parts}
         if len(norms) != 1:
             raise UsageError(
@@ -64,7 +64,7 @@ class WorstOf(Attack):
         return cls(parts=tuple(parts), norm=norms.pop(), **{k: v for k, v in options.items() if k in shared})
 
     def with_variant(self, variant: str) -> Self:
-        """See `Attack.with_variant`; every part that has the variant gets it."""
+        """See `Attack.with_variant`; applies to every part that has the variant."""
         return replace(self, parts=tuple(part.with_variant(variant) for part in self.parts))
 
     @property
@@ -78,7 +78,7 @@ class WorstOf(Attack):
 
     @property
     def source(self) -> str:
-        """A digest of those of its parts."""
+        """A digest of the parts' fingerprints."""
         sources = [part.source for part in self.parts]
         return digest_of_value(sources) if any(sources) else ""
 
@@ -88,10 +88,10 @@ class WorstOf(Attack):
         return "gradients" if any(part.needs == "gradients" for part in self.parts) else "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Raise unless every part can be made.
+        """Check that every part can attack the model.
 
         Raises:
-            ModelError: one cannot.
+            ModelError: a part cannot.
         """
         for part in self.parts:
             part.check(model)
