@@ -58,14 +58,29 @@ class SceneDepth:
     """The depth of a pair.
 
     Attributes:
-        maps: of frame 1 and frame 2, each complete.
-        measured: where each map was measured; elsewhere it was filled in.
-        camera: its intrinsics, and its motion where that is known.
+        maps: depth maps of frame 1 and frame 2, without holes.
+        measured: masks of the pixels that were measured; the others were filled in.
+        camera: the intrinsics, and the motion where it is known.
+
+    Raises:
+        DataError: maps or masks of a wrong dtype or different sizes, or depth that is not positive and finite.
     """
 
     maps: tuple[DepthMap, DepthMap]
     measured: tuple[Mask, Mask]
     camera: Camera
+
+    def __post_init__(self) -> None:
+        shape = self.maps[0].shape
+        for number, (depth, measured) in enumerate(zip(self.maps, self.measured, strict=True), 1):
+            if depth.dtype != np.float32 or depth.ndim != 2 or depth.shape != shape:
+                raise DataError(f"depth map {number}: expected float32 {shape[:2]}, got {depth.dtype} {depth.shape}")
+            if measured.dtype != np.bool_ or measured.shape != shape:
+                raise DataError(
+                    f"mask of depth map {number}: expected bool {shape}, got {measured.dtype} {measured.shape}"
+                )
+            if not (np.isfinite(depth).all() and (depth > 0).all()):
+                raise DataError(f"depth map {number}: every pixel must be positive and finite, in metres")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +95,7 @@ class Sample:
         occluded: bool (H, W), True where the pixel of frame 0 is not visible in frame 1; None when the dataset
             has no such map.
         group: the same for samples that are not independent (one video sequence); the key itself by default.
-        depth: of frames 0 and 1, or None: read only for corruptions that need it.
+        depth: depth of frames 0 and 1, or None; read only for corruptions that need it.
 
     Raises:
         DataError: frames of different sizes, of a wrong dtype, or ground truth that does not fit them.

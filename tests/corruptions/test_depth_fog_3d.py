@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.datasets import load_dataset
-from robustflow.errors import UsageError
+from robustflow.errors import DataError, UsageError
 from robustflow.random.rng import Rng
 from robustflow.sample import Camera, SceneDepth
 
@@ -78,3 +78,36 @@ def test_far_layers_of_shapes_lose_more_contrast_than_near_ones():
     near = depth.maps[0] < 20
     assert first[~near].std(axis=0).max() < 0.2 * sample.frames[0][~near].std(axis=0).max()
     assert first[near].std(axis=0).min() > 0.5 * sample.frames[0][near].std(axis=0).min()
+
+
+@pytest.mark.parametrize("name", ["fog_3d", "snow_3d", "near_focus", "motion_blur_3d"])
+def test_depth_maps_of_a_different_size_than_the_frames_are_refused(name):
+    frame, metres, known = np.zeros((40, 60, 3), np.uint8), np.ones((20, 30), np.float32), np.ones((20, 30), bool)
+    depth = SceneDepth((metres, metres), (known, known), Camera((30.0, 30.0), (15.0, 10.0)))
+    with pytest.raises(DataError, match="the depth maps are 30x20, the frames 60x40"):
+        corrupt(frame, frame, name, 3, depth=depth)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "mask", "message"),
+    [
+        (np.ones((4, 6)), np.ones((4, 6), np.float32), np.ones((4, 6), bool), "depth map 1: expected float32"),
+        (
+            np.ones((4, 6), np.float32),
+            np.ones((4, 5), np.float32),
+            np.ones((4, 6), bool),
+            "depth map 2: expected float32",
+        ),
+        (
+            np.ones((4, 6), np.float32),
+            np.ones((4, 6), np.float32),
+            np.ones((4, 6)),
+            "mask of depth map 1: expected bool",
+        ),
+        (np.ones((4, 6), np.float32), np.zeros((4, 6), np.float32), np.ones((4, 6), bool), "depth map 2: every pixel"),
+        (np.full((4, 6), np.nan, np.float32), np.ones((4, 6), np.float32), np.ones((4, 6), bool), "1: every pixel"),
+    ],
+)
+def test_depth_that_cannot_be_is_refused(first, second, mask, message):
+    with pytest.raises(DataError, match=message):
+        SceneDepth((first, second), (mask, mask), Camera((5.0, 5.0), (2.0, 0.0)))

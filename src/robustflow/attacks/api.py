@@ -215,7 +215,7 @@ def attack_pair(
     warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
-        if images is problem.best:  # the clean pair is inside every budget, so an attack never ends with a lower loss than that
+        if images is problem.best:  # the clean pair is inside every budget, and is no worse than this
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
             float_loss = None if float_loss is None else clean_loss
     linf, rms, changed = norms_of(frames, pair.frames)

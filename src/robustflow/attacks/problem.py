@@ -172,8 +172,8 @@ class Problem:
     def checked(self, images: Any, attack: str) -> Images:
         """Project the images that an attack returned into the ball.
 
-    Raises:
-        UsageError: the images are not float32 of the pair's shape, or not finite.
+        Raises:
+            UsageError: the images are not float32 of the pair's shape, or not finite.
         """
         shape = self.ball.clean.shape
         if not isinstance(images, np.ndarray) or images.dtype != np.float32 or images.shape != shape:

@@ -153,17 +153,17 @@ def corrupt(
         key: the pair's name; pairs with different keys get different draws.
         variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (on frames whose channels are
             in the order BGR, as that code read them) or "paper" (the literal text).
-        scale: of the severities, "paper" or "calibrated"; variant and scale are ignored for a `Corruption`.
+        scale: scale of the severities, "paper" or "calibrated"; variant and scale are ignored for a `Corruption`.
         common_draws: the same draw at all five severities: the same drops, flakes and exposed frame, only stronger. By
             default each severity is drawn independently, as the paper's frames were.
-        depth: of both frames, for the corruptions of the family "depth".
+        depth: depth of both frames, for the corruptions of the family "depth".
 
     Returns:
         Two new frames of the same shape; of a single image, one. The same arguments give the same bytes, always.
 
     Raises:
         UsageError: unknown name, variant, scale or severity, or one that the scale lacks.
-        DataError: frames that are not RGB uint8 of one size.
+        DataError: frames that are not RGB uint8 of one size, or depth maps of a different size.
 
     >>> import numpy as np
     >>> grey = np.full((32, 48, 3), 128, np.uint8)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
-from ..errors import UsageError
+from ..errors import DataError, UsageError
 from ..random.rng import Rng
 from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES, check_severity
@@ -141,8 +141,15 @@ class DepthCorruption(Corruption):
         """The state for a sample with depth.
 
         Raises:
-            UsageError: the sample has none.
+            UsageError: the sample has no depth.
+            DataError: the depth maps and the frames differ in size.
         """
+        if depth is not None and depth.maps[0].shape != shape:
+            height, width = depth.maps[0].shape
+            raise DataError(
+                f"{self.name}: the depth maps are {width}x{height}, the frames {shape[1]}x{shape[0]}; "
+                "give maps of the frames' size"
+            )
         return self.draw(rng, severity, shape) if depth is None else self.draw_scene(rng, severity, depth)
 
     @abstractmethod
