@@ -1,1 +1,1 @@
-"""Numbers from rows and from published tables, without models or frames."""
+"""Statistics computed from result rows and published tables, without running models or reading frames."""

@@ -1,8 +1,8 @@
-"""Anatomy of a run's error: where in the image, by which family, how fast with severity.
+"""Break down a run's error by image region, corruption family and severity.
 
-A mean error can grow because every pixel is a little worse, or because a few break. Fl tells the two apart: the share
-of pixels that are wrong (error above 3 px and 5 %). Rows hold counts rather than pixels, so a change of the share is
-net: broken minus healed.
+A mean error can grow because every pixel is slightly worse or because a few pixels fail completely. Fl, the share of
+outlier pixels (error above 3 px and 5 %), distinguishes the two cases. Rows contain counts, not individual pixels, so a
+change in Fl is net: new outliers minus pixels that are no longer outliers.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ REGION_LABELS = {
 
 
 def by_region(summary: Summary) -> pl.DataFrame:
-    """Errors inside each region.
+    """Compute the errors in each image region.
 
     Returns:
         Columns region, label, share (percent of the valid pixels), epe_clean, epe, cre, crer, rcre, fl_clean, fl, and
-        broken (percent of the region's pixels that became Fl outliers, net); in the order of `metrics.regions.REGIONS`.
+        broken (net percent of the region's pixels that became Fl outliers), in the order of `metrics.regions.REGIONS`.
     """
     records = [
         (
@@ -46,13 +46,13 @@ def by_region(summary: Summary) -> pl.DataFrame:
 
 
 def by_family(summary: Summary) -> pl.DataFrame:
-    """Errors under each family of corruptions.
+    """Compute the errors under each corruption family.
 
     Returns:
-        Columns family, corruptions (how many were run), epe, cre, crer, rcre, fl, broken (percent of pixels, net), and
-        contribution (pixels of the overall CRE that this family adds; below 0 if it helps). If only the paper's
-        corruptions were run, the contributions add up to the CRE. Shares of it would be meaningless: if one family
-        helps, those of the others exceed 100 %.
+        Columns family, corruptions (number of corruptions run), epe, cre, crer, rcre, fl, broken (net percent of
+        pixels), and contribution (the family's part of the overall CRE in pixels; negative if the family reduces the
+        error). If only the paper's corruptions were run, the contributions add up to the CRE. Percentages would be
+        misleading: if one family has a negative contribution, the others add up to more than 100 %.
     """
     averaged = summary.averaged_over
     records = []
@@ -68,12 +68,13 @@ def by_family(summary: Summary) -> pl.DataFrame:
 
 
 def by_severity(summary: Summary, metric: str = "epe") -> pl.DataFrame:
-    """How a metric grows with severity, per corruption.
+    """Compute how a metric grows with severity, per corruption.
 
     Returns:
-        Columns corruption, family, slope (metric's unit per step of severity, least squares), lowest, highest, bend
-        (slope of the upper half of the severities minus that of the lower: above 0, the growth accelerates), rises
-        (whether no step lowers it). Corruptions with fewer than two severities are left out; bend needs four.
+        Columns corruption, family, slope (least-squares fit, in the metric's unit per severity level), lowest, highest,
+        bend (slope over the upper half of the severities minus slope over the lower half; positive if the growth
+        accelerates), rises (whether the metric never decreases with severity). Corruptions with fewer than two
+        severities are left out; bend needs four.
     """
     records = []
     for name, scores in summary.corruptions.items():

@@ -15,21 +15,21 @@ from .ranking import spearman, spearman_interval
 from .run_names import run_names
 
 LEAST_MODELS = 5
-"""Models below which a rank correlation says nothing: of four, one order in twelve gives 1 or -1 by chance."""
+"""Minimum number of models for a rank correlation: with four, one random order in twelve gives 1 or -1."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """One attack over several models.
+    """Rank correlation between robustness to one attack and robustness to corruptions, over several models.
 
     Attributes:
-        attack: its name.
-        severities: at which all of the models were attacked.
-        metric: "cre", or "rcre" without ground truth, of both corruptions and attack.
+        attack: name of the attack.
+        severities: severities at which all models were attacked.
+        metric: "cre", or "rcre" without ground truth; the same for corruptions and the attack.
         models: names of the compared models.
-        left_out: model -> why it is not.
-        rho: Spearman's rank correlation; None below `LEAST_MODELS`, or if one of the two does not vary.
-        interval: 95 %, of `rho`.
+        left_out: model name -> reason why the model is left out.
+        rho: Spearman's rank correlation; None with fewer than `LEAST_MODELS` models or if one variable is constant.
+        interval: 95 % confidence interval of `rho`.
     """
 
     attack: str
@@ -42,10 +42,10 @@ class Prediction:
 
 
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
-    """Every attack that two or more of the runs have, in the order of the first of them.
+    """Compare every attack that two or more runs contain, in the order of the first such run.
 
-    A model is left out where its attack carries a warning, and everywhere if it should not be ranked. Errors under
-    corruptions are over the cells that all of the runs have in common.
+    A model is left out of an attack that has a warning for this model, and of all attacks if the model should not be
+    ranked. Errors under corruptions are computed over the cells that all runs have in common.
 
     Raises:
         RunError: the runs have no frames in common.
@@ -86,6 +86,6 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
 
 
 def _corrupted(runs: Mapping[str, Run], metric: str) -> dict[str, float]:
-    """The mean increase of the error (the mean change of the flow) under corruptions, px, by name."""
+    """Return the mean increase in error (or mean change in flow) under corruptions, in px, by model name."""
     rows = common_to(runs).rows
     return {name: getattr(summarize(part, paper=()), metric) for name, part in rows.items()}

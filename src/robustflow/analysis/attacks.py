@@ -1,4 +1,4 @@
-"""What attacks did to a model: errors, the gain over random noise of the same norm, costs, and warnings about them."""
+"""Scores of a model under attack: errors, gain over random noise of the same norm, cost, and warnings."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ from ..runs.aggregate import summarize
 from ..runs.run import Run
 
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
-"""Iterative attacks on the gradient, which an attack without it should not beat."""
+"""Iterative gradient-based attacks, which a gradient-free attack should not outperform."""
 
 _BEATEN = {
     "fgsm": "fgsm_above_iterative",
     "square": "square_above_white_box",
     "transfer": "transfer_above_white_box",
 }
-"""Attack -> the warning of a white-box attack that it beats, a key of `BESIDE_OTHERS`."""
+"""Attack -> the warning given to a white-box attack that is weaker than this attack; a key of `BESIDE_OTHERS`."""
 
 
 @dataclass(frozen=True)
 class AttackScore:
-    """One attack at one severity.
+    """Scores of one attack at one severity.
 
     Attributes:
-        attack, severity: which.
-        norm, budget: "linf" or "rms", and grey levels of 255.
-        samples: attacked.
-        epe, cre, crer: mean error, its increase over the clean one, px, and that over the clean error; None without
-            ground truth.
-        rcre: mean change of the flow, px.
-        px1, px3, px5, fl: shares of pixels that are off by more than 1, 3 and 5 px, and by KITTI's Fl, %; None without
-            ground truth.
-        median: mean over samples of the median error, px; None without ground truth.
-        capped: mean error with each pixel counted up to the frame's diagonal, px; None without ground truth.
+        attack, severity: name and severity of the attack.
+        norm, budget: norm of the attack ("linf" or "rms") and its bound in grey levels (0 to 255).
+        samples: number of attacked samples.
+        epe, cre, crer: mean error in px, its increase over the clean error in px, and that increase divided by the
+            clean error; None without ground truth.
+        rcre: mean change in the flow, px.
+        px1, px3, px5, fl: percentage of pixels with an error above 1, 3 and 5 px, and of KITTI's Fl outliers; None
+            without ground truth.
+        median: median error of a sample, averaged over samples, px; None without ground truth.
+        capped: mean error, each pixel's error capped at the frame's diagonal, px; None without ground truth.
         way_gone: share of the way from the clean flow to the target, %; None without a target.
-        gain: the error (the change, without ground truth) above that of random noise of the same norm, px.
-        linf, rms: mean norms that were reached, grey levels.
-        evaluations: mean number of flows asked for.
-        seconds: mean time of the attack at any severity; None if the run does not say.
-        warnings: key -> number of samples that carry it.
+        gain: error (change in the flow, without ground truth) minus that under random noise of the same norm, px.
+        linf, rms: mean norms of the perturbations, grey levels.
+        evaluations: mean number of flow predictions that the attack requested.
+        seconds: mean run time of the attack over all severities; None if the run does not record it.
+        warnings: warning key -> number of samples with this warning.
     """
 
     attack: str
@@ -71,12 +71,13 @@ class AttackScore:
 
     @property
     def strength(self) -> float | None:
-        """The error, or the change where there is no ground truth, px."""
+        """The EPE, or the RCRE if there is no ground truth, px."""
         return self.rcre if self.epe is None else self.epe
 
 
 def attack_scores(run: Run) -> list[AttackScore]:
-    """Every attack of a run at every severity, controls first; means over images, as for corruptions."""
+    """Score every attack of a run at every severity, controls first. Scores are means over images, as for
+    corruptions."""
     rows = run.attack_rows
     names = [name for name in run.attacks if not rows.filter(corruption=name).is_empty()]
     if not names:
@@ -121,15 +122,16 @@ def attack_scores(run: Run) -> list[AttackScore]:
 
 
 def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | None) -> float | None:
-    """The budget in grey levels at which an attack doubles the clean error, between severities in a straight line.
+    """Find the budget in grey levels at which an attack doubles the clean error, interpolated linearly between
+    severities.
 
     Args:
-        scores: of `attack_scores`.
-        attack: its name.
+        scores: scores from `attack_scores`.
+        attack: name of the attack.
         clean: mean error on the clean frames, px.
 
     Returns:
-        None if no severity that was run doubles it, or without ground truth.
+        The budget in grey levels; None without ground truth or if the error doubles at none of the severities.
     """
     if not clean:
         return None
@@ -145,7 +147,7 @@ def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | 
 
 
 def _compared(scores: list[AttackScore]) -> list[AttackScore]:
-    """Add the gain over noise, and the warnings that follow from several attacks."""
+    """Add the gain over noise and the warnings that need the scores of several attacks."""
     by_cell = {(score.attack, score.severity): score.strength for score in scores}
     compared = []
     for score in scores:
@@ -161,24 +163,24 @@ def _compared(scores: list[AttackScore]) -> list[AttackScore]:
 
 
 def _name(score: AttackScore) -> str:
-    """The attack without its options."""
+    """The name of the attack without its options."""
     return score.attack.partition(":")[0]
 
 
 def _above(one: AttackScore, other: AttackScore) -> bool:
-    """Whether one is stronger at the same budget."""
+    """Whether one of the attacks is stronger at the same budget."""
     alike = (one.norm, one.severity) == (other.norm, other.severity)
     return alike and one.strength is not None and other.strength is not None and one.strength > other.strength
 
 
 def _share(rows: pl.DataFrame, total: str, factor: float = 100.0) -> float | None:
-    """Mean over images of a sum per pixel."""
+    """Return the per-pixel average of a summed column, averaged over images."""
     measured = rows.filter(pl.col("n_valid") > 0)
     value = (factor * measured[total] / measured["n_valid"]).mean()
     return float(value) if isinstance(value, float) else None
 
 
 def _mean(rows: pl.DataFrame, column: str, factor: float = 1.0) -> float | None:
-    """Mean of a column over images; None if it is empty."""
+    """Return the mean of a column over images; None if the column is empty."""
     value = rows[column].mean()
     return factor * float(value) if isinstance(value, int | float) else None

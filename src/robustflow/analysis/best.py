@@ -1,4 +1,4 @@
-"""Which printed numbers are the best of their column, for tables and leaderboard."""
+"""Find the best printed number in each column of a table or leaderboard."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Compared(Generic[Key]):
-    """A line of printed numbers, lower being better.
+    """A line of printed numbers; lower is better.
 
     Attributes:
-        group: only lines of one group are compared.
-        texts: printed number by column.
-        excluded: whether its model is not ranked (`robustflow.analysis.exclusion`): then it is never marked as best,
-            and being better than it does not count.
+        group: name of the group; only lines of the same group are compared.
+        texts: column -> printed number.
+        excluded: whether the line's model is not ranked (`robustflow.analysis.exclusion`); such a line is never marked
+            as best and is ignored when other lines are compared.
     """
 
     group: Hashable
@@ -26,8 +26,8 @@ class Compared(Generic[Key]):
 
 
 def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
-    """For each line the columns of which it has the smallest printed number. As in the paper, equal printed numbers
-    share the mark; a line without others to compare with has none.
+    """Return, for each line, the columns in which it has the smallest printed number. As in the paper, all lines with
+    the same smallest printed number are marked; the only line of a group is not.
 
     >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
     >>> best_of_columns(lines)

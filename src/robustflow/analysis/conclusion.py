@@ -1,4 +1,4 @@
-"""Sentences on what runs over a user's own frames show without ground truth, with the evidence."""
+"""Write the conclusions that runs on a user's own frames support without ground truth, with the evidence."""
 
 from __future__ import annotations
 
@@ -29,20 +29,21 @@ _MOST_NAMED = 3
 
 
 def without_truth(run: Run) -> bool:
-    """Whether a run is over the user's own frames, or others that the paper has no results on, without ground truth."""
+    """Whether a run used frames without ground truth for which the paper has no results, such as the user's own
+    frames."""
     benchmark = run.benchmark
     return not benchmark_facts(benchmark).published and run.summary.epe_clean is None and run.summary.rcre is not None
 
 
 def conclusions(results: Iterable[ModelResult]) -> list[str]:
-    """One conclusion for each set of frames that runs measured without ground truth: which corruption changes the flow
-    most, or which model changes least under which; how strong the evidence is; and what would settle it."""
+    """Write one conclusion for each set of frames without ground truth: which corruption changes the flow most or, for
+    several models, which model's flow changes least; how strong the evidence is; and which further data would help."""
     own = (line for line in results if line.run is not None and without_truth(line.run))
     return [conclusion(lines) for lines in by_frames(own).values()]
 
 
 def conclusion(results: Sequence[ModelResult]) -> str:
-    """The conclusion of the lines of runs over the same frames without ground truth."""
+    """Write the conclusion for runs on the same frames without ground truth."""
     sound = {plain(line.name): line.run for line in ranked(results) if line.run is not None}
     reasons = [f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded]
     sentences = []
@@ -73,7 +74,7 @@ def _clean_length(run: Run) -> str:
 
 
 def _surety(run: Run) -> str:
-    """Say how certain the mean of a run is, and what would make it more certain."""
+    """State how certain the mean of a run is and what would make it more certain."""
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
     if low is None:
@@ -106,8 +107,8 @@ def _of_several(runs: Mapping[str, Run]) -> str:
 
 
 def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
-    """Say whether the first model's lead is significant, corrected for all pairs of the best, because the first two
-    were chosen by looking at all of them."""
+    """State whether the first model's lead is significant. The test is corrected for all pairs of the best models,
+    because the first two were selected by looking at all of them."""
     best, second = order[0], order[1]
     try:
         pairs = compare_all({name: runs[name].rows for name in order[:_MOST_COMPARED]}, "rcre")
@@ -122,7 +123,7 @@ def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
 
 
 def enough_to_compare(run: Run) -> bool:
-    """Say whether a run has enough independent pairs to tell whether a difference holds for other frames."""
+    """State whether a run has enough independent pairs to generalise a difference to other frames."""
     return enough_clusters(_counts(run)[1])
 
 
@@ -152,7 +153,7 @@ def _others(run: Run) -> str:
 
 
 def _counts(run: Run) -> tuple[int, int]:
-    """Number of pairs, and of the groups that are independent of each other."""
+    """Describe the number of pairs and of independent groups of pairs."""
     clean = run.rows.filter(corruption=CLEAN)
     return clean["sample"].n_unique(), clean["group"].n_unique()
 

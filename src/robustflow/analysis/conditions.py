@@ -1,5 +1,4 @@
-"""Find what can be compared among runs of one model with several seeds, or of several models under several
-conditions."""
+"""Group runs for comparison: one model with several seeds, or several models under several conditions."""
 
 from __future__ import annotations
 
@@ -31,7 +30,8 @@ from .run_names import run_names
 
 @dataclass(frozen=True)
 class BySeed:
-    """The rows of one model by seed: the same cells, clean frames and ground truth; `remark` says what was left out."""
+    """The rows of one model by seed, with the same cells, clean frames and ground truth; `remark` describes what was
+    left out."""
 
     rows: Mapping[int, pl.DataFrame]
     remark: str
@@ -39,12 +39,12 @@ class BySeed:
 
 @dataclass(frozen=True)
 class SeedGroup:
-    """Runs that differ only in the seed.
+    """A group of runs that differ only in the seed.
 
     Attributes:
-        name: of the model, with what distinguishes it from other models of the same name.
-        seeds: in the order of the runs.
-        runs: (sample set, name) of each, the name as `run_names` gives it.
+        name: unique name of the model, including what distinguishes it from other models with the same name.
+        seeds: seeds in the order of the runs.
+        runs: (sample set, name) of each run, with the name from `run_names`.
     """
 
     name: str
@@ -53,26 +53,26 @@ class SeedGroup:
 
     @property
     def label(self) -> str:
-        """The heading of its means: "DIS, 3 seeds"."""
+        """The heading for the group's means, for example "DIS, 3 seeds"."""
         return f"{self.name}, {len(self.seeds)} seeds"
 
     @property
     def note(self) -> str:
-        """Describes its numbers."""
+        """A note that explains the group's numbers."""
         return f"mean ± standard deviation over the seeds {joined(list(map(str, self.seeds)))}"
 
 
 @dataclass(frozen=True)
 class Orders:
-    """condition -> model -> score; under a condition over the same rows, and over the same cells under all where they
-    have any in common. `remark` says what was left out."""
+    """Scores by condition and model. All models of a condition are scored on the same rows, and all conditions on the
+    same cells if they have any in common. `remark` describes what was left out."""
 
     scores: Mapping[str, Mapping[str, float]]
     remark: str
 
 
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
-    """Runs of one model whose frames differ only in the seed; None for others."""
+    """Group runs of one model whose frames differ only in the seed; None if the runs differ in anything else."""
     recipes = [run.manifest.identity.frames.record() for run in runs]
     seeds = [int(recipe.pop("seed")) for recipe in recipes]
     rows, remark = _in_all(runs)
@@ -84,7 +84,7 @@ def seeds_of(runs: Sequence[Run]) -> BySeed | None:
 
 
 def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
-    """The groups among runs that differ only in the seed, and have every row in common."""
+    """Find the groups of runs that differ only in the seed and have all rows in common."""
     alike: dict[tuple[str, str], list[int]] = {}
     for index, run in enumerate(runs):
         recipe = run.manifest.identity.frames.record()
@@ -101,17 +101,17 @@ def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
 
 
 def orders(runs: Sequence[Run], metric: str) -> Orders | None:
-    """The scores of several models under several conditions; None where no two models were run under two conditions.
+    """Compute the scores of several models under several conditions; None unless two models were run under two
+    conditions.
 
-    Runs are under one condition if they measured the same rows. A model is named by its whole identity, so that two
-    presets or checkpoints are two models.
+    Runs that measured the same rows belong to one condition. Two presets or checkpoints of a model count as two models.
 
     Args:
-        runs: of any models.
+        runs: runs of any models.
         metric: "epe", "cre", "crer" or "rcre".
 
     Raises:
-        RunError: fewer than two of the models are ranked.
+        RunError: if fewer than two of the models can be ranked.
     """
     rows, remark = _in_all(runs)
     parts = [dict(one) for one in measured_in_words(runs)]
@@ -161,7 +161,8 @@ def _model_names(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
-    """The rows of each run on the (sample, corruption, severity) that all runs have, and a remark about the rest."""
+    """Select the rows of each run for the (sample, corruption, severity) cells that all runs have, with a remark about
+    the rest."""
     keys = list(ROW_KEY)
     shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
     names = run_names(runs)
@@ -173,7 +174,7 @@ def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
 
 
 def _named(parts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> dict[str, str]:
-    """A name for each condition, from what its runs share and those of other conditions do not."""
+    """Name each condition after what its runs have in common and the runs of other conditions do not."""
     shared: dict[str, dict[str, str]] = {}
     for one, key in zip(parts, keys, strict=True):
         known = shared.setdefault(key, dict(one))

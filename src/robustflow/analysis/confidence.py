@@ -1,4 +1,4 @@
-"""How well a model's confidence predicts its errors: means over images, by family of corruptions and severity."""
+"""Measure how well a model's confidence predicts its errors: means over images, by corruption family and severity."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .results import AVERAGE
 
 @dataclass(frozen=True)
 class ConfidenceScore:
-    """The confidence under one condition; means over images.
+    """Scores of a model's confidence under one condition, averaged over images.
 
     Attributes:
-        family: of corruptions; "clean" for the clean frames, `results.AVERAGE` for all corruptions.
-        severity: None for the mean over the severities.
+        family: name of the corruption family; "clean" for the clean frames, `results.AVERAGE` for all corruptions.
+        severity: severity of the corruptions; None for the mean over severities.
         ause: area between the sparsification curve and the oracle's, px; None without ground truth.
-        ause_normalised: the same with the error of each image divided by its mean; None if no image has an error.
+        ause_normalised: `ause` with the errors of each image divided by their mean; None if no image has an error.
         error_80, error_50: mean error of the most confident 80 and 50 % of the pixels, px; None without ground truth.
-        spearman: rank correlation of confidence and error, -1 at best; None where neither varies.
-        rejected: share of the pixels that the forward-backward check rejects, %; None for the model's own confidence.
-        by_confidence, by_error: the sparsification curve and the oracle's: mean error of what is left when 0, 10, ...
-            90 % of the pixels are removed, px; empty without ground truth.
+        spearman: rank correlation of confidence and error, ideally -1; None where confidence or error is constant.
+        rejected: percentage of pixels rejected by the forward-backward check; None for the model's own confidence.
+        by_confidence, by_error: the sparsification curve and the oracle's curve: mean error of the remaining pixels
+            after 0, 10, ... 90 % of the pixels are removed, px; empty without ground truth.
     """
 
     family: str
@@ -44,8 +44,8 @@ class ConfidenceScore:
 
 
 def confidence_scores(run: Run) -> list[ConfidenceScore]:
-    """The confidence of a run on its clean frames, over all corruptions, for each family, and at each of its
-    severities; empty for a run without a confidence. Corruptions without a family are only in the average."""
+    """Score a run's confidence on the clean frames, over all corruptions, for each family, and for each family at each
+    severity; empty if the run has no confidence. Corruptions without a family only count in the average."""
     rows = run.rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
     return [_score(family, severity, part) for family, severity, part in _conditions(rows) if part.height]
 

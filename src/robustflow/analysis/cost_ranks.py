@@ -1,4 +1,4 @@
-"""Ranks by cost and relative robustness: the paper's Tab. 3 and, by the same rule, ranks among runs."""
+"""Rank models by cost and relative robustness: the paper's Tab. 3, and runs by the same rule."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from .ranking import average_ranks, competition_ranks
 
 @dataclass(frozen=True)
 class RunRanks:
-    """Ranks of a run, None if there is nothing to compare with: by CREr in its setting, by FLOPs among those counted at
-    the same input size, and by both (see `ranking`)."""
+    """Ranks of a run by CREr within its setting, by FLOPs among models counted at the same input size, and by both (see
+    `ranking`); None if there is nothing to compare with."""
 
     crer: int | None
     flops: int | None
@@ -22,7 +22,7 @@ class RunRanks:
 
 
 def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
-    """Ranks computed from the values of `costs`: "flops", "crer_ood", "crer_id", "average_ood", "average_id" by model.
+    """Compute the ranks by "flops", "crer_ood", "crer_id", "average_ood" and "average_id" for every model in `costs`.
 
     >>> from robustflow.analysis.published.tables import published_costs
     >>> cost_ranks(published_costs())["average_id"]["CSFlow"]
@@ -39,8 +39,8 @@ def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
 
 
 def run_ranks(results: Sequence[ModelResult]) -> dict[ModelResult, RunRanks]:
-    """Ranks of models that are not from the paper, among those of their setting on the same frames: of each with a
-    CREr. A model that is excluded gets no rank, and the others are not ranked against it."""
+    """Rank every model with a CREr among the models of its setting on the same frames. Excluded models get no rank and
+    do not affect the ranks of the others."""
     measured = [line for line in results if line.crer is not None]
     sound = ranked(measured)
     ranks = dict.fromkeys(measured, RunRanks(None, None, None))
@@ -56,10 +56,10 @@ def run_ranks(results: Sequence[ModelResult]) -> dict[ModelResult, RunRanks]:
 
 
 def _ranks(values: Mapping[ModelResult, float]) -> dict[ModelResult, int]:
-    """Ranks; none for a single model."""
+    """Rank the models; empty for a single model."""
     return competition_ranks(values) if len(values) > 1 else {}
 
 
 def counted_size(cost: RunCost) -> tuple[int, int]:
-    """Height and width of the frames for which a cost was counted."""
+    """Return the height and width of the frames for which the cost was computed."""
     return cost.height, cost.width

@@ -1,4 +1,4 @@
-"""The histograms of flow amplitudes stored with runs, one per set of samples, with their labels for a figure."""
+"""The flow-magnitude histograms stored with runs, one per sample set, with labels for a figure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .labels import benchmark_label
 
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
-    """The input of the figure: label -> bins, one per sample set, from its ground truth if a run has it."""
+    """Return label -> bins for the figure, one histogram per sample set, from ground truth if a run has it."""
     by_samples: dict[str, DisplacementFile] = {}
     benchmarks: dict[str, str] = {}
     for run in runs:
@@ -27,7 +27,7 @@ def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
 
 
 def label_of(benchmark: str, samples: int, source: str) -> str:
-    """The label of a histogram in a figure.
+    """Return the label of a histogram in the figure.
 
     >>> label_of("kitti-fc", 80, "ground truth")
     'KITTI-FC, 80 pairs (ground truth)'
@@ -36,8 +36,8 @@ def label_of(benchmark: str, samples: int, source: str) -> str:
 
 
 def _labelled(kept: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
-    """Sample sets that differ only in corruptions or seed have one histogram; different ones with the same label are
-    numbered."""
+    """Keep one histogram for sample sets that differ only in corruptions or seed; number different histograms with the
+    same label."""
     seen: dict[str, list[DisplacementFile]] = {}
     for frames, one in kept.items():
         label = label_of(benchmarks[frames], one.samples, one.source)

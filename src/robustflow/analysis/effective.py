@@ -1,9 +1,9 @@
-"""Effective robustness: how much better a model withstands corruptions than its clean accuracy predicts.
+"""Effective robustness: how much more robust a model is than its clean accuracy predicts.
 
-Over many models the corrupted error follows the clean error (the paper's Observation 1); the residual of a model from
-that trend separates "robust" from "accurate" (Taori et al. 2020 did so for classification). The trend is a straight
-line through the logarithms of both errors, fitted without the model itself, so that no model pulls the line towards
-itself; the residual is given as a factor: 0.8 means a corrupted error 20 % below what the others' trend gives.
+Across many models, the corrupted error grows with the clean error (the paper's Observation 1). A model's residual from
+this trend separates robustness from accuracy, as Taori et al. (2020) did for classification. The trend is a straight
+line fitted to the logarithms of both errors of all other models, so that no model influences its own prediction. The
+residual is reported as a factor: 0.8 means a corrupted error 20 % below the prediction.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ LEAST_MODELS = 5
 
 @dataclass(frozen=True)
 class EffectiveRobustness:
-    """A model against the trend of the others.
+    """A model compared with the trend of the other models.
 
     Attributes:
-        line: the model.
+        line: results of the model.
         clean, corrupted: measured EPE, px.
-        expected: corrupted EPE by the trend of the others, px.
-        factor: measured by expected EPE; below 1 is more robust than accurate.
-        slope, r_squared: of the trend through all models, in logarithms.
+        expected: corrupted EPE predicted by the trend of the other models, px.
+        factor: measured divided by expected corrupted EPE; below 1 if the model is more robust than expected.
+        slope, r_squared: slope and R^2 of the log-log trend fitted to all models.
     """
 
     line: ModelResult
@@ -45,21 +45,21 @@ class EffectiveRobustness:
 def effective_robustness(
     results: Sequence[ModelResult], *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
 ) -> dict[str, list[EffectiveRobustness]]:
-    """Corrupted EPE against what the clean EPE of the other models predicts.
+    """Compare each model's corrupted EPE with the prediction from its clean EPE.
 
     Args:
-        results: of one benchmark and measured on the same frames.
-        corruption: a corruption, or "average".
-        by_setting: one trend per setting (domain knowledge shifts the trend, so one line over all settings would
-            mistake it for robustness), or one over all.
-        without: models that are left out of every trend and of the result.
+        results: results of one benchmark, measured on the same frames.
+        corruption: name of a corruption, or "average".
+        by_setting: whether to fit one trend per setting instead of one overall. Training on the benchmark's domain
+            shifts the trend, so a single line over all settings would mistake the shift for robustness.
+        without: names of models to leave out of every trend and of the result.
 
     Returns:
-        By setting, "" for one trend over all: its models, the most robust first. Settings with fewer than 5 models are
-        left out.
+        Setting ("" for one overall trend) -> models, the most robust first. Settings with fewer than 5 models are left
+        out.
 
     Raises:
-        UsageError: no setting has 5 models with a clean and a corrupted EPE.
+        UsageError: if no setting has 5 models with a clean and a corrupted EPE.
 
     >>> from robustflow.analysis.published.tables import published_results
     >>> of_kitti = [line for line in published_results() if line.benchmark == "kitti-fc"]

@@ -1,5 +1,5 @@
-"""Reasons not to rank a model by robustness, whatever its CRE: it learned nothing, is hardly better than zero flow, or
-is insensitive to its frames."""
+"""Reasons not to rank a model by robustness, whatever its CRE: random weights, a flow hardly better than zero flow, or
+a flow that hardly depends on the frames."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ from ..runs.means import clean_flow_length
 from ..runs.run import Run
 
 ACCURATE_BELOW = 0.5
-"""The clean EPE of a sound model is below this fraction of zero flow's. A flow with a larger error gains as much by
-being shorter as by being right, so little change under corruption means nothing."""
+"""Upper bound of a sound model's clean EPE, as a fraction of the EPE of zero flow. A flow with a larger error improves
+as much by being shorter as by being correct, so a small change under corruption is not evidence of robustness."""
 SMALL_MOTION = 1.0
-"""Mean length of the true flow in pixels below which sound models may miss `ACCURATE_BELOW` as well: on Middlebury's
-RubberWhale (1.26 px) the package's models are off by 0.23 to 0.40 px."""
+"""Mean length of the ground-truth flow in pixels below which even sound models may exceed `ACCURATE_BELOW`: on
+Middlebury's RubberWhale (1.26 px) the EPE of the package's models is 0.23 to 0.40 px."""
 BLIND_BELOW = 0.001
-"""RCRE as a fraction of the length of the clean flow below which a flow hardly depends on the frames. The mildest
-severity of a single corruption moves DIS, Farneback and `tiny` by 0.010 to 0.15 of it."""
+"""RCRE, as a fraction of the length of the clean flow, below which a flow hardly depends on the frames. For DIS,
+Farneback and `tiny` at the lowest severity of a single corruption, the fraction is 0.010 to 0.15."""
 STILL_BELOW = 0.05
-"""Mean length of the clean flow in pixels below which, without ground truth, a model cannot be told from zero flow."""
+"""Mean length of the clean flow in pixels below which, without ground truth, a model is indistinguishable from zero
+flow."""
 
 
 def exclusion_reasons(run: Run) -> list[str]:
-    """The reasons against ranking a run's model by robustness, each as a clause; empty for a sound model.
+    """List the reasons not to rank a run's model by robustness, each as a clause; empty for a sound model.
 
-    A model can change little under corruption because it ignores its frames: random weights, zero flow, a constant.
+    A model's flow may change little under corruption because the model ignores its frames: it has random weights, or
+    predicts zero or constant flow.
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
     if is_still(run.benchmark):
@@ -40,7 +42,7 @@ def exclusion_reasons(run: Run) -> list[str]:
 
 
 def exclusions(runs: Sequence[Run]) -> list[str]:
-    """Why each run should not be ranked; "" for one that should.
+    """State why each run should not be ranked; "" for a run that should be ranked.
 
     Without ground truth a short flow has a small RCRE, so a run whose clean flow is less than half as long as that of
     at least half of the others on the same frames is excluded, too.
@@ -63,8 +65,8 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
-    """The reasons of `exclusion_reasons` that follow from the rows of a run over moving scenes (columns of
-    `ROW_SCHEMA`).
+    """List the reasons of `exclusion_reasons` that follow from the rows (columns of `ROW_SCHEMA`) of a run on moving
+    scenes.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> reasons_from_rows(rows_frame([]))
@@ -90,8 +92,8 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
 
 
 def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
-    """The clean EPE and that of zero flow, pixels, if the first is not below `ACCURATE_BELOW` of the second; None if it
-    is, or without ground truth."""
+    """Return the clean EPE and the EPE of zero flow, in pixels, if their ratio is at least `ACCURATE_BELOW`; None for a
+    smaller ratio or without ground truth."""
     epe, still = clean_epe(rows), zero_flow_epe(rows)
     if epe is None or still is None or epe < ACCURATE_BELOW * still:
         return None
@@ -99,17 +101,18 @@ def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
 
 
 def clean_epe(rows: pl.DataFrame) -> float | None:
-    """Mean over images of the EPE on the clean frames, pixels; None without ground truth."""
+    """Return the EPE on the clean frames, averaged over images, in pixels; None without ground truth."""
     return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "epe_sum", "n_valid")
 
 
 def zero_flow_epe(rows: pl.DataFrame) -> float | None:
-    """The EPE of a model that predicts zero flow, pixels: the mean length of the ground truth; None without it."""
+    """Return the EPE of a model that predicts zero flow, in pixels: the mean length of the ground-truth flow; None
+    without ground truth."""
     return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "magnitude_sum", "n_valid")
 
 
 def _moved(rows: pl.DataFrame) -> float | None:
-    """Mean RCRE over all pixels of the corrupted pairs whose frames are not the clean ones."""
+    """Return the mean RCRE over all pixels of the pairs that the corruption changed."""
     clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
     corrupted = rows.filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
     return _mean_over_images(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")

@@ -1,5 +1,5 @@
-"""Do the paper's flat corruptions predict their twins in three dimensions? Differences, and rank correlations over
-models."""
+"""Compare the paper's flat corruptions with their depth-dependent counterparts: differences for each model, and rank
+correlations over models."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ TWINS = (
     ("defocus_blur", "far_focus"),
     ("camera_motion_blur", "motion_blur_3d"),
 )
-"""A corruption of the paper, and the one of the same kind that depends on depth."""
+"""Each corruption of the paper with the depth-dependent corruption of the same kind."""
 
 
 @dataclass(frozen=True)
 class TwinErrors:
-    """One model under two twins.
+    """One model under a flat corruption and its depth-dependent counterpart.
 
     Attributes:
-        model: its name.
-        flat, deep: mean increase of its error, or mean change of its flow, px.
-        difference: deep minus flat, px.
-        low, high: ends of its 95 % interval over pairs, or groups of pairs; None if there are too few.
-        excluded: why the model is in no correlation; "" if it is.
+        model: name of the model.
+        flat, deep: mean increase in error, or mean change in flow, under each of the two corruptions, px.
+        difference: `deep` minus `flat`, px.
+        low, high: ends of the 95 % confidence interval of `difference` over pairs or groups of pairs, px; None with too
+            few of them.
+        excluded: reason why the model is left out of the correlation; "" if it is included.
     """
 
     model: str
@@ -50,16 +51,17 @@ class TwinErrors:
 
 @dataclass(frozen=True)
 class TwinComparison:
-    """Two twins over several models.
+    """A flat corruption and its depth-dependent counterpart, compared over several models.
 
     Attributes:
-        flat, deep: the corruptions.
-        severities: at which every model was measured under both.
+        flat, deep: names of the two corruptions.
+        severities: severities at which every model was measured under both corruptions.
         metric: "cre", or "rcre" without ground truth.
-        models: what was measured.
-        count: how many of them are in the correlation.
-        rho: Spearman's rank correlation over models; None below `LEAST_MODELS`, or if one of the two does not vary.
-        interval: 95 %, of `rho`.
+        models: measurements of each model.
+        count: number of models in the correlation.
+        rho: Spearman's rank correlation over models; None with fewer than `LEAST_MODELS` models or if one variable is
+            constant.
+        interval: 95 % confidence interval of `rho`.
     """
 
     flat: str
@@ -73,14 +75,14 @@ class TwinComparison:
 
 
 def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
-    """Every pair of `TWINS` that some of the runs have, over the cells that these runs have in common.
+    """Compare every pair of `TWINS` that some runs contain, over the cells that these runs have in common.
 
     Args:
-        runs: those without a pair are left out.
-        seed: of the bootstrap behind the intervals.
+        runs: runs to compare; runs without a pair of `TWINS` are left out.
+        seed: random seed of the bootstrap that computes the intervals.
 
     Raises:
-        RunError: runs with a pair have no frames in common.
+        RunError: if runs with a pair of `TWINS` have no frames in common.
     """
     excluded = dict(zip(run_names(runs), exclusions(runs), strict=True))
     named = dict(zip(run_names(runs), runs, strict=True))

@@ -1,4 +1,4 @@
-"""The labels of metrics, corruptions and settings in tables and figures."""
+"""Labels of metrics, corruptions and settings in tables and figures."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _SHORT = {
 
 
 def metric_label(metric: str) -> str:
-    """A metric with its unit.
+    """Return the name of a metric with its unit.
 
     >>> metric_label("cre"), metric_label("crer")
     ('CRE (px)', 'CREr')
@@ -59,7 +59,7 @@ def metric_label(metric: str) -> str:
 
 
 def benchmark_label(benchmark: str) -> str:
-    """A benchmark in a heading: its title, or the name of an unknown one.
+    """Return the title of a benchmark for a heading, or its name if the benchmark is unknown.
 
     >>> benchmark_label("kitti-fc"), benchmark_label("sintel"), benchmark_label("folder")
     ('KITTI-FC', 'MPI-Sintel', 'Your own frames')
@@ -68,7 +68,7 @@ def benchmark_label(benchmark: str) -> str:
 
 
 def benchmark_words(benchmark: str) -> str:
-    """A benchmark inside a sentence.
+    """Return the name of a benchmark as written inside a sentence.
 
     >>> benchmark_words("folder"), benchmark_words("demo")
     ('your own frames', 'the demo')
@@ -78,7 +78,7 @@ def benchmark_words(benchmark: str) -> str:
 
 
 def on_benchmark(model: str, benchmark: str) -> str:
-    """Describe a model and what it was measured on; the name may already contain the benchmark.
+    """Describe a model and its benchmark; the benchmark is not repeated if the name already contains it.
 
     >>> on_benchmark("DIS", "gopro-fc"), on_benchmark("DIS (GoPro-FC)", "gopro-fc")
     ('DIS on GoPro-FC', 'DIS on GoPro-FC')
@@ -87,7 +87,7 @@ def on_benchmark(model: str, benchmark: str) -> str:
 
 
 def setting_words(setting: str) -> str:
-    """A setting inside a sentence.
+    """Describe a setting as a phrase inside a sentence.
 
     >>> setting_words("own"), setting_words("ID")
     ('training not stated', 'ID')
@@ -97,7 +97,8 @@ def setting_words(setting: str) -> str:
 
 
 def short_label(corruption: str) -> str:
-    """Its name in the paper's tables, below the name of its family; with its source, if it exists only as files.
+    """Return the name of a corruption in the paper's tables, for use below its family name; followed by its source if
+    the corruption exists only as files.
 
     >>> short_label("gaussian_noise"), short_label("fog"), short_label("robustspring_fog")
     ('Gaussian', 'Fog', 'RS fog')
@@ -108,7 +109,7 @@ def short_label(corruption: str) -> str:
 
 
 def long_label(corruption: str) -> str:
-    """Its name in running text.
+    """Return the name of a corruption in running text.
 
     >>> long_label("psf_blur"), long_label("h264_crf"), long_label("robustspring_zoom_blur")
     ('PSF blur', 'H.264 CRF', 'RobustSpring zoom blur')
@@ -125,7 +126,7 @@ def long_label(corruption: str) -> str:
 
 
 def family_label(corruption: str) -> str | None:
-    """The heading over a corruption's column; None for one without a family.
+    """Return the heading above a corruption's column; None for a corruption without a family.
 
     >>> family_label("robustspring_rain"), family_label("elastic_transform")
     ('Weather', None)
@@ -135,7 +136,7 @@ def family_label(corruption: str) -> str | None:
 
 
 def inside(label: str) -> str:
-    """A label after another word: its first letter small, unless it is an abbreviation.
+    """Lower the first letter of a label for use within a sentence, unless the label starts with an abbreviation.
 
     >>> inside("Gaussian noise"), inside("PSF blur"), inside("H.264 CRF"), inside("RobustSpring fog")
     ('gaussian noise', 'PSF blur', 'H.264 CRF', 'RobustSpring fog')
