@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 ValueKey = tuple[str, str]
-"""(metric, condition): the condition is a corruption, "clean" or "average"."""
+"""(metric, condition), where the condition is a corruption, "clean" or "average"."""
 
 _UNROUNDED = 1e-9
-"""The relative error of a number that was not rounded for a reader."""
+"""The relative error assumed for a number that was not rounded for printing."""
 
 
 @dataclass(frozen=True)
 class Value:
-    """A number, its digits after the point as printed (None if it was not rounded), whether its source sets it in bold
-    (None if it marks nothing), and the source."""
+    """A number, its printed number of decimals (None if not rounded), whether the source sets it in bold (None if the
+    source sets nothing in bold), and the source."""
 
     number: float
     decimals: int | None = None
@@ -36,7 +36,7 @@ class Value:
 
     @property
     def text(self) -> str:
-        """The number as it was printed, or with two decimals.
+        """The number with the printed number of decimals, or with two.
 
         >>> Value(4.2, 2).text, Value(1.23456).text
         ('4.20', '1.23')
@@ -45,7 +45,7 @@ class Value:
 
     @property
     def half(self) -> float:
-        """Half a unit of the last printed digit: the exact value is at most that far off.
+        """Half a unit of the last printed digit, which is the largest possible rounding error.
 
         >>> Value(4.2, 2).half
         0.005
@@ -55,17 +55,19 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class ModelResult:
-    """One line of any table. What follows from a run's rows is computed when it is asked for, once.
+    """One line of any table. Values derived from a run's rows are computed on first use and cached.
 
     Attributes:
-        benchmark, setting, name: what was measured, what the training means for it, and the model.
-        frames: lines with the same value can be compared.
-        note: what a reader must know before comparing; "" for nothing.
+        benchmark, setting, name: name of the benchmark, setting (how the training data relate to the benchmark), and
+            name of the model.
+        frames: name of the sample set; lines with the same sample set can be compared.
+        note: remark that a reader needs before comparing; "" for none.
         values: (metric, condition) -> value.
-        run: whose line it is; None for the paper and results files.
-        beside_published: whether averages are over the paper's corruptions only, to compare with the published ones.
-        detailed: whether each corruption has an interval, or only the averages.
-        exclusion: gives `excluded`, which depends on the runs that this one was read with.
+        run: the measured run; None for the paper and results files.
+        beside_published: whether averages are restricted to the paper's corruptions, for comparison with published
+            ones.
+        detailed: whether to compute an interval for each corruption instead of for the averages only.
+        exclusion: function that computes `excluded`, which depends on the other runs read together with this run.
     """
 
     benchmark: str
@@ -81,32 +83,32 @@ class ModelResult:
 
     @property
     def key(self) -> tuple[str, str]:
-        """(frames, name), by which the lines of runs are unique."""
+        """(frames, name), which is unique among lines from runs."""
         return self.frames, self.name
 
     @cached_property
     def excluded(self) -> str:
-        """Why the model is not ranked; "" for one that is."""
+        """The reason why the model is not ranked; "" for a ranked model."""
         return self.exclusion()
 
     @cached_property
     def cost(self) -> RunCost | None:
-        """The cost counted for the run's model."""
+        """The computational cost of the run's model."""
         return read_cost(self.run) if self.run else None
 
     @cached_property
     def coverage(self) -> float | None:
-        """The share of the pixels that the errors are over, if the model left out any."""
+        """The fraction of pixels included in the errors; None if the model predicted a flow for all pixels."""
         return self.run.summary.coverage if self.run and has_gaps(self.run.summary) else None
 
     @cached_property
     def pairs(self) -> int | None:
-        """The number of pairs of a run."""
+        """The number of pairs in the run."""
         return self.run.summary.samples if self.run else None
 
     @cached_property
     def crer(self) -> float | None:
-        """The average CREr: as given, or computed from the average and the clean EPE."""
+        """The average CREr, either given or computed from the average and the clean EPE."""
         given, clean, epe = (self.number(*key) for key in (("crer", AVERAGE), ("epe", CLEAN), ("epe", AVERAGE)))
         if given is None and epe is not None and clean:
             given = (epe - clean) / clean
@@ -114,26 +116,26 @@ class ModelResult:
 
     @cached_property
     def intervals(self) -> Mapping[ValueKey, IntervalEnds]:
-        """The 95 % intervals of a run's means, also of families of corruptions, see `interval_ends`; empty for
-        others."""
+        """The 95 % intervals of a run's means, including corruption families (see `interval_ends`); empty without a
+        run."""
         return interval_ends(self.run, self.detailed, self.beside_published) if self.run else {}
 
     def number(self, metric: str, condition: str) -> float | None:
-        """A value as a number; None if there is none."""
+        """Return the number of a metric under a condition; None if there is no value."""
         value = self.values.get((metric, condition))
         return None if value is None else value.number
 
     def numbers(self, metric: str) -> dict[str, float]:
-        """Condition -> value of a metric."""
+        """Return condition -> number for one metric."""
         return {of: value.number for (kind, of), value in self.values.items() if kind == metric}
 
 
 def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
-    """Merge the lines of one benchmark, sample set, setting and name, in the order in which they begin; the first one's
-    note is kept. `where` is for messages.
+    """Merge lines with the same benchmark, sample set, setting and name, in order of first appearance. The note of the
+    first line is kept. `where` names the source in error messages.
 
     Raises:
-        DataError: two of them have the same value.
+        DataError: if two lines give the same value.
     """
     parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
     for line in lines:
@@ -155,17 +157,17 @@ def _joined(lines: Sequence[ModelResult], where: str) -> dict[ValueKey, Value]:
 
 
 def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
-    """The lines without those whose model is not ranked, for statements about models in general."""
+    """Select the lines whose model is ranked, for statements about models in general."""
     return [line for line in results if not line.excluded]
 
 
 def not_ranked(results: Iterable[ModelResult]) -> list[str]:
-    """A sentence for each line whose model is not ranked."""
+    """Return a sentence for each line whose model is not ranked."""
     return [plain(f"Not ranked: {line.name}, because {line.excluded}.", None) for line in results if line.excluded]
 
 
 def by_frames(results: Iterable[ModelResult]) -> dict[str, Sequence[ModelResult]]:
-    """frames -> the lines that can be compared."""
+    """Group the lines by sample set, within which they can be compared."""
     groups: dict[str, list[ModelResult]] = {}
     for line in results:
         groups.setdefault(line.frames, []).append(line)

@@ -1,4 +1,4 @@
-"""The averages of a run that are shown next to published ones."""
+"""The averages of a run that can be compared with published ones."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from ..runs.run import Run
 
 
 def paper_means(run: Run) -> Scores:
-    """The averages of a run next to published ones: the paper's mean where the run has it."""
+    """Return the averages to show next to published ones: over the paper's corruptions if the run has all of them."""
     return run.summary.paper or run.summary
 
 
 def paper_rows(run: Run) -> pl.DataFrame:
-    """The rows that `paper_means` are over."""
+    """Return the rows that `paper_means` averages."""
     if not more_than_paper(run):
         return run.rows
     return run.rows.filter(pl.col("corruption").is_in([CLEAN, *run.summary.paper_over]))
 
 
 def more_than_paper(run: Run) -> bool:
-    """Whether a run's averages are over all of the paper's corruptions and others."""
+    """Whether a run's averages include all of the paper's corruptions and additional ones."""
     return run.summary.paper is not None and len(run.summary.averaged_over) > len(run.summary.paper_over)

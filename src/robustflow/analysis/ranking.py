@@ -1,8 +1,8 @@
 """Ranks as in the paper's Tab. 3, and rank correlation.
 
-Equal printed values share the smallest rank, and the next one is skipped (1, 2, 2, 4). FLOPs are ranked over all 14
-models whatever the setting, CREr over the models of the setting, both as printed; the average rank is the rank, in
-the same way, of the mean of the two. This rule gives every rank the paper prints.
+Equal printed values share the smallest rank, and the following rank is skipped (1, 2, 2, 4). FLOPs are ranked over all
+14 models regardless of setting, CREr over the models of one setting, both as printed. The average rank is the rank of
+the mean of the two ranks, with ties handled in the same way. These rules reproduce every rank that the paper prints.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy as np
 Name = TypeVar("Name", bound=Hashable)
 
 _NORMAL = 1.959964
-"""Half the width of a 95 % interval in standard errors."""
+"""Half-width of a 95 % interval, in standard errors."""
 
 
 def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
-    """1 for the smallest; equal values share a rank and the following ranks are skipped.
+    """Rank values from 1 for the smallest; equal values share a rank and the following ranks are skipped.
 
     >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
     {'a': 2, 'b': 1, 'c': 2, 'd': 4}
@@ -33,7 +33,7 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
 
 
 def middle_ranks(values: Sequence[float]) -> list[float]:
-    """1 for the smallest; equal values share the mean of the ranks that they occupy.
+    """Rank values from 1 for the smallest; equal values share the mean of the ranks that they occupy.
 
     >>> middle_ranks([2.0, 1.0, 2.0, 3.0])
     [2.5, 1.0, 2.5, 4.0]
@@ -45,7 +45,7 @@ def middle_ranks(values: Sequence[float]) -> list[float]:
 
 
 def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:
-    """The rank of each name's mean rank, over the names that are in all rankings.
+    """Rank names by their mean rank, over the names that are in all rankings.
 
     >>> average_ranks({"a": 1, "b": 2, "c": 3}, {"a": 3, "b": 2, "c": 4})
     {'a': 1, 'b': 1, 'c': 3}
@@ -55,7 +55,7 @@ def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:
 
 
 def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
-    """Rank correlation, ties sharing their mean rank; None if one of the two does not vary.
+    """Compute Spearman's rank correlation with mean ranks for ties; None if one variable is constant.
 
     >>> spearman([1, 2, 3], [10, 30, 20])
     0.5
@@ -67,8 +67,9 @@ def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
 
 
 def spearman_interval(rho: float, count: int) -> tuple[float, float]:
-    """The 95 % interval of a rank correlation of at least four pairs, by Fisher's z with the variance of Bonett and
-    Wright (2000). 1 and -1 are taken half a step nearer to 0, a step being what swapping two neighbours changes.
+    """Compute the 95 % interval of a rank correlation of at least four pairs, by Fisher's z with the variance of Bonett
+    and Wright (2000). Correlations of 1 and -1 are first moved towards 0 by half of the change that swapping two
+    neighbouring ranks causes.
 
     >>> tuple(round(end, 2) for end in spearman_interval(1.0, 5))
     (0.16, 1.0)
@@ -81,8 +82,8 @@ def spearman_interval(rho: float, count: int) -> tuple[float, float]:
 
 
 def partial_spearman(first: Sequence[float], second: Sequence[float], given: Sequence[float]) -> float | None:
-    """Rank correlation of two variables with the ranks of a third removed from both; None if nothing is left to
-    correlate.
+    """Compute the rank correlation of two variables given a third, whose ranks are regressed out of both; None if
+    either residual is constant.
 
     >>> partial_spearman([1, 2, 3, 4], [1, 2, 4, 3], [1, 2, 3, 4]) is None
     True
@@ -92,6 +93,6 @@ def partial_spearman(first: Sequence[float], second: Sequence[float], given: Seq
     if both is None:
         return None
     if one is None or other is None:
-        return both  # a variable that does not vary explains nothing
+        return both  # a constant variable explains nothing
     rest = (1 - one * one) * (1 - other * other)
     return (both - one * other) / math.sqrt(rest) if rest > 1e-12 else None

@@ -1,4 +1,4 @@
-"""The names of the metrics and conditions of values."""
+"""Names of the metrics and conditions of result values."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ __all__ = ["AVERAGE", "CLEAN", "RESULT_METRICS"]
 
 AVERAGE = "average"
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
-"""Metrics in pixels, except the last, which has no unit."""
+"""Metrics of results, in pixels except the last, which has no unit."""

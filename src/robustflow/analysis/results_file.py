@@ -1,9 +1,9 @@
-"""Results as a CSV file, one value per line: the published tables that ship with the package, and a user's own.
+"""Read and write results as a CSV file with one value per line, for the published tables and for users' own results.
 
     benchmark, setting, model, metric, corruption, value, marked, source, sample_set, note
 
 `corruption` is a corruption's name, "clean", or "average"; `metric` is "epe", "cre" or "rcre" (pixels) or "crer" (no
-unit). Text in it is untrusted and stays text.
+unit). Text in the file is untrusted and is never interpreted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .model_result import ModelResult, Value, merged
 from .results import AVERAGE, CLEAN, RESULT_METRICS
 
 ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
-"""Corruptions of other benchmarks that this project does not have; results may be of them."""
+"""Corruptions of other benchmarks that are not implemented here but are accepted in results files."""
 
 _WRITTEN = (
     *("benchmark", "setting", "model", "metric", "corruption"),
@@ -33,23 +33,23 @@ _REQUIRED = ("setting", "model", "metric", "corruption", "value")
 _LARGEST_FILE = 64 * 2**20
 _LONGEST_TEXT = 500
 _MOST_PRINTED = 6
-"""Digits after the point; a number with more was not rounded for a reader."""
+"""Largest number of decimals of a rounded number; a number with more decimals counts as unrounded."""
 
 
 def read_results(path: str | Path) -> list[ModelResult]:
-    """The lines of a results file: CSV, UTF-8, with a header.
+    """Read the lines of a results file: CSV, UTF-8, with a header.
 
-    Columns `setting`, `model`, `metric`, `corruption` and `value` are needed; `benchmark` ("kitti-fc" by default),
-    `marked` ("yes" or "no"), `source`, `sample_set` (lines with the same one can be compared) and `note` (what a reader
-    must know before comparing) are optional; others are ignored.
+    Columns `setting`, `model`, `metric`, `corruption` and `value` are required; `benchmark` ("kitti-fc" by default),
+    `marked` ("yes" or "no"), `source`, `sample_set` (lines of one sample set can be compared) and `note` (a remark that
+    a reader needs before comparing) are optional. Other columns are ignored.
 
     Returns:
-        One for each model in a setting; `decimals` of a value is counted from its text, and None for more than six: a
-        number that a program wrote in full.
+        One line for each model in a setting. `decimals` of a value is counted from its text; None for more than six
+        decimals, which indicate an unrounded number.
 
     Raises:
-        DataError: no such file, not CSV in this shape, an unknown corruption, a value that is not a number or is
-            given twice.
+        DataError: if the file does not exist or is not CSV in this format, a corruption is unknown, or a value is not a
+            number or is given twice.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "mine.csv"
@@ -70,11 +70,12 @@ def read_results(path: str | Path) -> list[ModelResult]:
 
 
 FILE = "file"
-"""The sample set of lines in a file that do not name one."""
+"""The sample set of lines without a `sample_set`."""
 
 
 def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
-    """The text of a results file; see `read_results`. `name` is for messages, `sample_set` for lines without one."""
+    """Parse the text of a results file, see `read_results`. `name` appears in error messages; `sample_set` is used for
+    lines without a sample set."""
     reader = csv.DictReader(io.StringIO(text), strict=True)
     try:
         absent = [column for column in _REQUIRED if column not in (reader.fieldnames or [])]
@@ -86,7 +87,7 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
 
 
 def _one(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
-    """A line of the file, which holds one value."""
+    """Parse one line of the file, which contains one value."""
     if None in line or None in line.values():
         raise DataError(
             f"{where}: the number of cells differs from that of the header; quote a cell that contains a comma"
@@ -124,7 +125,7 @@ def _check_corruption(name: str, where: str) -> None:
 
 
 def _number(text: str, where: str) -> tuple[float, int | None]:
-    """The value and its decimals as written: "4.20" is exact to half a hundredth, "1.527602461899183" not rounded."""
+    """Parse a value and its number of decimals: "4.20" has two, "1.527602461899183" is unrounded (None)."""
     try:
         number = Decimal(text)
         value = float(number)
@@ -141,7 +142,7 @@ _MARKED = {None: "", True: "yes", False: "no"}
 
 
 def results_csv(results: Iterable[ModelResult]) -> str:
-    """Results as a file that `read_results` can read, each value with its known digits.
+    """Write results as text that `read_results` can read, each value with its known number of decimals.
 
     >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
     >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])

@@ -1,4 +1,4 @@
-"""How far a model's flow moves on RobustSpring, as results that a leaderboard shows."""
+"""Measure the change in a model's flow on RobustSpring, as results for a leaderboard."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from .results import AVERAGE
 from .run_results import OWN_SETTING
 
 ROBUSTNESS = ("epe", "fl", "px1")
-"""RobustSpring's three numbers of a corrupted flow: the distance to the clean one in pixels, and the percentages of
-pixels that it moves by more than Fl's bounds and by more than 1 px."""
+"""RobustSpring's three measures of a flow under corruption: its mean distance to the clean flow in pixels, and the
+percentage of pixels whose flow changes by more than Fl's thresholds and by more than 1 px."""
 
 _MOST_NAMED = 3
 
 
 class MovedFlow(Protocol):
-    """A flow of an export, as `robustflow.runner.submission.Submitted` has it."""
+    """A flow of an export, as in `robustflow.runner.submission.Submitted`."""
 
     @property
     def condition(self) -> str:
-        """A corruption of RobustSpring, or "clean"."""
+        """The name of a RobustSpring corruption, or "clean"."""
 
     @property
     def key(self) -> str:
-        """The pair's key."""
+        """The key of the pair."""
 
     @property
     def frames(self) -> str:
-        """The digest of the files of its frames."""
+        """The digest of the frame files."""
 
     @property
     def moved(self) -> Sequence[float] | None:
@@ -43,11 +43,12 @@ class MovedFlow(Protocol):
 
 
 def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
-    """RCRE per corruption and their mean. Results over the same corruptions of the same frames are one sample set.
+    """Compute the RCRE per corruption and its mean. Results for the same corruptions of the same frames form one sample
+    set.
 
     Args:
-        run: whose model predicted.
-        flows: the clean ones and those under at least one corruption.
+        run: run of the model that predicted the flows.
+        flows: clean flows and flows under at least one corruption.
     """
     flows = list(flows)
     moved: dict[str, list[float]] = {}
@@ -66,10 +67,11 @@ def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
 
 
 def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, tuple[int, list[float]]]:
-    """Corruption -> number of pairs and the means of `ROBUSTNESS` over them; "average" is the mean over corruptions.
+    """Return, for each corruption, the number of pairs and the means of `ROBUSTNESS` over them; "average" is the mean
+    over corruptions.
 
     Args:
-        moved: RobustSpring's own name of a corruption -> of each pair the numbers of `ROBUSTNESS`.
+        moved: RobustSpring's name of a corruption -> numbers of `ROBUSTNESS` for each pair.
     """
     means = {ROBUSTSPRING.local_name(own): _columns(values) for own, values in moved.items()}
     pairs = {ROBUSTSPRING.local_name(own): len(values) for own, values in moved.items()}
@@ -78,7 +80,7 @@ def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str
 
 
 def robustness_csv(means: Mapping[str, tuple[int, Sequence[float]]]) -> str:
-    """`robustness_means` as a file.
+    """Format the result of `robustness_means` as CSV.
 
     >>> print(robustness_csv({"robustspring_fog": (4, [0.5, 2.0, 10.0])}), end="")
     corruption,pairs,epe,fl,px1
@@ -93,7 +95,7 @@ def _columns(values: Sequence[Sequence[float]]) -> list[float]:
 
 
 def _setting(run: Run) -> str:
-    """What the model's training means for RobustSpring's frames, whatever the run was on."""
+    """Return the model's setting on RobustSpring's frames, whatever benchmark the run used."""
     manifest = run.manifest
     setting = manifest.provenance.on(
         ROBUSTSPRING.dataset, list(manifest.samples), manifest.identity.frames.protocol

@@ -1,4 +1,4 @@
-"""Unique names for several runs: the model's, with what differs between runs of the same name."""
+"""Unique names for several runs: the model's name, plus the differences between runs with the same name."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _LONGEST_VALUE = 24
 _DIGITS = 8
 _MODEL = "model "
 _NOT_A_DIFFERENCE = {"name", "spec", "object", "source", "options"}
-"""Parts of a model's identity that its name already has, or that follow from the rest."""
+"""Parts of a model's identity that its name already contains or that follow from other parts."""
 
 
 def run_names(runs: Sequence[Run]) -> list[str]:
-    """A unique name for each run: the model's, followed by what differs from the runs of the same name, such as the
-    benchmark, an option of the model or the seed; the run's digest (and a number) where nothing readable differs."""
+    """Give each run a unique name: the model's name, followed by what differs between runs with the same name, such as
+    the benchmark, a model option or the seed, or by the run's digest (and a number) where nothing readable differs."""
     of_name: dict[str, list[int]] = {}
     for index, run in enumerate(runs):
         of_name.setdefault(run.name, []).append(index)
@@ -42,8 +42,8 @@ def run_names(runs: Sequence[Run]) -> list[str]:
 
 
 def _differences(runs: Sequence[Run]) -> list[list[str]]:
-    """For each run of one name, the fewest facts, in the order of `_facts`, that distinguish it and its model from the
-    others."""
+    """Select, for runs with the same name, the fewest facts (in the order of `_facts`) that distinguish the runs and
+    their models."""
     facts = [dict(_facts(run)) for run in runs]
     keys = list(dict.fromkeys(key for known in facts for key in known))
     telling = {*_fewest(facts, keys), *_fewest(facts, [key for key in keys if key.startswith(_MODEL)])}
@@ -56,7 +56,7 @@ def _differences(runs: Sequence[Run]) -> list[list[str]]:
 
 
 def _fewest(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str]:
-    """The keys that tell the facts apart, each where those before it do not."""
+    """Select keys that distinguish the facts, skipping keys that add nothing to the previous ones."""
     chosen: list[str] = []
     groups = 1
     for key in keys:
@@ -68,7 +68,8 @@ def _fewest(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str
 
 
 def _facts(run: Run) -> Iterator[tuple[str, str]]:
-    """(what, words) of everything that may differ between runs of one name, the most informative first."""
+    """Yield (key, description) of everything that may differ between runs with the same name, most informative
+    first."""
     identity, selection = run.manifest.identity, run.manifest.selection
     yield "benchmark", benchmark_label(run.benchmark)
     yield "dataset", plain(identity.frames.dataset, _LONGEST_VALUE)
@@ -89,7 +90,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """The settings of a model as text, a digest by its first digits."""
+    """Yield the settings of a model as text, with digests shortened to their first digits."""
     options = model.get("options") or {}
     for key, value in {**(options if isinstance(options, Mapping) else {}), **model}.items():
         if key not in _NOT_A_DIFFERENCE:
@@ -98,7 +99,7 @@ def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _named(names: Sequence[str], noun: str) -> str:
-    """List a few names, or give the number of many."""
+    """List the names if there are few, otherwise return their number."""
     if len(names) > _MOST_NAMED:
         return counted(len(names), noun)
     return "+".join(plain(str(name), _LONGEST_VALUE) for name in names) or "nothing"

@@ -1,4 +1,5 @@
-"""Runs as lines of tables: the means of run folders, with what a reader must know before comparing them."""
+"""Convert runs to lines of tables: means from run folders, with the remarks that a reader needs before comparing
+them."""
 
 from __future__ import annotations
 
@@ -29,13 +30,13 @@ _MOST_NAMED = 3
 def run_results(
     runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None, detailed: bool = True
 ) -> list[ModelResult]:
-    """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average.
+    """Collect the EPE, CRE, CREr and RCRE of runs, per corruption, clean and average.
 
-    Next to published results (`beside_published`), the averages of a run with all of the paper's corruptions and others
-    are the paper's mean, `Summary.paper`. Each corruption has an interval if `detailed`.
+    For comparison with published results (`beside_published`), a run with all of the paper's corruptions and additional
+    ones is averaged over the paper's corruptions only (`Summary.paper`). Each corruption has an interval if `detailed`.
 
-    Runs of one `sample_set` may be compared; `note` says what was measured: one of `notes`, by default
-    `comparison_notes` of the runs. Two runs of the same name are distinguished by what differs.
+    Runs with the same sample set can be compared. `note` describes what was measured, by default the run's
+    `comparison_notes`. Runs with the same name get names that show their differences.
     """
     names = run_names(runs)
     reasons = cache(lambda: exclusions(runs))
@@ -57,13 +58,14 @@ def run_results(
 
 
 def run_setting(run: Run) -> str:
-    """The setting of a run, by what its model was trained on; "own" if that was not declared."""
+    """Return the setting of a run, determined by the model's training data; "own" if the training data are not
+    declared."""
     return OWN_SETTING if run.setting == "UNKNOWN" else run.setting
 
 
 def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> list[str]:
-    """The `comparison_note` of each run. If runs that cannot be compared have equal notes, the difference is added: the
-    seed, the ground truth, the pairs, ..."""
+    """Return the `comparison_note` of each run. If runs that cannot be compared have equal notes, the difference is
+    added, for example the seed, the ground truth or the pairs."""
     notes = [comparison_note(run, beside_published) for run in runs]
     keys = [(run.benchmark, note) for run, note in zip(runs, notes, strict=True)]
     alike: dict[tuple[str, str], dict[str, Run]] = {}
@@ -82,8 +84,8 @@ def comparison_notes(runs: Sequence[Run], beside_published: bool = False) -> lis
 
 
 def comparison_note(run: Run, beside_published: bool = False) -> str:
-    """What was measured, where a reader would expect something else: pairs, corruptions, severities; on a benchmark of
-    the paper the differences from its measurement. `beside_published` as for `run_results`."""
+    """Describe how the measurement differs from what a reader would expect: pairs, corruptions, severities and, on one
+    of the paper's benchmarks, the differences from the paper. For `beside_published` see `run_results`."""
     frames, averaged = run.manifest.identity.frames, run.summary.averaged_over
     facts = benchmark_facts(run.benchmark)
     remarks = [_pairs_note(run.benchmark, run.summary.samples, frames.protocol), truth_remark(frames.protocol)]

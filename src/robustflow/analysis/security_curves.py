@@ -1,4 +1,4 @@
-"""Security curves: the error of a model over the budget of an attack, with intervals."""
+"""Security curves: the error of a model as a function of the attack's budget, with intervals."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .uncertainty import intervals
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One budget of one attack.
+    """The error of a model at one budget of one attack.
 
     Attributes:
-        attack, norm: which, and "linf" or "rms".
-        budget: grey levels of 255; 0 for the clean frames.
+        attack, norm: name of the attack and its norm, "linf" or "rms".
+        budget: bound of the norm in grey levels (0 to 255); 0 for the clean frames.
         metric: "epe", or "rcre" without ground truth.
         error: mean over pairs, px.
-        low, high: ends of the 95 % interval, px; None with too few pairs.
-        warned: whether a pair of it carries a warning.
+        low, high: ends of the 95 % interval, px; None if there are too few pairs.
+        warned: whether any pair has a warning at this budget.
     """
 
     attack: str
@@ -36,11 +36,12 @@ class CurvePoint:
 
 
 def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
-    """Every attack of a run at every budget, from the clean frames upwards; attacks in the order of the run.
+    """Compute the curve of every attack of a run over all budgets, starting with the clean frames; attacks in the order
+    of the run.
 
     Args:
-        run: with attacks.
-        seed: of the bootstrap behind the intervals.
+        run: run with attacks.
+        seed: random seed of the bootstrap that computes the intervals.
     """
     scores = attack_scores(run)
     if not scores:
@@ -57,7 +58,7 @@ def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
     }
     points = []
     for name, norm in dict.fromkeys((score.attack, score.norm) for score in scores):
-        # The distance from the clean flow is 0 on the clean frames, whatever the model.
+        # The distance from the clean flow is 0 on the clean frames for any model.
         clean = ends.get((CLEAN, None), (0.0, None, None))
         points.append(CurvePoint(name, norm, 0.0, metric, *clean, warned=False))
         for score in sorted((one for one in scores if one.attack == name), key=lambda one: one.budget):

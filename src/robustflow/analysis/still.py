@@ -10,11 +10,12 @@ PHANTOM = (
     "Nothing moves in these frames, so EPE is phantom motion: on clean frames bias, under corruption flicker. A model "
     "that never sees motion has none; its error on moving scenes says what that costs."
 )
-"""What a reader of errors on still scenes must know."""
+"""The explanation shown with errors on still scenes."""
 
 
 def phantom_motion(run: Run) -> str:
-    """The phantom motion of a run over still scenes in one sentence; "" for other runs, or if nothing was measured."""
+    """Describe the phantom motion of a run on still scenes in one sentence; "" for other runs, or if nothing was
+    measured."""
     clean, corrupted = run.summary.epe_clean, run.summary.epe
     if not is_still(run.benchmark) or clean is None:
         return ""

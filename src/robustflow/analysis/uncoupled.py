@@ -1,8 +1,8 @@
-"""Robustness by metrics other than the paper's, less tied to accuracy: ratios of errors, medians over images, the
-increase of Fl, and what the clean error says about the corrupted one once the motion is known.
+"""Robustness metrics that depend less on accuracy than the paper's: ratios of errors, medians over images, the increase
+in Fl, and the correlation of clean and corrupted errors given the motion.
 
-CRE is EPE - clean EPE: it contains the accuracy that it is compared with, and a mean over images is dominated by the
-few with large errors. The formulae, and what each can and cannot show: docs/design/metrics.md.
+CRE is EPE - clean EPE, so it contains the clean EPE with which it is compared, and a mean over images is dominated by
+the few with large errors. docs/design/metrics.md has the formulae and explains the limits of each metric.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .ranking import partial_spearman, spearman
 from .results import AVERAGE
 
 LEAST_IMAGES = 5
-"""Smallest number of images, or models, for which a correlation is given."""
+"""Smallest number of images or models for which a correlation is computed."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class UncoupledScores:
 
     Attributes:
         log_ratio: mean over images of ln(EPE / clean EPE); 0 for no change, ln 2 = 0.69 if errors double.
-        median_log_ratio: its median over images.
+        median_log_ratio: median over images of ln(EPE / clean EPE).
         median_cre: median over images of EPE - clean EPE, pixels.
         fl_increase: mean over images of Fl-all - clean Fl-all, percentage points.
     """
@@ -46,13 +46,13 @@ UNCOUPLED = tuple(field.name for field in fields(UncoupledScores))
 
 @dataclass(frozen=True)
 class Correlation:
-    """Spearman correlation over images of the corrupted with the clean EPE.
+    """Spearman correlation of the corrupted and the clean EPE over images.
 
     Attributes:
-        images: how many.
-        rho: the plain correlation; None if one of the two is the same for all images.
-        given_motion: the partial correlation given the mean length of the true flow, because large motion makes both
-            errors large.
+        images: number of images.
+        rho: correlation; None if either error is the same for all images.
+        given_motion: partial correlation given the mean length of the ground-truth flow, because large motion makes
+            both errors large.
     """
 
     images: int
@@ -65,11 +65,12 @@ class Uncoupled:
     """The result of `uncoupled`.
 
     Attributes:
-        overall: mean over corruptions.
-        corruptions: mean over severities, by corruption, in the paper's order.
-        by_condition: by (corruption, severity).
-        correlation: by corruption, and "average" over all of them; none below `LEAST_IMAGES` images.
-        left_out: number of (image, condition) pairs without a ratio, because one of the two errors is exactly 0.
+        overall: scores averaged over corruptions.
+        corruptions: corruption -> scores averaged over severities, in the paper's order.
+        by_condition: (corruption, severity) -> scores.
+        correlation: corruption, or "average" for all of them -> correlation; empty with fewer than `LEAST_IMAGES`
+            images.
+        left_out: number of (image, condition) pairs without a ratio because one of the two errors is exactly 0.
     """
 
     overall: UncoupledScores
@@ -79,13 +80,13 @@ class Uncoupled:
     left_out: int
 
     def table(self, metric: str = "log_ratio") -> pl.DataFrame:
-        """One of `UNCOUPLED`, corruption x severity.
+        """Tabulate one metric of `UNCOUPLED` by corruption and severity.
 
         Returns:
             Columns `corruption`, one per severity, `mean`; null where nothing was measured.
 
         Raises:
-            UsageError: unknown metric.
+            UsageError: if the metric is unknown.
         """
         if metric not in UNCOUPLED:
             raise unknown_name("metric", metric, UNCOUPLED)
@@ -104,15 +105,15 @@ class Uncoupled:
 
 
 def uncoupled(rows: pl.DataFrame) -> Uncoupled:
-    """Scores from the rows of a run.
+    """Compute the scores from the rows of a run.
 
-    Both errors of an image are over the same pixels. Means go over images, then severities, then corruptions, as the
-    paper's do; a median is over images, and its mean over severities and corruptions follows. Fl-all needs the clean
-    outliers over the same pixels, which rows hold only if the model left out no pixel: otherwise `fl_increase` is None,
-    as is everything without ground truth.
+    Both errors of an image are computed over the same pixels. As in the paper, means are taken over images, then
+    severities, then corruptions; medians are taken over images and then averaged over severities and corruptions.
+    `fl_increase` needs the clean outliers over the same pixels, which rows contain only if the model predicted a flow
+    for every pixel; otherwise it is None. Without ground truth, all scores are None.
 
     Args:
-        rows: columns of `robustflow.metrics.rows.ROW_SCHEMA`, of any version.
+        rows: rows of a run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA` of any version.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> uncoupled(rows_frame([])).overall
@@ -141,12 +142,12 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Spearman correlations over models with the clean EPE.
+    """Spearman correlations with the clean EPE over models.
 
     Attributes:
-        models: how many.
-        cre: of CRE.
-        log_ratio: of the mean log ratio.
+        models: number of models.
+        cre: correlation of CRE with the clean EPE.
+        log_ratio: correlation of the mean log ratio with the clean EPE.
     """
 
     models: int
@@ -155,7 +156,8 @@ class Coupling:
 
 
 def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[float]) -> Coupling | None:
-    """How strongly two measures of robustness follow the accuracy of models; None below `LEAST_IMAGES` models.
+    """Measure how strongly two robustness metrics correlate with the clean EPE over models; None with fewer than
+    `LEAST_IMAGES` models.
 
     >>> coupling([1, 2, 3, 4], [2, 4, 6, 8], [1.1, 1.0, 1.2, 0.9]) is None
     True
@@ -166,7 +168,7 @@ def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[f
 
 
 def _images(rows: pl.DataFrame) -> pl.DataFrame:
-    """One line for each corrupted row with ground truth: EPE, clean EPE over the same pixels, Fl of both, motion."""
+    """Build one line per corrupted row with ground truth: EPE, clean EPE over the same pixels, Fl of both, motion."""
     counted = rows.filter(pl.col("n_valid") > 0)
     clean = counted.filter(pl.col("corruption") == CLEAN).select("sample", _fl="fl_count", _n="n_valid")
     counted = counted.filter(pl.col("corruption") != CLEAN).join(clean, on="sample", maintain_order="left")
@@ -210,7 +212,7 @@ def _correlations(images: pl.DataFrame, order: Sequence[str]) -> dict[str, Corre
 
 
 def _correlation(images: pl.DataFrame) -> Correlation | None:
-    """Over the images' mean errors; the clean error is over the pixels of the same rows."""
+    """Correlate the mean errors of images; the clean error is over the same pixels as the corrupted one."""
     each = images.group_by("sample", maintain_order=True).agg(pl.col("epe", "before", "motion").mean())
     if each.height < LEAST_IMAGES:
         return None
