@@ -1,4 +1,4 @@
-"""Rows of simulated runs with known true means, to count how often intervals and tests are right."""
+"""Rows of simulated runs with known true means, for measuring how often intervals and tests are correct."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
 def rows_of(
     clean: np.ndarray, corrupted: np.ndarray, rcre: np.ndarray, groups: list[str] | None = None, digest: str = "d"
 ) -> pl.DataFrame:
-    """Rows from errors per image: clean (n,), corrupted and rcre (n, 3), pixels."""
+    """Rows built from errors per image: clean (n,), corrupted and rcre (n, 3), in pixels."""
     records = []
     for index, first in enumerate(clean):
         base = {
@@ -67,13 +67,13 @@ class Truth:
     within: float = 1.0
 
     def difficulty(self, rng: np.random.Generator, sizes: np.ndarray) -> np.ndarray:
-        """exp of a normal number of mean -s^2/2, so that the mean is 1: one per image, clusters after one another."""
+        """Factors exp(x) with x normal with mean -s^2/2, so that their mean is 1; one per image, cluster by cluster."""
         shared = np.repeat(rng.normal(0, self.spread * math.sqrt(1 - self.within), len(sizes)), sizes)
         own = rng.normal(0, self.spread * math.sqrt(self.within), int(sizes.sum()))
         return np.exp(shared + own - self.spread**2 / 2)
 
     def draw(self, rng: np.random.Generator, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Errors on the clean frames (n,), mean 2, and at the settings (n, 3), means 3, 5 and 10."""
+        """Errors on the clean frames (n,), with mean 2, and at the settings (n, 3), with means 3, 5 and 10."""
         hard = self.difficulty(rng, sizes)
         clean = 2 * hard * rng.gamma(8, 1 / 8, len(hard))
         corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(8, 1 / 8, (len(hard), 3))
@@ -94,7 +94,7 @@ class Truth:
 
 
 def coverage(once: Callable[[np.random.Generator], dict[object, bool]], repeats: int, seed: int) -> dict[object, float]:
-    """Percent of the repeats in which each statement was true."""
+    """Percentage of the repetitions in which each statement was true."""
     rng = np.random.default_rng(seed)
     hits: dict[object, list[bool]] = {}
     for _ in range(repeats):

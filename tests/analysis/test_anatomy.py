@@ -1,4 +1,4 @@
-"""Anatomy of error on rows whose parts are known."""
+"""The anatomy of error on rows whose components are known."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _summary(*rows: dict):
 
 
 def test_families_share_the_error():
-    """Two weather corruptions at CRE 6, one noise at CRE 3: weather adds 4 px to a CRE of 5."""
+    """Two weather corruptions have CRE 6 and one noise has CRE 3: weather adds 4 px to a CRE of 5."""
     found = by_family(
         _summary(_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10), _row("snow", 1, 8, 20), _row("gaussian_noise", 1, 5, 7))
     )
@@ -68,7 +68,7 @@ def test_slopes():
     assert found["fog"]["slope"] == pytest.approx(0.5)
     assert found["fog"]["bend"] == pytest.approx(0)
     assert found["snow"]["slope"] == pytest.approx(6)
-    # Least squares through 1, 4, 9 and through 9, 16, 25: 4 and 8.
+    # Least-squares lines through 1, 4, 9 and through 9, 16, 25 have slopes 4 and 8.
     assert found["snow"]["bend"] == pytest.approx(4)
     assert found["frost"]["slope"] == pytest.approx(-1)
     assert (found["fog"]["rises"], found["frost"]["rises"]) == (True, False)

@@ -1,4 +1,4 @@
-"""The audit finds the inconsistencies of the published tables and planted ones, and none in consistent tables."""
+"""The audit finds the inconsistencies in the published tables and planted ones, and none in consistent tables."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, st
 
 
 def _consistent(errors: dict[str, list[float]], decimals: int) -> dict[tuple[str, str, str], str]:
-    """A consistent table: everything is computed first, then rounded."""
+    """A consistent table, rounded only after everything has been computed."""
     out = {}
     for model, (clean, *epe) in errors.items():
         table = {("epe", CLEAN): clean}
@@ -203,7 +203,7 @@ def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
 
 
 def test_a_summary_without_its_parts_is_found(run, tmp_path):
-    """A whole part may be missing, or be a number too large for a float."""
+    """A whole section may be missing, or a number may be too large for a float."""
     folder = _copy(run.path, tmp_path)
     summary = json.loads((folder / "summary.json").read_text())
     del summary["corruptions"]

@@ -39,14 +39,14 @@ def _interval_coverage(truth: Truth, clusters: int, images: int, repeats: int, s
 
 
 def _rejections(truth: Truth, clusters: int, images: int, repeats: int, seed: int) -> dict[object, float]:
-    """How often two models that are equally good in the population are called different at 5 percent."""
+    """Percentage of trials in which two models that are equally good in the population are called different at 5 %."""
 
     def once(rng: np.random.Generator) -> dict[object, bool]:
         sizes = _sizes(rng, clusters, images)
         hard = truth.difficulty(rng, sizes)
         runs = []
         for shape in (8, 3):
-            # equal means; the second varies more, so that the differences are skewed
+            # equal means, but the second varies more, so the differences are skewed
             clean = 2 * hard * rng.gamma(shape, 1 / shape, len(hard))
             corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(shape, 1 / shape, (len(hard), 3))
             runs.append(rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None))
@@ -66,7 +66,9 @@ def test_intervals_of_independent_images_cover_roughly():
 
 
 def test_intervals_over_images_of_a_sequence_would_be_too_narrow():
-    """The reason why sequences are drawn as a whole: treating their pairs as independent misses the truth."""
+    """Treating the pairs of a sequence as independent misses the truth too often, so sequences are resampled as a
+    whole.
+    """
     truth = Truth(spread=0.5, within=0.2)
 
     def once(rng: np.random.Generator) -> dict[object, bool]:
@@ -114,11 +116,11 @@ def test_level_of_the_paired_test(clusters, images, seed):
 
 
 _UNEQUAL = np.maximum(1, np.round(np.exp(np.random.default_rng(2).normal(1.2, 1.1, 34)))).astype(int)
-"""Pairs of 34 sequences, 1 to 37 of them."""
+"""Pairs of 34 sequences with 1 to 37 pairs each."""
 
 
 def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -> dict[object, float]:
-    """Coverage of CREr's interval, and of one whose tails are those of CREr itself, over the same samples.
+    """Coverage of CREr's interval, and of an interval with the tails of CREr itself, on the same samples.
 
     `of_sequence` is the sigma of the logarithm of the factor by which corruption multiplies a sequence's errors.
     """

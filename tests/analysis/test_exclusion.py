@@ -33,7 +33,7 @@ _HARD *= 1 / _HARD.mean()
 
 
 def _rows(clean: float, moved: float, motion: float = 50.0, truth: bool = True) -> pl.DataFrame:
-    """Forty images: the mean clean EPE, by how much corruption changes error and flow, and the length of both flows."""
+    """Forty images with a given mean clean EPE, change of error and flow under corruption, and length of both flows."""
     rows = rows_of(clean * _HARD, (clean + moved) * _HARD[:, None] * np.ones(3), moved * _HARD[:, None] * np.ones(3))
     lengths = {name: pl.lit(motion * PIXELS) for name in ("magnitude_sum", "pred_magnitude_sum")}
     of_truth = [name for name in rows.columns if name in ("n_valid", "n_truth", "epe_sum", "magnitude_sum")]
@@ -60,7 +60,7 @@ def test_clean_error_at_half_of_zero_flows_is_excluded():
 
 
 def test_reason_on_small_motion_names_the_motion():
-    """A sound model is off by 0.2 px everywhere, which is more than half of a motion of 0.3 px."""
+    """A sound model errs by 0.2 px everywhere, which is more than half of a motion of 0.3 px."""
     (reason,) = reasons_from_rows(_rows(0.2, 0.1, motion=0.3))
     assert "motion this small cannot tell a sound model from one that predicts none: measure it on larger" in reason
     assert not reasons_from_rows(_rows(0.2, 0.1, motion=0.5))
@@ -86,7 +86,7 @@ def test_experiments_and_rankings_use_one_guard():
     ids=["slow clip", "fast clip", "constant with noise", "slow constant", "constant"],
 )
 def test_flow_that_does_not_follow_the_frames_is_excluded_relative_to_its_length(motion, moved, blind):
-    """DIS moves by 0.008 px where things move by 0.24 px, under the mildest corruption: less than a noisy constant."""
+    """Under the mildest corruption DIS changes by 0.008 px where the motion is 0.24 px, less than a noisy constant."""
     for truth in (True, False):
         reasons = reasons_from_rows(_rows(0.01 * motion, moved, motion=motion, truth=truth))
         assert [reason.startswith("its flow hardly depends on the frames") for reason in reasons] == [True] * blind
@@ -104,7 +104,7 @@ def test_almost_no_flow_without_ground_truth_is_excluded():
 
 
 class ScaledDis:
-    """DIS times a factor: 0.1 of it changes a tenth as much under corruption."""
+    """DIS with its flow scaled; a tenth of the flow changes a tenth as much under corruption."""
 
     def __init__(self, factor: float) -> None:
         self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
@@ -128,8 +128,9 @@ def measured(tmp_path_factory):
 
 
 def test_a_tenth_of_dis_and_a_constant_vector_are_excluded_and_dis_is_not(measured):
-    """The constant is near the pair's mean motion: its error is below half of zero flow's, though it ignores the
-    frames."""
+    """The constant is close to the pair's mean motion, so its error is below half that of zero flow although it ignores
+    the frames.
+    """
     assert not exclusion_reasons(measured["dis"])
     assert measured["tenth"].cre < 0.3 * measured["dis"].cre
     assert "is not below half of the 34.34 px of zero flow" in exclusion_reasons(measured["tenth"])[0]
@@ -153,7 +154,7 @@ def test_compare_ranks_no_excluded_run_and_says_why(measured, capsys, format):
 
 
 def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(tmp_path):
-    """A tenth of a flow has a tenth of its RCRE, which only the other models reveal."""
+    """A flow scaled to a tenth has a tenth of the RCRE, which is visible only in comparison with the other models."""
     pair = TexturePairs(1, size=(128, 192), reach=9).load("0")
     for number, frame in enumerate(pair.frames):
         write_image(tmp_path / f"{number}.png", frame)
@@ -187,7 +188,7 @@ def test_a_lower_cre_is_not_a_verdict_without_the_accuracy():
 
 
 def test_many_models_are_compared_over_what_all_of_them_measured():
-    """One run has a third of the settings: a mean over three settings is not compared with a mean over one."""
+    """One run has a third of the settings; a mean over three settings must not be compared with a mean over one."""
     part = _rows(5.0, 2.0).filter(pl.col("corruption").is_in(["clean", "snow"]))
     lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part}, resamples=99)
     values = {}

@@ -1,4 +1,4 @@
-"""Flat corruptions and their twins in three dimensions, on models whose errors are given."""
+"""Flat corruptions and their 3D counterparts, on models with given errors."""
 
 import numpy as np
 import pytest
@@ -16,11 +16,13 @@ SHAPES = {"pairs": 6, "size": "32x48"}
 ERRORS = {
     "a": (1.0, 2.0), "b": (2.0, 1.0), "c": (3.0, 5.0), "d": (4.0, 4.0), "e": (5.0, 9.0)
 }  # fmt: skip
-"""Pixels under fog and under fog_3d; by rank 1 2 3 4 5 and 2 1 4 3 5, so Spearman's is 1 - 6 * 4 / 120 = 0.8."""
+"""Error in pixels under fog and fog_3d; the ranks are 1 2 3 4 5 and 2 1 4 3 5, so Spearman's rho is 1 - 6 * 4 / 120 =
+0.8.
+"""
 
 
 class Offset:
-    """The true flow, moved by what the model is said to err."""
+    """The true flow plus the given error."""
 
     def __init__(self, name):
         self._name = name

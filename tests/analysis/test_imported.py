@@ -1,4 +1,4 @@
-"""Result files of the reference code and of FlowBench are read, and wrong ones refused."""
+"""Result files of the reference code and of FlowBench are read, and invalid ones are refused."""
 
 import json
 import math
@@ -19,7 +19,7 @@ _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAI
 
 
 def _reference(names=_ON_DISK, **changed):
-    """A file as benchmark.py writes it: NumPy's mean of [[]] is NaN, and json.dump writes NaN."""
+    """Write a file as benchmark.py does: NumPy's mean of [[]] is NaN, and json.dump writes NaN."""
     content = {"clean": {"CRE": [[]], "rCRE": [[]], "clean_EPE": [3.5], "corrupt_EPE": [[]], "CRE_mean": math.nan}}
     for number, name in enumerate(names):
         cre = [(number + 1) * severity / 10 for severity in range(1, 6)]
@@ -85,7 +85,7 @@ def test_files_under_the_same_corruptions_are_one_group(tmp_path):
 
 
 def test_files_of_flowbench_are_read_as_one(tmp_path):
-    """The numbers of RAFT are those in the repository."""
+    """The numbers of RAFT equal those in the repository."""
     attack = _experiment("snow", 3, 69.0) | {"attack": "pgd"}
     files = [
         [_clean(0.643377952510491), _clean(0.6433216004259884)],
@@ -100,14 +100,15 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
     lines = read_imported(paths)
     assert {line.benchmark for line in lines} == {"FlowBench kitti-2015"}
     epe = values_of(lines, "epe")
-    assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884  # the later one, as in FlowBench's own reader
-    assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both have
+    # the later one takes precedence, as in FlowBench's reader
+    assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884
+    assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both files contain
     assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
     assert epe["own", "gma mine", "average"] == 30.0
     cre = values_of(lines, "cre")
     assert cre["LEAKED", "raft kitti", "snow"] == pytest.approx(40.424386 - 0.6433216004259884)
     assert not [key for key in cre if key[1] == "gma mine"]  # its clean error is not known
-    assert "gma kitti" not in [line.name for line in lines]  # clean frames say nothing about robustness
+    assert "gma kitti" not in [line.name for line in lines]  # clean frames do not measure robustness
     assert len({line.frames for line in lines}) == 2
     assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in lines[0].frames
 
@@ -178,7 +179,7 @@ def test_a_file_that_is_not_there_or_too_large(tmp_path):
 
 
 def _attack(attack, epe, **changed):
-    """A row as FlowBench writes it; the numbers of the first are those of CCMR in its repository."""
+    """A row in FlowBench's format; the numbers of the first are those of CCMR in the FlowBench repository."""
     entry = {"model": "ccmr", "checkpoint": "kitti", "attack": attack, "norm": "inf", "epsilon": 0.0314, "alpha": 0.01}
     entry |= {"iterations": 20, "targeted": False, "loss": "epe", "dataset": "kitti-2015", "metrics": {"epe": epe}}
     return entry | changed

@@ -21,7 +21,7 @@ SPREAD = 0.5
 
 
 def _true_drives(unmapped: str) -> list[str]:
-    """A drive for each pair; unmapped pairs are a drive each, fives of neighbours, or whole runs."""
+    """Drive of each pair; unmapped pairs form separate drives, groups of five neighbours, or whole runs."""
     known, groups = drives("kitti2015"), drive_groups("kitti2015")
     of_unmapped = {
         "singles": lambda key: key,

@@ -116,7 +116,7 @@ def test_numbers_read_off_the_tables_by_hand():
 
 
 def test_spearman_against_a_count_of_pairs_in_order():
-    """Rho of ranks from its definition."""
+    """Spearman's rho computed from its definition."""
     evidence = Evidence(published_results(), {}, None)
     entries = [entry for entry in evidence.discussed("ID") if "SAMFlow" not in entry[1]]
     sizes = [("ID", f"SAMFlow-{size}") for size in "TBH"]
@@ -149,7 +149,7 @@ def test_nothing_can_be_computed_from_nothing():
 
 
 def test_the_verdicts_turn_with_the_numbers():
-    """Accuracy and robustness correlate positively or negatively; dark frames are worse, or bright ones."""
+    """Accuracy and robustness correlate positively or negatively; either dark or bright frames are worse."""
     for sign, verdict in ((1, "holds"), (-1, "does not hold")):
         models = {
             ("own", f"m{i}"): {
@@ -212,7 +212,7 @@ def test_cost_needs_costs():
 
 
 def test_models_of_equal_error_have_no_correlation():
-    """Five models with the same numbers: nothing grows with anything, and no number is invented."""
+    """Five models with the same numbers: no correlation exists and no number is invented."""
     lines = [
         f"OOD,{name},epe,{corruption},{value}"
         for name in "ABCDE"
@@ -225,7 +225,7 @@ def test_models_of_equal_error_have_no_correlation():
 
 
 def _of_pairs(results, pairs):
-    """The lines as if measured on `pairs` pairs."""
+    """The entries as if measured on `pairs` pairs."""
     run = SimpleNamespace(summary=SimpleNamespace(samples=pairs))
     return [replace(line, run=run) for line in results]
 
@@ -251,7 +251,7 @@ def test_a_printed_cre_that_does_not_follow_stands_beside_the_one_that_does():
 
 
 def test_the_factor_by_which_errors_grow_does_not_follow_the_accuracy():
-    """Over the published models CRE rises with the clean EPE where ln(EPE / clean EPE) does not."""
+    """Over the published models, CRE increases with the clean EPE, but ln(EPE / clean EPE) does not."""
     numbers = _part(1, "not only CRE but also the factor by which errors grow rises with clean EPE (OOD)").numbers
     results = [line for line in published_results() if (line.benchmark, line.setting) == ("kitti-fc", "OOD")]
     epe = {of: {line.name: line.number("epe", of) for line in results} for of in ("clean", "average")}

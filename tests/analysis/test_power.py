@@ -1,4 +1,4 @@
-"""How many pairs a comparison needs: the plan against simulated tests."""
+"""The number of pairs that a comparison needs: the plan is checked with simulated tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DRIVES = [drive_groups("kitti2015")[key] for key in KEYS]
 
 
 def _simulated(effect: float, of_drive: float, of_pair: float, repeats: int = 20_000) -> tuple[np.ndarray, np.ndarray]:
-    """Mean differences of two models and their standard errors, for pairs in KITTI's drives."""
+    """Mean differences of two models and their standard errors, for pairs grouped by KITTI's drives."""
     rng = np.random.default_rng(3)
     sizes = np.unique(DRIVES, return_counts=True)[1]
     signs = np.where(np.arange(repeats) % 2, effect, -effect)[:, None]
@@ -35,7 +35,7 @@ def _simulated(effect: float, of_drive: float, of_pair: float, repeats: int = 20
 @pytest.mark.parametrize(("of_drive", "of_pair"), [(0.0, 1.0), (0.3, 0.6), (0.3, 0.3)])
 @pytest.mark.parametrize("planned", [0.6, 0.8, 0.9])
 def test_planned_power_is_that_of_simulated_tests_on_the_drives_of_kitti(of_drive, of_pair, planned):
-    """Planned from the standard error that a run on these drives has on average."""
+    """Number of pairs planned from the mean standard error of a run on these drives."""
     from scipy.stats import t
 
     count = len(set(DRIVES))

@@ -1,4 +1,4 @@
-"""The published values against the paper's source, parsed here, and against the tables extracted from it."""
+"""The published values are compared with the paper's source, parsed here, and with the tables extracted from it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GOPRO_ORDER = [n for n in PAPER_ORDER if n not in ("h264_crf", "h264_abr", "bit
 
 
 def _tabular(tex: str, label: str) -> list[str]:
-    """The lines of the tabular before a label, rules taken out."""
+    """Lines of the tabular that precedes a label, without rules."""
     end = tex.index(f"\\label{{{label}}}")
     start = tex.rindex("\\begin{tabular}", 0, end)
     body = tex[start : tex.index("\\end{tabular}", start)]
@@ -30,7 +30,7 @@ def _tabular(tex: str, label: str) -> list[str]:
 
 
 def _cell(text: str) -> tuple[str, bool]:
-    """(what is printed, whether in bold)."""
+    """A cell's printed text, and whether it is bold."""
     bold = "\\textbf" in text
     text = re.sub(r"\\(cellcolor|rowcolor)\{gray!20\}", "", text)
     text = text.replace('{\\"a}', "a").replace("\\&", "+")
@@ -111,7 +111,7 @@ def test_methods_are_those_of_the_paper(tex):
 
 
 def test_extracted_tables_agree(shared):
-    """A second extraction of the same tables, made by someone else."""
+    """The published values equal a second, independent extraction of the same tables."""
     rename = {"jpeg": "jpeg_compression"}
     ours = values_frame(published_results())
     for metric in _KITTI:

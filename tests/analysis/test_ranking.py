@@ -1,4 +1,4 @@
-"""Competition ranks against their definition: one more than the number of smaller values."""
+"""Competition ranks compared with their definition: one more than the number of smaller values."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,5 +19,5 @@ def test_the_best_has_rank_1_and_equal_values_skip_what_follows():
 
 
 def test_average_ranks_rank_the_sum_over_names_in_all_rankings():
-    """a: 1 + 3, b: 2 + 2, c: 3 + 4; d is in one ranking only."""
+    """Rank sums are a: 1 + 3, b: 2 + 2, c: 3 + 4; d appears in only one ranking."""
     assert average_ranks({"a": 1, "b": 2, "c": 3, "d": 1}, {"a": 3, "b": 2, "c": 4}) == {"a": 1, "b": 1, "c": 3}

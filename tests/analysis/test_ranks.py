@@ -1,4 +1,4 @@
-"""Ranks against those of SciPy, which takes a second to load."""
+"""Ranks compared with SciPy's, whose import takes a second."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Results files are read, and wrong ones refused."""
+"""Results files are read, and invalid ones are refused."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Measured rows break no rule, for any model; each rule catches the change that it is for."""
+"""Measured rows violate no rule, for any model; each rule detects the change that it is meant to detect."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robustflow.sample import Sample
 
 
 def _measured(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: float) -> pl.DataFrame:
-    """Rows of one sample with random ground truth and random predictions, some of them not finite."""
+    """Rows of one sample with random ground truth and random predictions, some of which are not finite."""
     rng = np.random.default_rng(seed)
     height, width = rng.integers(1, 30, 2)
     frame = np.zeros((height, width, 3), np.uint8)

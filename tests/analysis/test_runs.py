@@ -1,4 +1,4 @@
-"""Runs beside the published rows: values, names, settings, and what they are marked with."""
+"""Runs beside the published rows: values, names, settings, and marks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.made_rows import change_identity, change_manifest
 
 
 class Still(ZeroFlow):
-    """A model that sees no motion."""
+    """A model that predicts zero flow."""
 
     def __init__(self, name: str = "<img src=x onerror=alert(1)>", trained_on: str | None = None) -> None:
         super().__init__()
@@ -94,7 +94,7 @@ def _average(run, published):
 
 
 def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corruptions_were_run(runs, tmp_path):
-    """All of the paper's corruptions with one error, and one that the paper does not have with a hundred times it."""
+    """All corruptions of the paper have the same error; one outside the paper has a hundred times that error."""
     base = runs[0].rows.filter(pl.col("corruption").is_in(["clean", "contrast"]))
     one = base.filter(pl.col("corruption") == "contrast")
     others = [one.with_columns(corruption=pl.lit(name)) for name in PAPER_ORDER if name in IMAGE_PAIR]
@@ -119,7 +119,7 @@ def test_beside_published_rows_an_average_is_the_papers_where_all_of_its_corrupt
 
 
 def test_an_excluded_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tmp_path):
-    """The lowest errors under corruption, of a model that is no better than zero flow on clean frames."""
+    """A model with the lowest errors under corruption that is no better than zero flow on clean frames."""
 
     def made(name, rows):
         return _made(runs[0], name, rows, tmp_path)
@@ -150,7 +150,7 @@ def _made(base, name, rows, tmp_path):
 
 
 def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_them(runs, tmp_path):
-    """Five models of different accuracy, and a nearly blind one whose errors would bend every line through them."""
+    """Five models of different accuracy, and a nearly blind one whose errors would distort every fitted line."""
     rows = runs[0].rows
 
     def scaled(clean, ratio):
@@ -219,7 +219,7 @@ def test_runs_over_the_same_frames_are_one_sample_set(runs, tmp_path):
 
 
 def test_what_is_averaged_over_less_is_not_a_rival(runs, tmp_path):
-    """The same plan, but the hardest settings are missing: its average is not that of the others."""
+    """The plan is the same, but the hardest settings are missing, so the average is not comparable."""
     folder = RunFolder(shutil.copytree(runs[0].path, tmp_path / "part"))
     rows = folder.rows()
     for shard in list_shards(folder.rows_folder):
@@ -247,7 +247,7 @@ def test_runs_that_differ_in_their_files_alone_are_named_by_these(runs, tmp_path
 
 
 def _changed(run, folder, **identity):
-    """A copy of a run with another identity; `model` is merged."""
+    """A copy of a run with a different identity; `model` is merged into it."""
     copy = Result(shutil.copytree(run.path, folder))
     model = {**copy.manifest.identity.model.settings, **identity.pop("model", {})}
     change_identity(copy, model, **identity)
@@ -331,7 +331,9 @@ def test_results_of_both(runs):
 
 
 def test_real_pairs_beside_the_published_rows(shared, tmp_path):
-    """KITTI pairs that are not the paper's: listed in the table, marked, and not compared with its rows."""
+    """A run on KITTI pairs outside the paper's selection is listed in the table, marked, and not compared with its
+    rows.
+    """
     data = shared("data/kitti2015")
     options = {"corruptions": ["contrast", "low_light"], "severities": [1, 5], "limit": 2}
     found = [

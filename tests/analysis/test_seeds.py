@@ -1,4 +1,4 @@
-"""The sources of a score's variance, the ranking with ties, and the order of models under other conditions."""
+"""The sources of a score's variance, the ranking with ties, and the order of models under different conditions."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_split_is_the_analysis_of_variance_in_sums_of_squares():
 
 
 def test_the_errors_of_the_mean_add_up_to_what_the_mean_does():
-    """The mean over images and seeds varies between experiments by what the split says."""
+    """The variance of the mean over images and seeds agrees with the estimated variance components."""
     rng = np.random.default_rng(2)
     means, said = [], []
     for _ in range(60):
@@ -120,7 +120,7 @@ def test_the_order_moves_with_the_condition():
 
 
 def test_seeds_on_the_command_line(tmp_path):
-    """Each seed has a folder equal to that of a single run; compare shows how the order of models changes."""
+    """Each seed has a folder equal to that of a single run; `compare` shows how the order of models changes."""
     cli, folders = CliRunner(), []
     common = ["--corruptions", "gaussian_noise", "--severities", "3", "--no-examples"]
     for model in ("dis", "farneback", "tiny"):
@@ -129,7 +129,7 @@ def test_seeds_on_the_command_line(tmp_path):
         assert f"{['DIS', 'Farneback', 'Tiny'][len(folders) // 2]} (seed 1)" in made.output
         assert "2 seeds" in made.output
         assert "Mean ± standard deviation over the seeds 0 and 1." in made.output
-        assert "robustflow compare" not in made.output  # one pair cannot be compared
+        assert "robustflow compare" not in made.output  # a single pair cannot be compared
         folders += [str(tmp_path / model / f"seed{number}") for number in (0, 1)]
     alone = cli.invoke(app, ["run", "--model", "dis", *common, "--seed", "1", "--output", str(tmp_path / "alone")])
     assert alone.exit_code == 0, alone.output
@@ -155,7 +155,9 @@ def test_seeds_on_the_command_line(tmp_path):
 
 @pytest.fixture(scope="module")
 def seeds(tmp_path_factory):
-    """`seeds(model, *means)`: runs of a model, one per seed, whose EPE is the clean one plus the value given."""
+    """A function `seeds(model, *means)` that makes one run of a model per seed, with EPE equal to the clean EPE plus
+    the given value.
+    """
     base = evaluate("dis", "demo", output=tmp_path_factory.mktemp("seeds"), corruptions=["contrast"], severities=[1])
     clean = np.full(IMAGES, 1.0)
     truth = (pl.col("n_valid") * 4.0).alias("zero_epe_sum")

@@ -1,4 +1,4 @@
-"""Intervals and tests against formulas, against a naive loop, and in edge cases."""
+"""Intervals and tests compared with formulas and a naive loop, and edge cases."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _rows(count: int = 30, seed: int = 0, groups: int | None = None, shift: floa
 
 
 def test_estimates_are_the_means_of_the_summary():
-    """With gaps: an image without ground truth at one setting, a setting missing, a corruption outside the paper."""
+    """The rows have gaps: no ground truth at one setting, a missing setting, a corruption outside the paper."""
     rows = _rows(12, groups=5)
     rows = rows.with_columns(
         n_valid=pl.when((pl.col("sample") == "00003") & (pl.col("corruption") == "fog")).then(0).otherwise("n_valid")
@@ -62,7 +62,7 @@ def test_estimates_are_the_means_of_the_summary():
 )
 @settings(max_examples=40, deadline=None)
 def test_means_and_influence_against_loops(data, clusters, settings_):
-    """The mean by a loop over images, and the influence by finite differences of the weights."""
+    """Compute the mean by a loop over images, and the influence by finite differences of the weights."""
     rng = np.random.default_rng(data)
     count = rng.integers(0, 4, (clusters, settings_)).astype(float)
     count[0] += 1
@@ -99,7 +99,7 @@ def test_means_and_influence_against_loops(data, clusters, settings_):
 )
 @settings(max_examples=60, deadline=None)
 def test_sums_of_products_give_what_influences_give(data, clusters, settings_, complete, kind):
-    """The fast form against the influence of every cluster, in complete data and with gaps."""
+    """The fast form equals the influence of every cluster, in complete data and with gaps."""
     rng = np.random.default_rng(data)
 
     def mean() -> Mean:
@@ -111,7 +111,7 @@ def test_sums_of_products_give_what_influences_give(data, clusters, settings_, c
     first = Statistic([Term(mean(), mean() if "ratio" in kind else None)])
     statistic = first - Statistic([Term(mean(), mean() if "ratio" in kind else None)]) if "diff" in kind else first
     weights = rng.multinomial(clusters, np.full(clusters, 1 / clusters), 50).astype(float)
-    weights = weights[weights[:, 0] > 0]  # the others may have no image at all
+    weights = weights[weights[:, 0] > 0]  # the other settings may contain no image at all
     fast, slow = statistic(weights), statistic.estimates(weights)
     np.testing.assert_allclose(fast.theta, slow.theta, rtol=1e-10)
     np.testing.assert_allclose(fast.standard_error, slow.standard_error, rtol=1e-6, atol=1e-12)
@@ -146,7 +146,7 @@ def test_a_ratio_against_the_delta_method():
 
 
 def test_the_interval_is_nearly_students_for_normal_numbers():
-    """For many symmetric values bootstrap-t and Student's t agree."""
+    """For many symmetric values, bootstrap-t and Student's t agree."""
     values = np.random.default_rng(5).normal(10, 2, (400, 1))
     one = bootstrap({0: Statistic([Term(Mean(values, np.ones((400, 1)), np.ones(1)))])}, 400)[0]
     half = 1.966 * values.std(ddof=1) / 20
@@ -179,7 +179,9 @@ def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
 
 
 def test_an_interval_leans_to_where_the_tail_is():
-    """The mean of skewed errors may be much higher but hardly lower; percentile intervals lean the other way."""
+    """The mean of skewed errors may be much higher but hardly lower; percentile intervals are skewed in the opposite
+    direction.
+    """
     found = intervals(_rows(30)).filter(metric="epe", corruption="average").row(0, named=True)
     assert found["high"] - found["estimate"] > found["estimate"] - found["low"]
 
@@ -224,7 +226,7 @@ def test_no_interval_of_a_length_goes_below_zero():
 
 
 def test_how_few_are_enough_is_the_weight_of_resamples_without_spread():
-    """G of the G ** G resamples draw a single cluster."""
+    """With G clusters, G of the G ** G resamples consist of a single cluster."""
     for clusters in range(2, 9):
         alone = clusters / clusters**clusters
         assert enough_clusters(clusters, 0.95) == (alone < 0.05)
@@ -285,7 +287,7 @@ def test_a_constant_shift_is_certain():
 
 
 def test_pairing_is_what_makes_it_sharp():
-    """A small gain on every image is found although the intervals of the two means overlap widely."""
+    """A small improvement on every image is detected although the intervals of the two means overlap widely."""
     rng = np.random.default_rng(3)
     clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
     better = corrupted * rng.uniform(0.9, 0.98, corrupted.shape)
@@ -356,8 +358,9 @@ def test_holm_against_its_definition(p_values):
 
 
 def test_a_lower_cre_is_growth_of_the_error_and_only_rcre_is_change():
-    """DIS with N(0, 2 px) added to its flow has a lower CRE, because its error was large before, and four times the
-    RCRE."""
+    """DIS with N(0, 2 px) added to its flow has a lower CRE, because its clean error was large, and four times the
+    RCRE.
+    """
     rng = np.random.default_rng(0)
     clean = rng.uniform(1, 2, 40)
     noisy = rows_of(3 * clean, 3 * clean[:, None] + rng.uniform(0.2, 0.4, (40, 3)), rng.uniform(3.5, 4, (40, 3)))

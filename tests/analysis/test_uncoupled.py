@@ -1,4 +1,4 @@
-"""Log ratios, medians, the increase of Fl and partial correlations against loops over images in float64."""
+"""Log ratios, medians, the increase of Fl and partial correlations compared with float64 loops over images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
 
 
 def _rows(seed: int, images: int) -> pl.DataFrame:
-    """Hard images are hard everywhere; motion and Fl differ by image and condition."""
+    """Image difficulty is shared by all conditions; motion and Fl differ by image and condition."""
     rng = np.random.default_rng(seed)
     hard = rng.gamma(2, 1, images) + 0.2
     corrupted = hard[:, None] * rng.gamma(3, 1, (images, 3))
@@ -73,7 +73,7 @@ def test_scores_are_those_of_a_loop_over_images(seed, images):
 
 
 def test_an_error_k_times_as_large_is_ln_k_whatever_the_accuracy():
-    """Of two models whose errors double under corruption, CRE calls the less accurate one four times less robust."""
+    """When the errors of two models double under corruption, CRE calls the less accurate one four times less robust."""
     hard = np.random.default_rng(5).gamma(2, 1, 30) + 0.1
     for scale in (1.0, 4.0):
         rows = rows_of(scale * hard, 2 * scale * hard[:, None] * np.ones(3), hard[:, None] * np.ones(3))
@@ -130,8 +130,9 @@ def test_what_cannot_be_computed_is_none():
 
 
 def test_over_models_noise_in_the_clean_error_couples_both():
-    """Models that only differ by noise in their clean error: CRE seems to fall with it, because it contains
-    -EPE_clean."""
+    """In models that differ only by noise in their clean error, CRE seems to fall with it, because CRE contains
+    -EPE_clean.
+    """
     clean = np.random.default_rng(2).gamma(20, 0.1, 30)
     found = coupling(clean, 7 - clean, np.log(7 / clean))
     assert found.cre == pytest.approx(-1.0) == found.log_ratio

@@ -7,7 +7,7 @@ from .launch import running_app
 
 @pytest.fixture(scope="session", autouse=True)
 def _installed():
-    """Skips where the app is not installed."""
+    """Skip the test if the app is not installed."""
     for name in ("starlette", "uvicorn", "python_multipart"):
         pytest.importorskip(name, reason="the app extra is not installed")
 
@@ -21,6 +21,6 @@ def app(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def failing_app(tmp_path_factory):
-    """A running app whose model raises."""
+    """A running app whose model raises an exception."""
     with running_app(tmp_path_factory.mktemp("failing"), "--model", "models_for_app:Fails") as running:
         yield running

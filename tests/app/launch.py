@@ -49,9 +49,9 @@ class App:
     """A running app.
 
     Attributes:
-        process: of the app.
+        process: the app's process.
         host: "127.0.0.1:PORT".
-        address: what the app printed, with the token.
+        address: URL printed by the app, with the token.
     """
 
     process: subprocess.Popen[str]
@@ -86,14 +86,14 @@ class App:
             connection.close()
 
     def preview(self, **changed: Any) -> tuple[int, list[dict[str, Any]]]:
-        """Status and messages of a preview of the demo pair under fog 3."""
+        """Request a preview of the demo pair under fog 3; returns status and messages."""
         request = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
         request |= {"layers": [{"name": "fog", "severity": 3}]} | changed
         status, body, _ = self.ask("POST", "/preview", json.dumps(request))
         return status, [json.loads(line) for line in body.splitlines()]
 
     def upload(self, **files: tuple[str, bytes]) -> tuple[int, dict[str, Any]]:
-        """Status and answer of an upload of field=(file name, contents)."""
+        """Upload files, given as field=(file name, contents); returns status and answer."""
         edge = uuid4().hex
         parts = [
             f'--{edge}\r\nContent-Disposition: form-data; name="{field}"; filename="{name}"\r\n\r\n'.encode()
@@ -112,8 +112,8 @@ def running_app(folder: Path, *arguments: str, start: tuple[str, ...] = ("-c", _
 
     Args:
         folder: the working folder.
-        arguments: of the command.
-        start: what Python is given to start it.
+        arguments: command-line arguments.
+        start: arguments that make Python start the app.
     """
     (folder / "models_for_app.py").write_text(MODELS)
     process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The models a page offers: those that load from their name and take two frames."""
+"""The models that a page offers are those that load from their name and take two frames."""
 
 import pytest
 

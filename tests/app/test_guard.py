@@ -1,4 +1,4 @@
-"""Requests that are let in: hosts, origins, tokens; and the headers of every answer."""
+"""Requests that the app accepts, by host, origin and token; and the headers of every answer."""
 
 from __future__ import annotations
 
@@ -120,14 +120,14 @@ def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
     with running_app(tmp_path) as running:
         assert not left & {path.name for path in scratch.iterdir()}
         assert running.upload(clip=("clip.mp4", clip))[0] == 200
-        with running_app(tmp_path) as beside:  # does not take the folder of one that is running
+        with running_app(tmp_path) as beside:  # does not remove the folder of a running app
             assert beside.ask("GET", "/choices")[0] == 200
             assert running.preview(source="demo")[0] == 200
             assert any(path.is_dir() and any(path.rglob("clip.mp4")) for path in scratch.iterdir())
 
 
 def test_half_sent_requests_do_not_shut_others_out(app):
-    """More clients than allowed connections: they are closed, and the page is answered again."""
+    """When more clients connect than allowed, the extra connections are closed, and the page remains available."""
     host, port = app.host.split(":")
     sockets = [socket.create_connection((host, int(port)), timeout=60) for _ in range(70)]
     try:
@@ -143,7 +143,7 @@ def test_half_sent_requests_do_not_shut_others_out(app):
 
 
 def _begin_preview(running: App, model: str) -> http.client.HTTPConnection:
-    """Request a preview without waiting for the answer."""
+    """Send a preview request without waiting for the answer."""
     connection = http.client.HTTPConnection(running.host, timeout=30)
     request = {"page": "p", "source": "demo", "index": 0, "model": model, "seed": 0}
     request |= {"layers": [{"name": "fog", "severity": 1}]}
@@ -153,7 +153,7 @@ def _begin_preview(running: App, model: str) -> http.client.HTTPConnection:
 
 
 def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
-    """No Python runs then, no signal handler either. The issue's limit is 15 s."""
+    """While the model holds the lock, neither Python code nor a signal handler runs. The time limit is 15 s."""
     with running_app(tmp_path, "--model", "models_for_app:HoldsTheLock") as running:
         connection = _begin_preview(running, "models_for_app:HoldsTheLock")
         time.sleep(1)
@@ -164,7 +164,7 @@ def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path)
 
 @pytest.fixture
 def refusal(capsys, monkeypatch):
-    """The message of a command that cannot serve: `refusal("--port", "70000")`."""
+    """The message of a command that cannot start the server: `refusal("--port", "70000")`."""
 
     def start(*arguments: str) -> str:
         monkeypatch.setattr("sys.argv", ["robustflow", "app", "--no-browser", *arguments])

@@ -1,4 +1,4 @@
-"""Previews: the numbers are those of the library; one prediction runs at a time, and only if it is still wanted."""
+"""Previews have the numbers of the library; one prediction runs at a time, and only while a client still wants it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uploads are read like files of the command line, limited in size, and never trusted."""
+"""Uploads are decoded as on the command line, limited in size, and never trusted."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_a_body_that_announces_nothing_is_cut_off(app):
     try:
         for data in (start, *[piece] * (MAX_BYTES // len(piece) + 8)):
             connection.send(b"%x\r\n%s\r\n" % (len(data), data))
-        response = connection.getresponse()  # though the body has not ended
+        response = connection.getresponse()  # although the body is incomplete
         assert (response.status, b"more than 64 MB" in response.read()) == (413, True)
     finally:
         connection.close()

@@ -1,4 +1,4 @@
-"""A run that the tests of attacks share."""
+"""A run shared by the tests of attacks."""
 
 from __future__ import annotations
 
@@ -9,5 +9,4 @@ from .small_runs import run
 
 @pytest.fixture(scope="session")
 def both(tmp_path_factory):
-    """A run with attacks and corruptions."""
     return run(tmp_path_factory.mktemp("runs") / "both", corruptions=["contrast", "high_light"])

@@ -17,7 +17,7 @@ from robustflow.testing import BrightnessFlow, TexturePairs
 
 
 class Deadly(BrightnessFlow):
-    """Kills its process at a prediction."""
+    """Kills its process at a given prediction."""
 
     def __init__(self, last):
         self.calls, self.last = count(1), last

@@ -15,10 +15,10 @@ FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd":
     "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4},
     "worst_of": {"parts": "fgsm+square", "queries": 30},
 }
-"""Options with which an attack is quick."""
+"""Options that make an attack fast."""
 
 ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patch", "universal")]
-"""The attacks that need neither samples to train on nor frames of some size."""
+"""The attacks that need neither training samples nor frames of a particular size."""
 
 
 def attacked_pair(name: str, model=None, severity: int = 4, seed: int = 0, **options):

@@ -8,7 +8,7 @@ from torch import nn
 
 
 class SmoothNet(nn.Module):
-    """Two images (N, 3, H, W) in 0..1 to one flow (N, 2, H, W): three tanh convolutions and a linear one."""
+    """Maps two images (N, 3, H, W) in 0..1 to a flow (N, 2, H, W): three tanh convolutions and a linear one."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -25,7 +25,7 @@ class SmoothNet(nn.Module):
 
 
 class Given:
-    """A model of two frames from a function of images in 0..1, with its gradient."""
+    """A two-frame model defined by a function of images in 0..1, with its gradient."""
 
     def __init__(self, function) -> None:
         self.function = function
@@ -40,7 +40,7 @@ class Given:
 
 
 def linear_model(seed: int = 0) -> Given:
-    """u = 100 px plus a weighted sum of the values of a pixel in both frames, v = 0; for frames of 8 x 10."""
+    """u = 100 px plus a weighted sum of a pixel's values in both frames, v = 0; for frames of 8 x 10 pixels."""
     weights = torch.from_numpy(np.random.default_rng(seed).normal(size=(2, 3, 8, 10)).astype(np.float32))
 
     def flow(images1, images2):
@@ -53,7 +53,7 @@ def linear_model(seed: int = 0) -> Given:
 
 
 def smooth_model() -> Given:
-    """The network with seeded weights as large as the packs'."""
+    """The network with seeded weights as large as those of the packs."""
     net, rng = SmoothNet().requires_grad_(False), np.random.default_rng(3)
     for name, value in net.named_parameters():
         scale = 1.4 / np.sqrt(np.prod(value.shape[1:])) if name.endswith("weight") else 0.03
@@ -62,6 +62,6 @@ def smooth_model() -> Given:
 
 
 def random_pair(height: int = 8, width: int = 10, seed: int = 0):
-    """Two frames of noise, RGB uint8, a few values among them black or white."""
+    """Two frames of noise, RGB uint8, with a few black and white values."""
     rng = np.random.default_rng(seed)
     return tuple(np.clip(rng.integers(-4, 260, (2, height, width, 3)), 0, 255).astype(np.uint8))

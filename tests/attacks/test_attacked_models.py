@@ -1,4 +1,4 @@
-"""What attacks ask of a model, and what they notice about its flow and gradient."""
+"""Requirements of attacks on a model, and problems with its flow and gradient that they detect."""
 
 from __future__ import annotations
 

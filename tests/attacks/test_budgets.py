@@ -1,4 +1,4 @@
-"""Attacks stay inside their budgets, and the same seed gives the same frames."""
+"""Attacks stay within their budgets, and the same seed gives the same frames."""
 
 from __future__ import annotations
 
@@ -84,7 +84,8 @@ def test_no_attack_exceeds_any_budget_in_8_bits_and_none_that_searches_ends_belo
     assert size <= budget * (1 + 1e-9)
     assert not change[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
     assert moved != "joint" or np.array_equal(*change)
-    if name in ("bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"):  # they search, and know the clean pair
+    # these attacks search and know the clean pair
+    if name in ("bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"):
         gain = attacked.loss - attacked.clean_loss
         assert (-gain if name == "pcfa" else gain) >= 0
 
@@ -104,7 +105,8 @@ def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
     first, again, other = (attacked_pair(name, seed=seed)[1].frames for seed in (1, 1, 2))
 
     assert np.array_equal(first, again)
-    drawn = name not in ("fgsm", "bim", "pcfa", "apgd", "worst_of")  # apgd reaches the same corner from both starts
+    # apgd reaches the same corner from both starting points
+    drawn = name not in ("fgsm", "bim", "pcfa", "apgd", "worst_of")
     assert np.array_equal(first, other) != drawn
 
 

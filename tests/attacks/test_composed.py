@@ -1,4 +1,4 @@
-"""Attacks composed of others, and the names of attacks with options."""
+"""Attacks composed of other attacks, and the names of attacks with options."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_transfer_without_truth_moves_away_from_the_other_models_flow():
 
     frames = [rf.attack(*pair, model, "transfer", 4, on=other, attack="bim").frames for model in (own, other)]
 
-    assert np.array_equal(*frames)  # the attacked model decides nothing
+    assert np.array_equal(*frames)  # the attacked model does not affect the result
 
 
 def test_a_transfer_fits_a_model_without_gradients():

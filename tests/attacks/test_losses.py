@@ -1,4 +1,4 @@
-"""The losses of attacks: their slopes, and the pixels that count."""
+"""The losses of attacks: their gradients, and the pixels that they include."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_the_slope_of_a_loss_is_its_derivative(kind, agreeing):
     value, slope = loss.slope(flow)
 
     numbers = np.zeros_like(slope)
-    for at in np.ndindex(*flow.shape):  # the weight of CosPGD is kept constant
+    for at in np.ndindex(*flow.shape):  # the weight of CosPGD is held constant
         step = np.zeros(flow.shape)
         step[at] = 1e-4
         ahead, behind = (plain._parts((flow + sign * step).astype(np.float64), False)[0] for sign in (1, -1))
@@ -59,4 +59,5 @@ def test_pixels_without_truth_do_not_steer_an_attack_and_do_in_flowbench():
 
     assert np.array_equal(frames(truth, "default"), frames(other, "default"))
     without_mask = rf.attack(*pair, model, "pgd", 4, flow=truth, steps=4, variant="flowbench").frames
-    assert np.array_equal(frames(other, "flowbench"), without_mask)  # flow 0 where there is no truth, and counted
+    # flow 0 where there is no ground truth, but included
+    assert np.array_equal(frames(other, "flowbench"), without_mask)

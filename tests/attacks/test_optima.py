@@ -1,4 +1,4 @@
-"""What attacks reach: known optima, the best pair seen, and more than noise of the same norm."""
+"""Attacks reach known optima, return the best pair that they saw, and beat noise of the same norm."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ def test_sign_attacks_on_a_linear_model_reach_the_optimum(name):
     _, attacked = attacked_pair(name, model, severity=3, **({"steps": 20} if name in ("bim", "pgd") else {}))
 
     levels = np.stack(clean).astype(int).transpose(0, 3, 1, 2)
-    best = np.clip(levels + budget * np.sign(model.weights).astype(int), 0, 255)  # u is positive and away from 0
+    # u is positive and bounded away from 0
+    best = np.clip(levels + budget * np.sign(model.weights).astype(int), 0, 255)
     assert np.array_equal(np.stack(attacked.frames).transpose(0, 3, 1, 2), best)
 
 
 @pytest.mark.parametrize("name", ["bim", "apgd"])
 def test_attacks_under_rms_on_a_linear_model_reach_the_optimum_of_the_sphere(name):
     model = linear_model()
-    grey = np.full((2, 8, 10, 3), 128, np.uint8)  # far from 0 and 255, so that only the ball binds
+    grey = np.full((2, 8, 10, 3), 128, np.uint8)  # far from 0 and 255, so that only the norm constraint is active
     truth = np.zeros((8, 10, 2), np.float32)
 
     attacked = rf.attack(*grey, model, name, 4, flow=truth, norm="rms", steps=60)
@@ -75,7 +76,7 @@ def test_where_every_change_helps_the_model_the_clean_pair_is_the_best(name):
 
 
 def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
-    """The flow grows up to a change of 0.6 grey levels, and shrinks at a whole one."""
+    """The flow grows up to a change of 0.6 grey levels, and is smaller at a change of 1."""
     clean = torch.from_numpy(images_of(*random_pair()))
 
     def ridge(images1, images2):
@@ -120,7 +121,7 @@ def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
 
 
 def test_an_attack_that_has_not_converged_says_so():
-    def bowl(images1, images2):  # grows ever faster: each step adds more
+    def bowl(images1, images2):  # the gradient grows, so each step adds more
         return (torch.exp(8 * images1) * torch.exp(8 * images2))[:, :2]
 
     grey = np.full((2, 8, 10, 3), 100, np.uint8)

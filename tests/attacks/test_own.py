@@ -1,4 +1,4 @@
-"""A user's own attack: its contract, its part in a run's identity, and what the checker finds."""
+"""A user's own attack: its contract, its part in a run's identity, and the findings of the checker."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FRAMES = [np.random.default_rng(number).integers(0, 256, (24, 32, 3), np.uint8) 
 
 
 class Noise:
-    """The best of a few random signs."""
+    """Tries a few random sign patterns and keeps the best."""
 
     needs_gradients = False
 
@@ -44,7 +44,7 @@ def _model(frame1, frame2):
 
 @pytest.fixture
 def source(tmp_path, monkeypatch):
-    """Write `my_noise.py`, whose class `Mine` is the attack, and forget it as a new process would."""
+    """Write `my_noise.py` with the attack class `Mine`, and unload the module as if in a new process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
 

@@ -1,4 +1,4 @@
-"""Attacks that cannot be computed, refused in one line."""
+"""Attacks that cannot be computed are refused in one line."""
 
 from __future__ import annotations
 

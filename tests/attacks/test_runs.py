@@ -138,7 +138,7 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
     assert list(sources) == [names[2]]
     fgsm = run(tmp_path / "fgsm", attacks="fgsm", severities=3, count=1)
     same = fgsm.attack_rows.filter(corruption="fgsm")["frames_digest"][0]
-    assert rows[names[2]]["frames_digest"] == same  # on the model itself a transfer is the attack
+    assert rows[names[2]]["frames_digest"] == same  # on the source model itself, a transferred attack equals the attack
     with pytest.raises(RunError, match="begun with the attack transfer:tiny:attack=fgsm:device=cpu as well"):
         run(tmp_path / "run", attacks="fgsm", severities=3, count=1)
     assert {line.label for section in attack_table(done).sections for line in section.lines} >= {f"{names[0]} 3"}
@@ -209,7 +209,7 @@ def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
 
 
 def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
-    """SIGKILL in the middle of an attack, of the first pair and of the second, and then none."""
+    """SIGKILL arrives during an attack on the first pair, then on the second; the last run is undisturbed."""
     script = Path(__file__).with_name("killed_run.py")
     subprocess.run([sys.executable, str(script), str(tmp_path / "killed"), "20", "45"], check=True, timeout=300)
     subprocess.run([sys.executable, str(script), str(tmp_path / "whole")], check=True, timeout=300)

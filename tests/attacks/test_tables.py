@@ -85,7 +85,7 @@ def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real
 
 
 class Shrunk:
-    """DIS with its flow shortened, which changes how much corruptions and noise move it."""
+    """DIS with its flow scaled down, which changes its sensitivity to corruptions and noise."""
 
     def __init__(self, share: float) -> None:
         self.share, self.dis = share, rf.load_model("dis")
@@ -96,7 +96,7 @@ class Shrunk:
 
 @pytest.fixture(scope="module")
 def five(tmp_path_factory):
-    """Runs of five models, with noise for an attack."""
+    """Runs of five models, with noise as the attack."""
     folder = tmp_path_factory.mktemp("five")
     shares = (1.0, 0.7, 0.9, 0.6, 0.8)
     chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
@@ -139,7 +139,7 @@ def test_a_number_with_a_warning_is_not_correlated(five, monkeypatch):
 
 def test_the_interval_of_a_rank_correlation_covers_the_true_one():
     rng = np.random.default_rng(0)
-    true = 6 / np.pi * np.arcsin(0.6 / 2)  # of a normal pair with correlation 0.6
+    true = 6 / np.pi * np.arcsin(0.6 / 2)  # of a bivariate normal pair with correlation 0.6
     covered = 0
     for _ in range(400):
         first, noise = rng.normal(size=(2, 12))

@@ -1,4 +1,4 @@
-"""Perturbations that are trained on some samples or read from files, and tried on others; patches."""
+"""Perturbations that are trained on some samples or read from files, and tested on other samples; patches."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ GREY = np.full((2, 8, 10, 3), 128, np.uint8)
 
 
 def still(frame1, frame2):
-    """A flow that depends on both frames, without a gradient."""
+    """A flow that depends on both frames but has no gradient."""
     return (frame1.astype(np.float32) - frame2)[..., :2] / 20
 
 
@@ -59,7 +59,7 @@ def test_a_universal_perturbation_under_rms_turns_to_the_gradient_of_a_linear_mo
     model = linear_model()
     _, pattern, _ = _learned("universal", model, 4, [GREY, GREY], norm="rms")
 
-    assert np.corrcoef(pattern.ravel(), model.weights.ravel())[0, 1] > 0.95  # a random start is a right angle away
+    assert np.corrcoef(pattern.ravel(), model.weights.ravel())[0, 1] > 0.95  # a random start is nearly orthogonal
     assert np.sqrt((pattern**2).mean()) == pytest.approx(5 / 255, rel=1e-4)
 
 

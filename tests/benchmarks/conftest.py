@@ -1,4 +1,4 @@
-"""A small folder of KITTI 2015 that many tests open."""
+"""A small KITTI 2015 folder that many tests use."""
 
 import cv2
 import numpy as np
@@ -9,7 +9,7 @@ import robustflow as rf
 
 
 def make_kitti(root, pairs: int) -> None:
-    """A folder in KITTI 2015's layout, with photographs that move by (3, 1)."""
+    """A folder in KITTI 2015's layout, with photographs that move by (3, 1) pixels."""
     texture = data.astronaut()
     for folder in ("image_2", "flow_occ", "flow_noc"):
         (root / "training" / folder).mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""Which samples and corruptions a benchmark consists of; export and reading back."""
+"""The samples and corruptions of a benchmark; export and reading back."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
 
 
 def _named_like_kitti(root, keys):
-    """Empty files of the names of KITTI 2015's, which is all that opening it looks at."""
+    """Empty files with KITTI 2015's file names; opening the benchmark reads only the names."""
     for folder, frames in (("image_2", ("10", "11")), ("flow_occ", ("10",))):
         (root / "training" / folder).mkdir(parents=True)
         for key in keys:
@@ -170,7 +170,7 @@ def test_a_limit_takes_pairs_of_the_whole_course_and_a_larger_one_only_adds(coun
     assert set(spread(keys, limit - 1)) < set(chosen) or limit > count
     places = [-1, *map(int, chosen), count]
     widest = max(after - before for before, after in pairwise(places))
-    assert widest <= 2 * (count / len(chosen)) + 1  # the widest gap is at most twice the mean one
+    assert widest <= 2 * (count / len(chosen)) + 1  # the widest gap is at most twice the mean gap
 
 
 def test_a_limit_on_a_clip_does_not_only_take_its_still_start(tmp_path):
@@ -254,7 +254,9 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
 
 
 def test_an_identity_is_the_same_from_version_to_version(kitti):
-    """What is hashed, spelled out: a change here starts every run from scratch, and is meant to, or is a mistake."""
+    """The hashed content, written out: changing it restarts every run from scratch, so a change is either deliberate or
+    a mistake.
+    """
     benchmark = load_benchmark("kitti-fc", kitti)
     common = Plan(benchmark, RunOptions(seed=3, common_draws=True), {"name": "dis"}).identity()
     plain = Plan(benchmark, RunOptions(seed=3), {"name": "dis"}).identity()

@@ -1,4 +1,4 @@
-"""Corrupted benchmarks are written as files, continued, and read back with the same rows."""
+"""Corrupted benchmarks are written as files, resumed, and read back with the same rows."""
 
 import pytest
 from typer.testing import CliRunner

@@ -17,7 +17,7 @@ from robustflow.report.site import render_site, run_content, whole_content
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# Without these, chromium asks for updates and a variations seed as soon as it starts.
+# Without these, chromium requests updates and a variations seed at startup.
 _QUIET = (
     "--no-sandbox",
     "--disable-gpu",
@@ -38,13 +38,15 @@ class Visit:
     complaints: list[str] = field(default_factory=list)
 
     def outside(self, *allowed: str) -> list[str]:
-        """Requests that left the file: neither `file:`, `data:` and `blob:`, nor one of `allowed` (beginnings)."""
+        """Requests that leave the file: the URL has none of the schemes `file:`, `data:`, `blob:` and none of the
+        prefixes `allowed`.
+        """
         return [url for url in self.requests if not url.startswith(("file:", "data:", "blob:", *allowed))]
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """One chromium for all tests of a process; skips, with the reason, where Playwright or chromium is absent."""
+    """One chromium for all tests of a process; skips with a reason if Playwright or chromium is absent."""
     api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
     found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if found is None:
@@ -57,7 +59,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def visit(browser: Browser) -> Iterator[Callable[..., Visit]]:
-    """Make a page: `visit(width=390, height=844, color_scheme="dark")`; closed after the test."""
+    """Make a page with `visit(width=390, height=844, color_scheme="dark")`; it is closed after the test."""
     contexts = []
 
     def make(width: int = 1440, height: int = 900, **options: object) -> Visit:
@@ -87,7 +89,7 @@ _CELLS = "setting,model,metric,corruption,value\n" + "".join(
 
 @pytest.fixture(scope="session")
 def pages(tmp_path_factory, real_pictures) -> dict[str, Path]:
-    """report.html of a run with pictures, the published leaderboard, and one with hostile names."""
+    """report.html of a run with pictures, the published leaderboard, and a leaderboard with hostile names."""
     folder = tmp_path_factory.mktemp("pages")
     options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 2, 5]}
     with real_pictures():

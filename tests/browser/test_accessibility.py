@@ -1,4 +1,4 @@
-"""axe-core finds nothing serious or critical in any view of the pages, light or dark."""
+"""axe-core finds no serious or critical problem in any view of the pages, light or dark."""
 
 import pytest
 

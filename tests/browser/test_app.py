@@ -23,12 +23,12 @@ pytestmark = pytest.mark.browser
 pytest.importorskip("starlette", reason="the app extra is not installed")
 api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
 expect = api.expect
-expect.set_options(timeout=60_000)  # only a guard against hanging
+expect.set_options(timeout=60_000)  # only a safeguard against hanging
 
 
 @pytest.fixture(scope="module")
 def app(browser, tmp_path_factory) -> Iterator[App]:
-    """The app; not started where there is no browser."""
+    """The running app; skips without starting it if there is no browser."""
     with running_app(tmp_path_factory.mktemp("app")) as running:
         yield running
 
@@ -119,7 +119,7 @@ def test_a_slow_answer_does_not_come_after_a_newer_one(visit, tmp_path):
         page.locator("#model").select_option("farneback")
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         expect(page.locator("#busy")).to_be_hidden()
-        page.wait_for_timeout(1800)  # the slow model's two predictions would have ended
+        page.wait_for_timeout(1800)  # by now the slow model's two predictions would have ended
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         _clean(seen, app)
 
@@ -141,8 +141,7 @@ def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, tmp_path):
 
 
 def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
-    """The second model's numbers are the same as without the first, and the saved picture is as tall as its
-    contents."""
+    """The second model's numbers do not depend on the first, and the saved picture is as tall as its contents."""
     seen = opened()
     page = seen.page
     alone = _number(page, "epe")
@@ -229,7 +228,7 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     for field in ("#frame1", "#frame2"):
         assert page.locator(field).evaluate("input => input.files.length") == 0
     page.locator("#model").select_option("farneback")
-    page.wait_for_timeout(600)  # longer than the pause before a request
+    page.wait_for_timeout(600)  # longer than the delay before a request
     expect(page.locator("#pictures figure")).to_have_count(0)
     page.get_by_role("button", name="Use the demo pair").click()
     expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
@@ -278,7 +277,7 @@ def test_keyboard_alone(opened, app):
 
 def test_no_serious_barrier(opened, app):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
-    seen = opened(bypass_csp=True)  # axe puts its own script into the page
+    seen = opened(bypass_csp=True)  # axe injects a script into the page
     seen.page.get_by_text("Your own: drop them, or choose").click()
     seen.page.get_by_role("button", name="Add another on top").click()
     seen.page.get_by_role("button", name="Remove corruption 2").click()

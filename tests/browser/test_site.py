@@ -1,4 +1,4 @@
-"""The pages in a real browser, opened from disk: everything works by pointer and keyboard, nothing is fetched."""
+"""The pages in a real browser, opened from disk: everything works by pointer and keyboard, and nothing is fetched."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def opened(visit, pages):
-    """Open a page and check, after the test, that it made no request and printed no error."""
+    """Open a page and check, after the test, that it made no request and logged no error."""
     seen = []
 
     def go(name: str, state: str = "", **options):
@@ -33,7 +33,7 @@ def opened(visit, pages):
 
 
 def _column(page, heading: str) -> list[str]:
-    """The shown cells of a column of the shown leaderboard, group by group."""
+    """Visible cells of a column of the visible leaderboard, group by group."""
     head = page.locator(".board:visible thead th")
     index = next(
         i for i in range(head.count()) if head.nth(i).is_visible() and head.nth(i).inner_text().startswith(heading)
@@ -86,7 +86,7 @@ def test_filters_search_and_their_state_in_the_address(opened):
 
 
 def test_choosing_a_benchmark_filters_the_whole_page(opened):
-    """Table, sentences, figures, pictures, observations and audit, and the links to them."""
+    """The table, sentences, figures, pictures, observations and audit exist, as do the links to them."""
     page = opened("leaderboard")
     for name, figures in (("demo", 1), ("KITTI-FC", 4), ("GoPro-FC", 0)):
         page.get_by_role("radio", name=name).check(force=True)
@@ -150,7 +150,7 @@ def test_marks_are_the_papers(opened):
 
 
 def _printed(model: str, corruption: str) -> list[str]:
-    """CRE, RCRE and EPE in each setting, as the paper's tables have them."""
+    """CRE, RCRE and EPE in each setting equal those in the paper's tables."""
     rows = values_frame(published_results()).filter(benchmark="kitti-fc", model=model, corruption=corruption)
     return [f"{row['value']:.2f}" for metric in ("cre", "rcre", "epe") for row in rows.filter(metric=metric).to_dicts()]
 
@@ -189,7 +189,7 @@ def test_a_model_page_begins_at_its_top_at_once(opened):
 
 
 def test_everything_by_keyboard(opened):
-    """Skip link, a chip, a sort button, a row's link, back, and a figure's marks, without a pointer."""
+    """The skip link, a chip, a sort button, a row's link, back, and a figure's marks work without a pointer."""
     page = opened("leaderboard", "#benchmark=KITTI-FC")
     keys = page.keyboard
     keys.press("Tab")
@@ -227,7 +227,7 @@ def test_everything_by_keyboard(opened):
 
 
 def test_pointing_at_a_mark_names_it(opened):
-    """The model named in the middle of a bubble, where a dot is drawn over it."""
+    """The tooltip names the model at the centre of a bubble on which a dot is drawn."""
     page = opened("leaderboard", reduced_motion="reduce")
     _kitti(page)
     mark = page.locator("svg.chart .mark[data-label^='RAFT (ID): clean EPE 1.81 px, CRE 6.70 px']")
@@ -243,7 +243,7 @@ def test_the_slider_over_example_pictures(opened):
     page = opened("report")
     slider = page.locator("#slider-severity")
     shown = page.locator(".slider [data-corruption]:visible img")
-    assert shown.get_attribute("alt") == "Contrast at severity 2"  # 3 was not run
+    assert shown.get_attribute("alt") == "Contrast at severity 2"  # severity 3 was not run
     slider.focus()
     page.keyboard.press("Home")
     mild = shown.get_attribute("src")
@@ -254,7 +254,7 @@ def test_the_slider_over_example_pictures(opened):
     page.keyboard.press("ArrowLeft")
     assert page.locator(".slider .absent:visible").inner_text() == "This severity was not run."
     page.locator("#slider-corruption").select_option(label="Impulse noise")
-    assert shown.get_attribute("alt") == "Impulse noise at severity 5"  # 4 was not run
+    assert shown.get_attribute("alt") == "Impulse noise at severity 5"  # severity 4 was not run
     slider.focus()
     page.keyboard.press("Home")
     assert shown.get_attribute("alt") == "Impulse noise at severity 1"

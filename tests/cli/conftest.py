@@ -31,7 +31,7 @@ def robustflow(monkeypatch, capsys, tmp_path):
 
 
 def write_frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
-    """Write noise as 000.png, 001.png, ... of the sizes (height, width); returns their paths."""
+    """Write noise images 000.png, 001.png, ... with the given sizes (height, width); returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     paths = []

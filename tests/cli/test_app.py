@@ -1,4 +1,4 @@
-"""`robustflow app` when it cannot start; the rest is in tests/app."""
+"""`robustflow app` when it cannot start; all other cases are in tests/app."""
 
 from robustflow import extras
 

@@ -1,4 +1,4 @@
-"""The command line that a start builds, with the options of the named command only, is the whole one to its user."""
+"""Only the options of the named command are built at startup; the user sees no difference."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""The command line as a person meets it: output, exit codes, one-line errors."""
+"""The command line as a user sees it: output, exit codes, one-line errors."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ README = Path(__file__).resolve().parents[2] / "README.md"
 
 
 def _table_of_readme() -> list[str]:
-    """The lines that the README shows of what the first command prints."""
+    """The lines of the first command's output that the README shows."""
     return re.search(r"^```text\n(.*?)^```$", README.read_text(), re.MULTILINE | re.DOTALL)[1].splitlines()
 
 
 def _cells_of(table: str, first: str) -> list[str]:
-    """The cells of a line of a printed table."""
+    """Cells of a line of a printed table."""
     line = next(line for line in table.splitlines() if re.match(rf"{first}( \[\d\])? +[│┃]", line))
     return [cell.strip() for cell in re.split("[│┃]", line)[1:]]
 
@@ -109,7 +109,7 @@ def test_several_models_one_after_the_other(robustflow):
         line = next(line for line in table.splitlines() if run.name in line and "compare" not in line)
         assert f"{run.epe_clean:.2f}" in line
         assert f"{run.cre:.2f}" in line
-    assert "robustflow compare" not in table  # one pair cannot tell
+    assert "robustflow compare" not in table  # a single pair gives no evidence
     code, _, error = robustflow("run", "-m", "dis", "-m", "dis", *few)
     assert (code, error.count("\n")) == (2, 1)
 
@@ -253,7 +253,8 @@ def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(ro
 
     monkeypatch.setattr(machine_check, "CHECKED", ("contrast", "pixelate"))
     assert robustflow("corrupt", "--check")[:2] == (0, "2 of 2 corruptions give the package's bytes on this machine\n")
-    monkeypatch.setattr(machine_check, "_SEED", machine_check._SEED + 1)  # contrast and pixelate draw nothing
+    # contrast and pixelate have no random parameter
+    monkeypatch.setattr(machine_check, "_SEED", machine_check._SEED + 1)
     assert robustflow("corrupt", "--check")[0] == 0
     monkeypatch.setattr(machine_check, "_SHIFT", (2, 6))
     code, out, _ = robustflow("corrupt", "--check")

@@ -1,4 +1,4 @@
-"""Shell completion, requested as a shell does."""
+"""Shell completion, requested as a shell would."""
 
 import pytest
 from typer.testing import CliRunner

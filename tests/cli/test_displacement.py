@@ -1,5 +1,4 @@
-"""`displacement`: the embedded pair's histogram is that of its disparity, and a run keeps the histogram of its
-frames."""
+"""`displacement`: the embedded pair's histogram is that of its disparity, and a run keeps its frames' histogram."""
 
 from pathlib import Path
 

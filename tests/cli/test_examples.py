@@ -28,7 +28,7 @@ def test_run_draws_and_examples_draws_the_same(robustflow, real_pictures):
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """The same run, without examples."""
+    """The same run without example pictures."""
     folder = tmp_path_factory.mktemp("measured") / "run"
     model = ModelSpec("dis", (("preset", "ultrafast"),))
     return evaluate(model, output=folder, corruptions=["contrast"], severities=[1, 3]).path
@@ -102,7 +102,7 @@ class Lighter:
 
 @pytest.fixture
 def attacked(tmp_path, robustflow, monkeypatch):
-    """A run with attacks of the package, of the user and with a file; nothing of them is known afterwards."""
+    """A run with built-in, user-defined and file-based attacks, none of which is available afterwards."""
     (tmp_path / "lighter_attack.py").write_text(MINE)
     frames = load_dataset("motorcycle").load("motorcycle").frames
     np.save(tmp_path / "added.npy", np.full((1, 3, *frames[0].shape[:2]), 0.01, np.float32))

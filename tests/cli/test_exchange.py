@@ -1,4 +1,4 @@
-"""Rows for other programs, and a folder of records that several people add to."""
+"""Rows for other programs, and a folder of records to which several people contribute."""
 
 import io
 import re
@@ -22,13 +22,13 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def packed(run):
-    """Two records of one run, by two people: author -> contents."""
+    """Two records of one run, made by two people: author -> contents."""
     return {author: record_bytes(load_run(run), author=author) for author in ("Ada", "Bob")}
 
 
 @pytest.fixture
 def records(packed, tmp_path):
-    """Their files."""
+    """The two records as files."""
     for author, contents in packed.items():
         (tmp_path / f"{author}.robustflow").write_bytes(contents)
     return [tmp_path / f"{author}.robustflow" for author in packed]
@@ -89,7 +89,7 @@ def test_a_folder_of_a_run_is_packed_and_added(run, tmp_path):
 
 
 def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow, run, records, monkeypatch):
-    """Two records of one model; that of a different model stays."""
+    """Two records are of one model; the record of a different model is kept."""
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
     other = evaluate("dis", "demo", output="other", corruptions=["contrast"], severities=[1]).path
     assert robustflow("leaderboard", "site", "--add", records[0], "--add", other)[2] == ""

@@ -1,4 +1,4 @@
-"""Help prints its texts in full: rich would treat "[words]" as markup and drop them."""
+"""Help texts are printed in full, although rich would treat "[words]" as markup and drop them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`list`: what there is, and what each model's checkpoints have seen."""
+"""`list`: the available names, and the training data of each model's checkpoints."""
 
 from __future__ import annotations
 

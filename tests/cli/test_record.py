@@ -1,4 +1,4 @@
-"""`pack` and `verify` on the command line, and records where runs are read."""
+"""`pack` and `verify` on the command line, and records in place of runs."""
 
 import json
 import shutil
@@ -19,14 +19,14 @@ def runs(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def packed(runs):
-    """Both runs as records: name of the file -> contents."""
+    """Both runs as records: file name -> contents."""
     said = {"author": "Ada", "link": "https://example.org"}
     return {f"{run.name}.robustflow": record_bytes(load_run(run), **said) for run in runs}
 
 
 @pytest.fixture
 def records(robustflow, packed):
-    """Their files in the working folder, which holds nothing else of the runs."""
+    """The record files in the working folder, which contains nothing else of the runs."""
     for name, contents in packed.items():
         Path(name).write_bytes(contents)
     return [*map(Path, packed)]
@@ -49,7 +49,7 @@ def test_pack_and_verify(robustflow, runs, packed):
 
 
 def test_predictions_are_made_again(robustflow, records):
-    """A record of DIS verifies with DIS and not with Farneback, on the same frames."""
+    """A record of DIS verifies with DIS but not with Farneback, on the same frames."""
     code, out, _ = robustflow("verify", records[0], "--model", "dis")
     assert code == 0
     assert "3 of 3 rows" in out

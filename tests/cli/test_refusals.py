@@ -1,4 +1,4 @@
-"""What the command line refuses, in one line that says what to do: bad input, missing extras, full disks."""
+"""Bad input, missing extras and full disks are refused in one line that says what to do."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_module_that_needs_an_extra_names_it(robustflow, tmp_path, monkeypatch
 def test_a_missing_extra_is_refused_before_anything_is_announced(
     robustflow, tmp_path, monkeypatch, library, extra, command
 ):
-    """One line that names the extra, one exit code, and no folder."""
+    """One line names the extra; the exit code is the same and no folder is made."""
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else find_spec(name))
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.delitem(sys.modules, "needs", raising=False)
@@ -198,7 +198,7 @@ def test_a_read_only_file_system(robustflow, tmp_path):
 
 
 def test_a_full_disk(robustflow, monkeypatch):
-    """The real error of a real full device, met where a shard is renamed into place."""
+    """A genuinely full device raises its error when a shard is renamed into place."""
     import robustflow.atomic as atomic
 
     real = open
