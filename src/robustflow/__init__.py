@@ -1,4 +1,4 @@
-"""RobustFlow: how robust is an optical-flow model to image corruptions?
+"""RobustFlow: measure how robust optical-flow models are to image corruptions.
 
 >>> import robustflow as rf
 >>> model = rf.load_model("dis")
@@ -89,12 +89,12 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    """The public names, so that completion shows them before their first use."""
+    """Return the public names, so that tab completion lists them before first use."""
     return sorted({*__all__, "__version__", "__doc__", "__name__"})
 
 
 def __getattr__(name: str) -> "Any":
-    """Import a public name on first use: `import robustflow` stays fast."""
+    """Import a public name on first use, which keeps `import robustflow` fast."""
     if name in _MODULES:
         return import_module(f".{name}", __name__)
     if name not in _HOMES:

@@ -1,11 +1,11 @@
-"""The command `robustflow`, and `python -m robustflow`, which `torchrun -m robustflow` needs."""
+"""Entry point of the command `robustflow` and of `python -m robustflow`, which `torchrun -m robustflow` needs."""
 
 import _signal  # type: ignore[import-not-found]  # `signal` itself imports more
 import sys
 
 
 def main() -> None:
-    """Run the command line. While it is imported, Ctrl-C ends this process without a traceback."""
+    """Run the command line. Ctrl-C during the imports ends the process without a traceback."""
     interrupt = _signal.getsignal(_signal.SIGINT)
     if interrupt is _signal.default_int_handler:  # otherwise it is ignored, as in the background
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
@@ -17,5 +17,5 @@ def main() -> None:
 
 if __name__ == "__main__":
     if not sys.flags.safe_path and not __file__.startswith(f"{sys.path[0]}/robustflow/"):
-        del sys.path[0]  # the working folder, which may come from anyone
+        del sys.path[0]  # the working folder is untrusted
     main()

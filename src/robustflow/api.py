@@ -1,5 +1,5 @@
-"""The package's functions for runs: evaluate a model, read a run, compare runs; the only module that both runs and
-reports."""
+"""The package's functions for runs: evaluate a model, read a run, compare runs. The only module that both runs
+evaluations and writes reports."""
 
 from __future__ import annotations
 
@@ -32,38 +32,40 @@ if TYPE_CHECKING:
 
 
 class Result(Run):
-    """A run, and what can be made from it: comparisons, figures and pages.
+    """A run, with methods for comparisons, figures and report pages.
 
     Args:
-        folder: the run's folder.
+        folder: path of the run's folder.
 
     Raises:
-        RunError: no run in it, or one that this version cannot read.
+        RunError: the folder contains no run, or one that this version cannot read.
     """
 
     @property
     def cost(self) -> RunCost | None:
-        """The cost of one prediction of the model, if `robustflow profile MODEL --into RUN` measured it."""
+        """Return the cost of one prediction of the model, if `robustflow profile MODEL --into RUN` measured it."""
         return read_cost(self)
 
     def compare(
         self, other: Run | str | Path, *, level: float = 0.95, resamples: int = 4999, seed: int = 0
     ) -> Comparison:
-        """Whether this run differs from another one, or that of a folder, over the same frames; see
+        """Test whether this run differs from a second run, or from the run in a folder, on the same frames; see
         `robustflow.compare`."""
         from .report.comparison import compare
 
         return compare(self, other, level=level, resamples=resamples, seed=seed)
 
     def uncoupled(self) -> Uncoupled:
-        """Robustness less tied to accuracy: log ratios of errors, medians over images, the increase of Fl, and the
-        partial correlation of the corrupted with the clean error; see `robustflow.analysis.uncoupled`."""
+        """Return robustness measures that depend less on clean accuracy: log ratios of errors, medians over images, the
+        increase of Fl, and the partial correlation of the corrupted with the clean error; see
+        `robustflow.analysis.uncoupled`."""
         from .analysis.uncoupled import uncoupled
 
         return uncoupled(self.rows)
 
     def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Run] = ()) -> Figure:
-        """A figure of this run, and of others alongside; see `robustflow.report.notebook.plot` for the kinds."""
+        """Return a figure of this run, optionally with other runs; see `robustflow.report.notebook.plot` for the
+        kinds."""
         from .report.notebook import plot
 
         return plot([self, *others], kind, metric)
@@ -82,17 +84,16 @@ class Result(Run):
         self.write_report()
 
     def write_report(self) -> None:
-        """Write `report.html`, with the existing example pictures."""
+        """Write `report.html`, including any existing example pictures."""
         write_report(self)
 
 
 def load_run(path: str | Path) -> Result:
-    """The run in a folder that `run` wrote, or in a record that `pack` wrote.
-
-    A record is verified first; its run is in a temporary folder that is removed when the result is no longer used.
+    """Read the run in a folder that `run` wrote, or in a record that `pack` wrote. A record is verified first; its run
+    is unpacked into a temporary folder, which is removed when the result is garbage-collected.
 
     Raises:
-        RunError: no run in it, one that this version cannot read, or a record that does not verify.
+        RunError: the path contains no run, a run that this version cannot read, or a record that does not verify.
         DataError: the file cannot be read.
     """
     return load_any_run(path, Result)
@@ -128,65 +129,67 @@ def evaluate(
     examples: bool = False,
     progress: Progress | bool | None = None,
 ) -> Result:
-    """Measure how robust a model is. A killed run can be resumed: the same call continues where it stopped.
+    """Measure how robust a model is. To resume an interrupted run, repeat the same call.
 
     Args:
-        model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with
-            `predict(frame1, frame2) -> flow`, or a function of two frames, or a multi-frame model (`ClipModel`), which
-            is given clips, or a PyTorch module (see `TorchModel`). An attribute `trained_on` ("C+T") declares its
-            training sets, an attribute `name` what it is called.
-        benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
-            for your own frames or video, "sintel", ...), or a `Benchmark`.
+        model: the model to evaluate: a name (`"dis"`, `"module.path:Attribute"`), the path of a folder of flows, any
+            object with `predict(frame1, frame2) -> flow`, a function of two frames, a multi-frame model (`ClipModel`)
+            that takes clips, or a PyTorch module (see `TorchModel`). An attribute `trained_on` ("C+T") declares its
+            training sets; an attribute `name` sets its name.
+        benchmark: the benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", the name of a
+            data set ("folder" for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
             own frames.
-        corruptions, severities, limit: run only these, one or several; a later call with others adds to the same
-            folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
-            source of your own is part of the run's identity (docs/add-your-corruption.md).
-        subset: "quick" for the fewest conditions that rank models nearly as all do, where a benchmark has such a
-            subset (kitti-fc); means over it are marked as estimates. Not with `corruptions` or `severities`.
-        attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
-            options if there are any (`"pgd:steps=40"`), or your own, `"module.path:Attribute"`, a class or an object;
-            without `corruptions` nothing else runs. Random noise comes with them, and no mean over corruptions includes
-            them; see `Run.attack_rows`.
-        split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
-        data_options: options of a data set, for example {"render_pass": "final"}.
-        still: pair every frame with itself, with a true flow of zero, so that errors are phantom motion
+        corruptions, severities, limit: one or more corruptions and severities and the number of samples to run; a later
+            call with different values adds to the same folder. A corruption is a name, `"module.path:Attribute"`, or a
+            user-defined class or object, whose source is part of the run's identity (docs/add-your-corruption.md).
+        subset: "quick" for the smallest set of conditions that ranks models nearly as the full set does, where a
+            benchmark has such a subset (kitti-fc); means over the subset are marked as estimates. Not with
+            `corruptions` or `severities`.
+        attacks: one or more adversarial attacks (docs/attacks.md) to run at these severities: names with optional
+            settings (`"pgd:steps=40"`), or user-defined attacks as `"module.path:Attribute"`, a class or an object.
+            Without `corruptions`, only attacks run. Random noise is added as their baseline. Means over corruptions
+            exclude attacks; see `Run.attack_rows`.
+        split: path of a file that lists the samples to use, one key per line, or "drive-disjoint" for KITTI 2015.
+        data_options: options of the data set, for example {"render_pass": "final"}.
+        still: True to pair every frame with itself, with a true flow of zero, so that every error is phantom motion
             (docs/still-scenes.md).
-        seed: of every random draw. The same seed gives the same bytes on any machine.
-        variant: of the corruptions: "default", "reference", "reference-bgr" or "paper".
-        name: what the model is called in tables, figures and pages; its own name by default. It changes no number: a
-            run continues under another name.
-        common_draws: one draw for all five severities of a pair, so that they differ only in strength.
-        severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that do
-            not exist for a corruption are left out, and listed in `Result.left_out`.
-        workers: number of processes. By default only this process, unless `timeout` is given; for a named model that
-            uses one thread (`dis`, `tiny`, `farneback`) one per processor, up to 8, in runs of 50 cells or more. For a
-            model on a GPU (attribute `device`) the processes that corrupt and measure, in addition to one per GPU that
-            predicts, by default one per processor; with Ray one per GPU or processor of the cluster.
-        batch_size: cells of one sample that a model with `predict_batch` gets in one call. It is not part of a run's
-            identity: a flow may change by 1e-4 px.
-        engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and `timeout` by default.
-        address: of the Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
-        timeout: seconds a single prediction, or batch of them, may take.
-        allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
-        confidence: measure whether the model knows where it is wrong (docs/confidence.md): by "forward-backward"
-            consistency, which costs one more prediction a cell, or as the "model" itself says
-            (`predict_with_confidence`).
-        draws: how often each corruption is drawn, with `seed` and the following ones; with 2 or more, rows and means
-            also have the spread: the standard deviation of the flow over the draws, in pixels. Errors are those of the
-            first draw.
-        examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
-            report, which also gets the histogram of displacements if there is ground truth; a few predictions are
-            repeated for it. If the examples cannot be drawn, a warning says why.
-        progress: by default shown on a terminal and in a notebook; False shows none, True also prints lines to a log.
-            Or an object with `start(folder, total, found)` and `advance(done)`.
+        seed: the seed for all random draws. The same seed gives the same bytes on any machine.
+        variant: the variant of the corruptions: "default", "reference", "reference-bgr" or "paper".
+        name: the model's display name in tables, figures and pages; by default the model's own name. The display name
+            does not affect the results: a run can be resumed under a different name.
+        common_draws: True to use the same random draw for all five severities of a pair, so that they differ only in
+            strength.
+        severity_scale: "paper", or "calibrated" for severities that are comparable across corruptions; severities that
+            do not exist for a corruption are left out and listed in `Result.left_out`.
+        workers: number of worker processes. The default is no extra process unless `timeout` is given; for a named
+            single-threaded model (`dis`, `tiny`, `farneback`) in runs of 50 cells or more, one per processor, up to 8.
+            For a model on a GPU (attribute `device`), the number of processes that corrupt and measure, in addition to
+            one per GPU that predicts; by default one per processor. With Ray, one per GPU or processor of the cluster.
+        batch_size: number of cells of one sample in one call of `predict_batch`. The batch size is not part of a run's
+            identity, although flow may change by 1e-4 px.
+        engine: the execution engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and
+            `timeout` by default.
+        address: address of the Ray cluster: "auto", "host:port" or "ray://host:port"; None starts a local cluster.
+        timeout: time limit for a single prediction or batch, in seconds.
+        allow_invalid: True to leave out and count predicted pixels that are NaN or infinite instead of failing.
+        confidence: the source of confidence estimates to evaluate (docs/confidence.md): "forward-backward" consistency,
+            which costs one more prediction per cell, or the "model" itself (`predict_with_confidence`).
+        draws: number of random draws of each corruption, with `seed` and the seeds after it. With 2 or more, rows and
+            means also contain the spread: the standard deviation of the flow over the draws, in pixels. Errors come
+            from the first draw.
+        examples: True to draw the worst and the median sample at the end, into `examples/` in the run's folder and into
+            the report, which also shows the histogram of displacements if there is ground truth. This repeats a few
+            predictions. If the examples cannot be drawn, a warning gives the reason.
+        progress: whether to show progress: by default on a terminal and in a notebook; False never; True also as lines
+            in a log. Alternatively an object with `start(folder, total, found)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
 
     Raises:
-        UsageError, DataError, ModelError, RunError: see each class; finished work is kept in every case.
+        UsageError, DataError, ModelError, RunError: see each class; finished rows are always kept.
 
     >>> import tempfile, numpy as np
     >>> still = lambda frame1, frame2: np.zeros((*frame1.shape[:2], 2), np.float32)
@@ -246,7 +249,7 @@ def evaluate(
 
 
 def _draw(result: Result, setup: Setup, wanted: bool) -> None:
-    """Draw the example pictures once the numbers are safe: no failure here costs a run its rows."""
+    """Draw the example pictures after the rows are saved, so that a failure here loses no rows."""
     from .runner.cost import keep_cost
     from .runner.displacement import keep_displacement
     from .runner.examples import write_examples

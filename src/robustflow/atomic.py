@@ -1,4 +1,4 @@
-"""Write a file so that a reader sees the old one, the complete new one, or none."""
+"""Write files atomically: a reader sees the old file, the complete new file, or no file."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from typing import Any, BinaryIO
 from .errors import DataError
 
 TEMPORARY = ".partial-"
-"""Prefix of a file that is still being written; no reader matches it."""
+"""Prefix of a file that is still being written; readers ignore such files."""
 
 
 def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
-    """Put `data` at `path`: a hidden file in the same folder first, then a rename.
+    """Write `data` to a hidden file in the same folder, then rename it to `path`.
 
     Args:
-        path: of the file; an existing one is replaced.
-        data: all of it.
-        durable: return only when the file would survive a power failure: its bytes reach the disk before the rename
-            does, and the rename before this returns. Costs milliseconds; pass False for what can be recomputed.
+        path: path of the file; an existing file is replaced.
+        data: the complete content of the file.
+        durable: True to return only when the file would survive a power failure: its bytes are flushed to disk before
+            the rename, and the rename before the function returns. Costs milliseconds; pass False for data that can be
+            recomputed.
 
     Raises:
         DataError: the folder does not exist or cannot be written, or the disk is full; `path` is untouched.
@@ -38,7 +39,8 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
 
 
 def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool = True) -> None:
-    """Like `write_bytes`, for data that need not be in memory at once: `write` is given the open hidden file."""
+    """Like `write_bytes`, for data that do not have to be in memory all at once: `write` receives the open hidden
+    file."""
     temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
     try:
         with open(temporary, "xb") as file:
@@ -50,7 +52,7 @@ def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool
         if durable:
             sync_folder(path.parent)
     except OSError as error:
-        with suppress(OSError):  # fails on a read-only file system, too
+        with suppress(OSError):  # also fails on a read-only file system
             temporary.unlink(missing_ok=True)
         reason = error.strerror or str(error)
         raise DataError(f"cannot write {path}: {reason}; choose a folder that exists and has room") from error
@@ -60,7 +62,8 @@ def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable, where the operating system can: Windows and some network drives cannot."""
+    """Flush a folder's entries to disk where the operating system supports it (Windows and some network drives do
+    not)."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -70,10 +73,10 @@ def sync_folder(folder: Path) -> None:
 
 
 def json_bytes(value: Any) -> bytes:
-    """JSON as this project writes it: the same bytes for the same value, and no NaN or infinity.
+    """Return a value as canonical JSON: the same bytes for the same value, without NaN or infinity.
 
     Raises:
-        ValueError: a number that is not finite, or text that is not Unicode.
+        ValueError: a number is not finite, or a text is not valid Unicode.
 
     >>> json_bytes({"b": 1, "a": None})
     b'{\\n  "a": null,\\n  "b": 1\\n}\\n'
@@ -82,12 +85,12 @@ def json_bytes(value: Any) -> bytes:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write `json_bytes` atomically."""
+    """Write a value as canonical JSON, atomically."""
     write_bytes(path, json_bytes(value))
 
 
 def make_folder(path: Path) -> None:
-    """Create a folder and its parents, or raise a DataError that says why not."""
+    """Create a folder and its parents, or raise a DataError that gives the reason."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         sync_folder(path.parent)

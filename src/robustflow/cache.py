@@ -1,4 +1,4 @@
-"""The user's cache: where it is on this platform."""
+"""Location of the user's cache on this platform."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 CACHE_VARIABLE = "ROBUSTFLOW_CACHE"
-"""Environment variable that names another folder for the whole cache."""
+"""Environment variable that overrides the folder of the whole cache."""
 
 
 def cache_folder(part: str) -> Path:
-    """Where a part of the cache is kept: in `ROBUSTFLOW_CACHE`, otherwise in the platform's folder for caches.
+    """Return the folder of one part of the cache, inside `ROBUSTFLOW_CACHE` or the platform's cache folder.
 
     >>> cache_folder("frost").name
     'frost'

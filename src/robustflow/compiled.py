@@ -1,8 +1,8 @@
-"""Compiled functions: the only file that imports numba.
+"""Compile functions with numba; the only file that imports numba.
 
-numba reads settings from `.numba_config.yaml` in the working folder, before every compilation, and unpickles compiled
-code from whatever folder they name. Here it does neither. Its files of compiled code are safe to write from many
-processes at once only as `_CacheFiles` names them.
+By default numba reads settings from `.numba_config.yaml` in the working folder before every compilation, and unpickles
+compiled code from whatever folder the settings name. This module prevents both. With the file names of `_CacheFiles`,
+many processes can safely write compiled code at once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 from .errors import UsageError
 
 _yaml = sys.modules.get("yaml")
-sys.modules["yaml"] = None  # type: ignore[assignment]  # numba can read no settings without it
+sys.modules["yaml"] = None  # type: ignore[assignment]  # numba cannot read settings without it
 try:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "A Numba config file is found")
@@ -43,14 +43,14 @@ Function = Callable[..., Any]
 
 
 def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
-    """`numba.njit`, which compiles a function on its first call or, with a signature, now.
+    """Apply `numba.njit`, which compiles a function on its first call or, if a signature is given, immediately.
 
     Args:
-        signature: the types, if they are fixed.
-        options: of `numba.njit`.
+        signature: the argument and return types, if they are fixed.
+        options: keyword options of `numba.njit`.
 
     Raises:
-        UsageError: compiled code would be read from a folder that others can write.
+        UsageError: compiled code would be read from a folder that other users can write to.
 
     >>> @njit()
     ... def twice(x):
@@ -76,14 +76,15 @@ def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
 
 
 def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
-    """`njit` with a signature, but compile on the first call instead of at import.
+    """Apply `njit` with a signature, but compile on the first call instead of at import.
 
-    A process would otherwise compile every such function of every file it imports, up to two seconds each, though most
-    are called in other processes.
+    Otherwise a process would compile every such function in every module it imports, at up to two seconds each,
+    although it calls only a few of them.
 
     Args:
-        signature: the types, in which read-only arrays are named as such. Compiled code cannot call the function.
-        options: of `numba.njit`.
+        signature: the argument and return types, with read-only arrays declared read-only. Other compiled functions
+            cannot call the function.
+        options: keyword options of `numba.njit`.
 
     >>> @njit_late("float64(float64)")
     ... def half(x):
@@ -105,11 +106,11 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
 
 
 class _CacheFiles(numba.core.caching.IndexDataCacheFile):
-    """Files of compiled code, each named after the signature and processor it is for.
+    """Cache files of compiled code, each named after its signature and target processor.
 
-    numba numbers them and keeps the numbers in an index. When two processes compile different signatures of a function
-    at once, both take the same number, and from then on code for contiguous arrays may run on strided ones: it reads
-    the wrong values and says nothing.
+    numba numbers these files and keeps the numbers in an index. When two processes compile different signatures of a
+    function at once, both choose the same number. Code for contiguous arrays may then run on strided arrays and
+    silently read the wrong values.
     """
 
     def save(self, key: Any, data: Any) -> None:
@@ -129,16 +130,16 @@ class _CacheFiles(numba.core.caching.IndexDataCacheFile):
 
 @cache
 def _check_folder(folder: Path) -> None:
-    """Raise if somebody else could put compiled code into a folder.
+    """Raise if other users could put compiled code into a folder.
 
-    Python's own compiled code is in `__pycache__`, with whatever rights that has.
+    Python's own compiled code is in `__pycache__`, whose permissions are not checked.
     """
     if folder.name == "__pycache__":
         return
     folder, reached = folder.resolve(), True
     for part in (*reversed(folder.parents), folder):
         about = part.stat()
-        fixed = part != folder and about.st_mode & stat.S_ISVTX  # as in /tmp, nobody can replace what is in it
+        fixed = part != folder and about.st_mode & stat.S_ISVTX  # sticky bit (/tmp): others cannot replace files
         group = reached and about.st_mode & stat.S_IWGRP and not _is_private(about.st_gid)
         theirs = part == folder and about.st_uid not in (0, os.geteuid())
         if theirs or (not fixed and (group or about.st_mode & stat.S_IWOTH)):
@@ -150,7 +151,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def _is_private(group: int) -> bool:
-    """Whether a group is root's, or the one that many systems make for each user."""
+    """Return whether a group is root's or the user's private group."""
     if group == 0:
         return True
     try:

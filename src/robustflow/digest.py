@@ -1,4 +1,4 @@
-"""The one way to name content by a hash: of bytes, and of any value that JSON can represent."""
+"""Hashes that identify content: bytes, files, and any value that JSON can represent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from blake3 import blake3
 
 
 def digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
-    """The BLAKE2b hash of some bytes, one part after the other, as 2 x `size` hexadecimal digits.
+    """Return the BLAKE2b hash of the concatenated parts as 2 x `size` hexadecimal digits.
 
     >>> digest_of_bytes(b"ab", b"c") == digest_of_bytes(b"abc")
     True
@@ -25,7 +25,8 @@ def digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
 
 
 def quick_digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
-    """The BLAKE3 hash, otherwise as above, for megabytes: 0.8 instead of 4.5 ms for a pair of KITTI.
+    """Return the BLAKE3 hash of the concatenated parts. For large data: a KITTI pair takes 0.8 ms instead of 4.5 ms
+    with BLAKE2b.
 
     >>> quick_digest_of_bytes(b"ab", b"c") == quick_digest_of_bytes(b"abc")
     True
@@ -37,7 +38,7 @@ def quick_digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
 
 
 def quick_digest_of_file(path: Path, size: int = 16) -> str:
-    """The BLAKE3 hash of a file of any size.
+    """Return the BLAKE3 hash of a file of any size.
 
     Raises:
         OSError: it cannot be read.
@@ -48,7 +49,7 @@ def quick_digest_of_file(path: Path, size: int = 16) -> str:
 
 
 def sha256_of_file(path: Path) -> str:
-    """The SHA-256 of a file of any size, as it is published beside downloads.
+    """Return the SHA-256 of a file of any size, in the form in which checksums of downloads are published.
 
     Raises:
         OSError: it cannot be read.
@@ -58,7 +59,8 @@ def sha256_of_file(path: Path) -> str:
 
 
 def digest_of_value(value: Any, size: int = 8) -> str:
-    """The hash of a value's canonical JSON: keys sorted, no spaces, values unknown to JSON as their text.
+    """Return the hash of a value's canonical JSON: sorted keys, no spaces, and `str()` of values that JSON does not
+    support.
 
     >>> digest_of_value({"a": 1, "b": (2, 3)}) == digest_of_value({"b": [2, 3], "a": 1})
     True

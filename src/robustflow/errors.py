@@ -1,6 +1,5 @@
-"""The exceptions of RobustFlow: one root, and a message that says what was wrong, where, and what to do.
-
-The command line prints the message in one line and exits with `exit_code`.
+"""The exceptions of RobustFlow: one root class; every message states the problem, its location, and the remedy. The
+command line prints the message on one line and exits with `exit_code`.
 """
 
 from __future__ import annotations
@@ -14,36 +13,37 @@ if TYPE_CHECKING:
 
 
 class RobustFlowError(Exception):
-    """Root of everything RobustFlow raises on purpose."""
+    """Base class of all exceptions that RobustFlow raises on purpose."""
 
     exit_code = 1
     """Exit code of the command line."""
 
 
 class UsageError(RobustFlowError, ValueError):
-    """An argument that makes no sense here: an unknown name, a severity of 6, options that exclude each other."""
+    """An argument is invalid: an unknown name, a severity of 6, or mutually exclusive options."""
 
     exit_code = 2
 
 
 class DataError(RobustFlowError):
-    """A file or folder that is missing, damaged, or not what it should be."""
+    """A file or folder is missing, damaged, or not of the expected kind."""
 
 
 class AssetError(RobustFlowError):
-    """Something that a corruption, model or command needs (textures, weights, a library) is not on this machine."""
+    """Something that a corruption, model or command needs (textures, weights, a library) is not installed."""
 
 
 class ModelError(RobustFlowError):
-    """A model that cannot be loaded, or that returned something other than a flow."""
+    """A model cannot be loaded, or returned something other than optical flow."""
 
 
 class RunError(RobustFlowError):
-    """A run folder that cannot be used: locked, not writable, from another schema, of another run."""
+    """A run folder cannot be used: it is locked, not writable, has a different schema, or belongs to a different
+    run."""
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
-    """The error for an unknown name, with the nearest known ones.
+    """Return the error for an unknown name, with suggestions of similar known names.
 
     >>> print(unknown_name("corruption", "gausian_noise", ["gaussian_noise", "fog"]))
     unknown corruption 'gausian_noise': did you mean 'gaussian_noise'? Known: gaussian_noise, fog
@@ -60,12 +60,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
 
 
 def first_misfit(error: ValidationError, whole: str = "the file") -> str:
-    """The first place where data does not have the expected shape, and why; it quotes none of the data, which may be
+    """Describe where data first deviates from the expected schema, and why, without quoting the data, which may be
     hostile.
 
     Args:
-        error: pydantic's.
-        whole: what to call the data as a whole, for an error that is in no part of it.
+        error: pydantic's validation error.
+        whole: the name of the data as a whole, for an error that is not in a specific field.
 
     >>> from pydantic import TypeAdapter, ValidationError
     >>> try:
@@ -79,7 +79,7 @@ def first_misfit(error: ValidationError, whole: str = "the file") -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of an error's message, to be quoted in ours; its class if it has none.
+    """Return the first line of an error's message, to be quoted in ours, or its class name if the message is empty.
 
     >>> first_line(ValueError("bad magic\\nat byte 3")), first_line(EOFError())
     ('bad magic', 'EOFError')
@@ -88,7 +88,7 @@ def first_line(error: BaseException) -> str:
 
 
 def plain_warning(message: Warning | str, *_: object, **__: object) -> str:
-    """A warning as one readable line, without its location in the code. For `warnings.formatwarning`.
+    """Format a warning as one line, without its location in the code. For `warnings.formatwarning`.
 
     >>> plain_warning(UserWarning("nothing was changed"), UserWarning, "cache.py", 66)
     'robustflow: warning: nothing was changed\\n'

@@ -18,17 +18,17 @@ EXTRAS = {
     "uvicorn": "app",
     "python_multipart": "app",
 }
-"""Module -> the extra of this package that installs it."""
+"""Mapping from a module to the extra of this package that installs it."""
 
 _TITLES = {"torch": "PyTorch", "ray": "Ray"}
 
 
 def require(library: str, needing: str) -> None:
-    """Raise an error that names the extra to install if a library is not installed.
+    """Raise an error that names the required extra if a library is not installed.
 
     Args:
-        library: the module to import, one of `EXTRAS`.
-        needing: what needs it, as the message's subject.
+        library: name of the module, a key of `EXTRAS`.
+        needing: the feature that needs the library, as the subject of the message.
 
     >>> for library in EXTRAS:
     ...     try:
@@ -47,7 +47,7 @@ def require(library: str, needing: str) -> None:
 
 
 def install_command(library: str) -> str:
-    """The command that installs a library of `EXTRAS`.
+    """Return the command that installs a library of `EXTRAS`.
 
     >>> install_command("onnxruntime")
     "pip install 'robustflow[onnx]'"

@@ -1,5 +1,4 @@
-"""matplotlib's default settings for every figure, whatever `matplotlibrc` the working folder or the user has; and
-pictures in a figure."""
+"""Draw every figure with matplotlib's default settings, regardless of any `matplotlibrc`; place pictures in figures."""
 
 from __future__ import annotations
 
@@ -17,10 +16,10 @@ _OF_THE_WORKING_FOLDER = "matplotlibrc"
 
 
 def ignore_local_settings() -> None:
-    """Import matplotlib where it cannot read the working folder's `matplotlibrc`, if there is one. It would read it on
-    its first import, and fail on a file that is not text.
+    """Import matplotlib without reading the working folder's `matplotlibrc`. matplotlib reads this file on first
+    import, and fails if it is not a text file.
 
-    Called before there are threads, which would see a different working folder for a moment.
+    Call this before starting threads: the working folder changes briefly.
     """
     if not os.path.lexists(_OF_THE_WORKING_FOLDER):
         return
@@ -35,7 +34,7 @@ def ignore_local_settings() -> None:
 
 @contextmanager
 def default_style() -> Iterator[None]:
-    """Within the block, or the decorated function, figures are made and saved with matplotlib's defaults.
+    """Use matplotlib's defaults for figures made and saved within the block or the decorated function.
 
     >>> import matplotlib
     >>> with default_style():
@@ -53,15 +52,16 @@ def default_style() -> Iterator[None]:
 def add_picture(
     figure: Figure, left: float, top: float, width: float, height: float, picture: Frame, title: str, size: float
 ) -> None:
-    """Add a picture under its title to a figure, without axes, whose ticks take longer than the picture.
+    """Add a picture with a title above it to a figure, without axes, because drawing ticks takes longer than drawing
+    the picture.
 
     Args:
-        figure: whose size is final.
-        left, top: upper left corner of the picture, inches from that of the figure.
-        width, height: of the picture, inches; it is stretched to them.
-        picture: RGB uint8 (H, W, 3).
-        title: above the picture, from its left edge.
-        size: of the title, points.
+        figure: the figure, with its final size.
+        left, top: upper left corner of the picture, in inches from the upper left corner of the figure.
+        width, height: size of the picture on the figure, in inches; the picture is stretched to this size.
+        picture: the picture, RGB uint8 (H, W, 3).
+        title: text above the picture, left-aligned.
+        size: font size of the title, in points.
     """
     from matplotlib.image import BboxImage
     from matplotlib.transforms import Bbox, TransformedBbox

@@ -1,4 +1,4 @@
-"""Find a data set's folders and files, or say what was expected instead."""
+"""Find a data set's folders and files, or report the expected layout."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from pathlib import Path
 from .errors import DataError, UsageError
 
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpeg", ".ts")
-"""File extensions of videos."""
+"""File extensions of video files."""
 
 _LOOK_AT = 500
-"""Entries of a folder that are searched for a hint; a home folder may hold very many."""
+"""Maximum number of entries of a folder that are searched for a hint; a home folder may contain many."""
 
 
 def locate(
     title: str, root: str | Path, markers: Sequence[str], prefixes: Sequence[str] = ("",), expected: str = ""
 ) -> Path:
-    """The folder that holds one of `markers` (relative folders): `root` itself or one of its `prefixes`.
+    """Return the folder that contains one of `markers` (relative folders): `root` itself or one of its `prefixes`.
 
     Raises:
-        DataError: no such folder, an empty one, or a different layout; it suggests the folder that was probably meant.
+        DataError: the folder does not exist, is empty, or has a different layout; the message suggests the folder that
+            was probably meant.
     """
     root = Path(root).expanduser()
     wanted = expected or " and ".join(f"{marker}/" for marker in markers)
@@ -46,10 +47,10 @@ def locate(
 
 
 def user_path(path: str | Path) -> Path:
-    """A path that a user gave, with `~` as their home folder.
+    """Return a path from the user with `~` expanded to the home folder.
 
     Raises:
-        DataError: no user of that name, or a name that no file system takes.
+        DataError: the user after `~` does not exist, or the path is invalid on this file system.
     """
     try:
         expanded = Path(path).expanduser()
@@ -63,10 +64,10 @@ def user_path(path: str | Path) -> Path:
 
 
 def numbered(folder: Path, pattern: str) -> dict[int, Path]:
-    """The files of a folder whose whole name matches `pattern`, by the number in its first group, ascending.
+    """Return the files of a folder whose full name matches `pattern`, sorted by the number in its first group.
 
     Raises:
-        DataError: two names with the same number.
+        DataError: two names have the same number.
     """
     frames: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
@@ -80,14 +81,14 @@ def numbered(folder: Path, pattern: str) -> dict[int, Path]:
 
 
 def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:
-    """Pairs of neighbouring frame numbers.
+    """Return pairs of neighbouring frame numbers.
 
     Args:
-        stride: the distance of neighbours; None takes the smallest one that occurs, for sets that keep every k-th
-            frame.
+        stride: distance between neighbours, in frames; None for the smallest distance that occurs, for data sets that
+            keep every k-th frame.
 
     Raises:
-        DataError: a frame is missing between two others.
+        DataError: a frame is missing in the sequence.
     """
     numbers = sorted(frames)
     gaps = [after - before for before, after in pairwise(numbers)]
@@ -102,33 +103,34 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
 
 
 def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
-    """Frames whose numbers follow each other directly."""
+    """Return the pairs of frames with consecutive numbers."""
     return [(frames[number], frames[number + 1]) for number in sorted(frames) if number + 1 in frames]
 
 
 def partner(path: Path, whose: Path) -> Path:
-    """`path`, which belongs to `whose`; raises a DataError that names both if it is missing."""
+    """Return `path`; if the file is missing, raise a DataError that names it and `whose`, the item it belongs to."""
     if not path.is_file():
         raise DataError(f"{path}: missing, though {whose} needs it; restore the file or remove the rest of the pair")
     return path
 
 
 def folders(parent: Path) -> list[Path]:
-    """The folders inside `parent` by name, hidden ones left out; none where `parent` does not exist."""
+    """Return the folders inside `parent`, sorted by name, without hidden ones; an empty list if `parent` does not
+    exist."""
     if not parent.is_dir():
         return []
     return sorted(path for path in parent.iterdir() if path.is_dir() and not path.name.startswith("."))
 
 
 def choice(option: str, value: str, known: Sequence[str]) -> str:
-    """`value`; raises a UsageError that lists the possible values if it is not one of them."""
+    """Return `value`; raise a UsageError that lists the allowed values if it is not one of them."""
     if value not in known:
         raise UsageError(f"{option} '{value}' does not exist: choose from {', '.join(known)}")
     return value
 
 
 def positive(option: str, value: int) -> int:
-    """`value`; raises a UsageError unless it is a whole number, 1 or more."""
+    """Return `value`; raise a UsageError unless it is a whole number of at least 1."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise UsageError(f"{option} cannot be {value!r}: give a whole number, 1 or more")
     return value
@@ -148,5 +150,5 @@ def _neighbours(root: Path) -> Iterator[Path]:
 def _inside(folder: Path) -> list[Path]:
     try:
         return [path for path in islice(folder.iterdir(), _LOOK_AT) if path.is_dir()]
-    except OSError:  # a folder that cannot be listed offers no hint
+    except OSError:  # a folder that cannot be listed gives no hint
         return []

@@ -1,5 +1,5 @@
-"""Folders that this program writes, and that may have come from anyone, hold no links: through one, files elsewhere
-would be read, replaced or deleted."""
+"""Reject links in folders that this program writes but that may be untrusted: through a link, files elsewhere would be
+read, replaced or deleted."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .errors import RunError
 
 
 def refuse_links(folder: Path, *inside: str) -> None:
-    """Raise if a folder, or one of the folders `inside` it, holds a link, a pipe or a device. The folder itself may be
-    a link, which the user gave.
+    """Raise if a folder, or one of the folders `inside` it, contains a link, a pipe or a device. The folder itself may
+    be a link.
 
     Raises:
-        RunError: it does.
+        RunError: the folder contains a link, a pipe or a device.
 
     >>> from tempfile import mkdtemp
     >>> folder = Path(mkdtemp())
@@ -36,7 +36,7 @@ def refuse_links(folder: Path, *inside: str) -> None:
 
 
 def not_a_link(path: str, flags: int) -> int:
-    """Open a file unless it is a link; an `opener` for `open`.
+    """Open a file unless it is a link. An `opener` for `open`.
 
     >>> with open(__file__, opener=not_a_link) as file:
     ...     file.read(3)

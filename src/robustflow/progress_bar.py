@@ -1,4 +1,4 @@
-"""How far long work has come: a bar with the time left on a terminal or in a notebook, plain lines in a log."""
+"""Show progress: a bar with the remaining time on a terminal or in a notebook, plain lines in a log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rich.progress import (
 )
 
 LINE_EVERY_S = 10.0
-"""Seconds between lines of progress in a log."""
+"""Seconds between progress lines in a log."""
 
 
 class _Task(NamedTuple):
@@ -34,7 +34,7 @@ class ProgressBar:
     """Shows the progress of one or more tasks on stderr. A context manager.
 
     Args:
-        shown: False to show nothing.
+        shown: whether to show progress.
     """
 
     def __init__(self, shown: bool = True) -> None:
@@ -56,7 +56,7 @@ class ProgressBar:
         self._tasks.clear()
 
     def start(self, task: str, total: int, done: int = 0) -> None:
-        """Add a task of `total` steps, `done` of which an earlier call made."""
+        """Add a task of `total` steps, of which an earlier call completed `done`."""
         bar = None
         console = self._console
         if self._shown and (console.is_terminal or (console.is_jupyter and find_spec("ipywidgets") is not None)):
@@ -69,7 +69,7 @@ class ProgressBar:
         self._tasks[task] = _Task(total, done, time.monotonic(), bar)
 
     def update(self, task: str, done: int, what: str = "") -> None:
-        """Show that `done` steps of a task are made; `what` says what the last one was."""
+        """Show that `done` steps of a task are complete; `what` describes the last one."""
         total, first, started, bar = self._tasks[task]
         if self._bar is not None and bar is not None:
             self._bar.update(bar, completed=done, description=" ".join(part for part in (task, what) if part))
@@ -80,7 +80,7 @@ class ProgressBar:
             print(", ".join(part for part in parts if part), file=sys.stderr, flush=True)
 
     def stage(self, clip: str, stage: str, done: int, total: int) -> None:
-        """Show that `done` of `total` frames of a stage of a clip are finished; `stage` of `video.prepare.Progress`."""
+        """Show that `done` of `total` frames of a clip are finished in one `stage`, see `video.prepare.Progress`."""
         task = f"{clip}: {stage}"
         if task not in self._tasks:
             self.start(task, total)

@@ -1,4 +1,4 @@
-"""One small generic registry: names to objects, or to `module:attribute` targets imported on first use."""
+"""A generic registry that maps names to objects, or to `module:attribute` targets that are imported on first use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Registry(Generic[T]):
-    """Names of one kind of thing. Keeps the order of registration; refuses collisions.
+    """Registry of the names of one kind of object. Keeps the order of registration and rejects duplicate names.
 
     >>> colours = Registry[str]("colour")
     >>> colours.add("red", "string:ascii_lowercase")
@@ -39,7 +39,7 @@ class Registry(Generic[T]):
         self._targets[name] = target
 
     def __contains__(self, name: object) -> bool:
-        """Whether this name is registered."""
+        """Return whether this name is registered."""
         return name in self.names()
 
     def __iter__(self) -> Iterator[str]:
@@ -49,12 +49,12 @@ class Registry(Generic[T]):
         return len(self.names())
 
     def names(self) -> list[str]:
-        """All names, in the order of registration; those from installed packages come last."""
+        """Return all names in the order of registration; names from installed packages come last."""
         self._discover()
         return list(self._targets)
 
     def get(self, name: str) -> T:
-        """The object behind a name, imported on first use."""
+        """Return the object registered under a name, imported on first use."""
         if name not in self._loaded:
             if name not in self._targets:
                 self._discover()

@@ -1,4 +1,4 @@
-"""Processes that find no module in the working folder, which may hold anything."""
+"""Start processes that do not import modules from the working folder, which is untrusted."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 
 SAFE_PATH = "PYTHONSAFEPATH"
-"""Environment variable of Python. Without it `python -c`, which starts the children of `multiprocessing` and its
+"""Environment variable of Python. If it is unset, `python -c`, which starts the children of `multiprocessing` and its
 resource tracker, searches the working folder before the standard library."""
 
 
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """Within the block, processes start without the working folder on their path.
+    """Start processes within the block without the working folder on their import path.
 
     >>> with safe_path():
     ...     os.environ[SAFE_PATH]
@@ -23,7 +23,7 @@ def safe_path() -> Iterator[None]:
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"
     try:
-        resource_tracker.ensure_running()  # otherwise it starts with the first child, or later and elsewhere
+        resource_tracker.ensure_running()  # otherwise it starts with the first child, or later
         yield
     finally:
         if before is None:

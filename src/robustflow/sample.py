@@ -1,4 +1,4 @@
-"""`Sample`: the one record that travels from a dataset through corruptions and models to metrics."""
+"""`Sample`: the record that is passed from a data set through corruptions and models to metrics."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Flow = npt.NDArray[np.float32]
 """Optical flow, float32, shape (H, W, 2): (u right, v down) in pixels of frame 1."""
 
 Mask = npt.NDArray[np.bool_]
-"""bool, shape (H, W)."""
+"""A boolean map, shape (H, W)."""
 
 DepthMap = npt.NDArray[np.float32]
 """Depth along the optical axis in metres, float32, shape (H, W); positive and finite everywhere."""
@@ -25,18 +25,18 @@ DepthMap = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera that both frames are taken with, and how it moves between them.
+    """The pinhole camera of both frames, and its motion between them.
 
-    Coordinates are the field's: x right, y down, z forward, metres; pixel centres at whole numbers.
+    Coordinates: x right, y down, z forward, in metres; pixel centres at integer positions.
 
     Attributes:
-        focal: (fx, fy) in pixels.
-        centre: (cx, cy), the principal point in pixels.
-        rotation: float64 (3, 3), and
-        translation: float64 (3,), metres: a point X in the coordinates of frame 1 is at `rotation @ X + translation` in
-            those of frame 2. Both are None where the motion is unknown.
-        second: (fx, fy, cx, cy) of frame 2 where they differ from those of frame 1: a zoom, or the other camera of a
-            stereo pair.
+        focal: focal lengths (fx, fy), in pixels.
+        centre: principal point (cx, cy), in pixels.
+        rotation: rotation matrix, float64 (3, 3); None if the motion is unknown.
+        translation: translation vector, float64 (3,), in metres; None if the motion is unknown. A point X in the
+            coordinates of frame 1 is at `rotation @ X + translation` in the coordinates of frame 2.
+        second: intrinsics (fx, fy, cx, cy) of frame 2, in pixels, if they differ from frame 1 because of a zoom or
+            because frame 2 comes from the second camera of a stereo pair; else None.
 
     >>> Camera((500.0, 500.0), (320.0, 240.0)).intrinsics(1)
     (500.0, 500.0, 320.0, 240.0)
@@ -49,7 +49,7 @@ class Camera:
     second: tuple[float, float, float, float] | None = None
 
     def intrinsics(self, index: int) -> tuple[float, float, float, float]:
-        """(fx, fy, cx, cy) of frame `index`, 0 or 1."""
+        """Return (fx, fy, cx, cy) of frame `index`, 0 or 1."""
         return self.second if index and self.second is not None else (*self.focal, *self.centre)
 
 
@@ -58,12 +58,12 @@ class SceneDepth:
     """The depth of a pair.
 
     Attributes:
-        maps: depth maps of frame 1 and frame 2, without holes.
-        measured: masks of the pixels that were measured; the others were filled in.
-        camera: the intrinsics, and the motion where it is known.
+        maps: dense depth maps of frames 1 and 2, float32 (H, W), in metres.
+        measured: boolean masks (H, W) of the measured pixels of each map; the remaining pixels were filled in.
+        camera: camera intrinsics, and the camera motion if known.
 
     Raises:
-        DataError: maps or masks of a wrong dtype or different sizes, or depth that is not positive and finite.
+        DataError: maps or masks have the wrong dtype or different sizes, or a depth is not positive and finite.
     """
 
     maps: tuple[DepthMap, DepthMap]
@@ -85,20 +85,21 @@ class SceneDepth:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Frames that belong together, with ground truth where there is one.
+    """Frames that belong together, with ground truth if available.
 
     Attributes:
-        key: the sample's name within its dataset, stable across machines (`"000010"`, `"alley_1/frame_0001"`).
-        frames: two or more RGB uint8 images of one shape (H, W, 3). Ground truth describes frames 0 -> 1.
-        flow: float32 (H, W, 2) in pixels, or None. Values where `valid` is False mean nothing, but are finite.
-        valid: bool (H, W), True where the ground truth is known; None exactly when `flow` is None.
-        occluded: bool (H, W), True where the pixel of frame 0 is not visible in frame 1; None when the dataset
+        key: the sample's name within its data set, stable across machines (`"000010"`, `"alley_1/frame_0001"`).
+        frames: two or more RGB uint8 images of the same shape (H, W, 3). Ground truth describes frames 0 -> 1.
+        flow: ground-truth flow, float32 (H, W, 2), in pixels, or None. Values where `valid` is False are finite but
+            meaningless.
+        valid: boolean mask (H, W), True where the ground truth is known; None if and only if `flow` is None.
+        occluded: boolean mask (H, W), True where the pixel of frame 0 is not visible in frame 1; None if the data set
             has no such map.
-        group: the same for samples that are not independent (one video sequence); the key itself by default.
-        depth: depth of frames 0 and 1, or None; read only for corruptions that need it.
+        group: name shared by samples that are not independent (one video sequence); the key by default.
+        depth: depth of frames 0 and 1, or None; only loaded for corruptions that need it.
 
     Raises:
-        DataError: frames of different sizes, of a wrong dtype, or ground truth that does not fit them.
+        DataError: the frames differ in size or have the wrong dtype, or the ground truth does not match them.
 
     >>> import numpy as np
     >>> black = np.zeros((4, 6, 3), np.uint8)
@@ -146,6 +147,6 @@ class Sample:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(H, W) of the frames."""
+        """Return the size (H, W) of the frames, in pixels."""
         height, width = self.frames[0].shape[:2]
         return height, width

@@ -1,4 +1,4 @@
-"""Content that is stored with a digest of itself, so that damage is noticed when it is read."""
+"""Store content with its digest, so that damage is detected on reading."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DIGEST_BYTES = 16
 
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON content with its digest; one that it has already is replaced.
+    """Return JSON content with its digest added; an existing digest is replaced.
 
     >>> sealed({"a": 1})["digest"] == sealed(sealed({"a": 1}))["digest"]
     True
@@ -23,7 +23,7 @@ def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def unsealed(data: bytes) -> bytes | None:
-    """The JSON text of an object without its digest; None unless the digest is that of the rest.
+    """Return the JSON text of an object without its digest, or None if the digest does not match.
 
     >>> unsealed(json.dumps(sealed({"a": 1})).encode())
     b'{"a": 1}'
@@ -40,13 +40,13 @@ def unsealed(data: bytes) -> bytes | None:
 
 
 def sealed_bytes(data: bytes, made_of: str) -> bytes:
-    """Bytes, and after them 16 bytes: the digest of `made_of`, which says what the bytes were computed from, and of the
-    bytes."""
+    """Append a 16-byte digest of the bytes and of `made_of`, a description of the inputs that the bytes were computed
+    from."""
     return data + _digest(data, made_of)
 
 
 def unsealed_bytes(data: bytes, made_of: str) -> bytes | None:
-    """The bytes that were sealed; None if they are damaged, or were computed from anything else.
+    """Return the sealed bytes, or None if they are damaged or were computed from different inputs.
 
     >>> unsealed_bytes(sealed_bytes(b"abc", "x"), "x"), unsealed_bytes(sealed_bytes(b"abc", "x"), "y")
     (b'abc', None)

@@ -1,4 +1,4 @@
-"""The five severities, and how one is checked."""
+"""The five severities and the check for a valid one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SEVERITIES = (1, 2, 3, 4, 5)
 
 
 def check_severity(severity: int) -> int:
-    """Return `severity` if it exists.
+    """Return `severity`; raise a UsageError if it is not a valid severity.
 
     >>> check_severity(6)
     Traceback (most recent call last):

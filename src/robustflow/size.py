@@ -1,4 +1,4 @@
-"""Sizes written HEIGHTxWIDTH, as options give them."""
+"""Parse sizes given as HEIGHTxWIDTH."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from .errors import UsageError
 
 
 def parse_size(text: str, multiple: int = 1, smallest: int = 1, largest: int = 99_999) -> tuple[int, int]:
-    """The height and width that a text such as "256x832" gives, in pixels.
+    """Parse a text such as "256x832" into height and width, in pixels.
 
     Args:
-        text: HEIGHTxWIDTH.
-        multiple: both must be a multiple of it.
-        smallest, largest: the range of both.
+        text: a size as HEIGHTxWIDTH.
+        multiple: number that must divide both height and width.
+        smallest, largest: allowed range of height and width, in pixels.
 
     Raises:
-        UsageError: not two whole numbers, or numbers that are out of range or no multiples.
+        UsageError: the text does not contain two whole numbers, or a number is out of range or not a multiple of
+            `multiple`.
 
     >>> parse_size("256x832", multiple=64)
     (256, 832)

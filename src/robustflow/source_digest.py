@@ -1,6 +1,6 @@
-"""A hash of whatever decides the result of a user's code: its source files, and the attributes of the object.
+"""Hash everything that determines the result of a user's code: its source files and the object's attributes.
 
-An edited corruption must never continue a run of the unedited one. Hashed are the file of the class, those of its base
+An edited corruption must never continue a run of the unedited one. The hash covers the files of the class and its base
 classes, and every module of the same folder or package that they import.
 """
 
@@ -23,12 +23,12 @@ _SELF = __name__.partition(".")[0]
 
 
 def source_digest(made: Any) -> str:
-    """16 hexadecimal digits of a class's or object's source and attributes.
+    """Return a hash of a class's or object's source and attributes, as 16 hexadecimal digits.
 
-    For an object that overrides `source` (see `Corruption`), that is used instead of its attributes.
+    If an object overrides `source` (see `Corruption`), the value of `source` is hashed instead of the attributes.
 
     Raises:
-        UsageError: an attribute whose value cannot be distinguished from another.
+        UsageError: an attribute has a value whose text does not identify it.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
@@ -57,7 +57,8 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
 
 
 def _root(module: ModuleType) -> Path:
-    """The folder of the package that a module is in, or its own folder: the other code in it is also the user's."""
+    """Return the folder of a module's top-level package, or of the module itself; all code in it counts as the
+    user's."""
     assert module.__file__ is not None
     levels = module.__name__.count(".") + (1 if hasattr(module, "__path__") else 0)
     folder = Path(module.__file__).resolve().parent
@@ -81,7 +82,7 @@ def _of_module(module: ModuleType, root: Path, seen: set[str]) -> Iterator[bytes
 
 
 def _imported(content: bytes, package: str) -> Iterator[str]:
-    """Full names of the modules that a source file imports, anywhere in it."""
+    """Return the full names of all modules that a source file imports, at any level."""
     try:
         nodes = list(ast.walk(ast.parse(content)))
     except (SyntaxError, ValueError):
@@ -97,7 +98,8 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
 
 
 def _of_class(kind: type[Any]) -> bytes:
-    """The text of a class defined in a script or a session, or, where there is none, its compiled code."""
+    """Return the source of a class defined in a script or session, or its compiled code if the source is
+    unavailable."""
     try:
         return inspect.getsource(kind).encode()
     except (OSError, TypeError):
@@ -111,7 +113,7 @@ def _code(code: CodeType) -> str:
 
 
 def _spell(value: Any, where: str) -> str:
-    """A value as text that is the same in every process."""
+    """Return a value as text that is identical in every process."""
     if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):
         return f"{type(value).__name__}:{value!r}"
     if isinstance(value, np.ndarray):

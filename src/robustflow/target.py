@@ -1,4 +1,4 @@
-"""`module.path:Attribute`: import what a user names on the command line."""
+"""Import objects that a user specifies on the command line as `module.path:Attribute`."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from .errors import AssetError, UsageError, unknown_name
 from .extras import EXTRAS, install_command
 
 MODULES = "ROBUSTFLOW_MODULES"
-"""Environment variable that names a folder whose modules can be imported, too; child processes inherit it."""
+"""Environment variable that names an additional folder to import modules from; child processes inherit it."""
 
 
 class FolderOfModules:
-    """The finder of modules in the folder named by `MODULES`, which Python asks last.
+    """Finder of modules in the folder named by `MODULES`, the last finder on `sys.meta_path`.
 
-    Nothing in that folder takes the place of an installed module, unlike in one at the end of `sys.path`, where a
-    module hides a package without `__init__.py`. Modules of the standard library are never looked for in it: some exist
-    on one platform only.
+    A module in that folder never replaces an installed one. In a folder at the end of `sys.path`, by contrast, a module
+    hides an installed package without `__init__.py`. The finder ignores names of the standard library, because some of
+    its modules exist on one platform only.
     """
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """The file of a top-level module in the folder."""
+        """Return the file of a top-level module in the folder."""
         folder = os.environ.get(MODULES)
         if folder is None or path is not None or name in sys.stdlib_module_names:
             return None
@@ -41,7 +41,7 @@ sys.meta_path.append(FolderOfModules)
 
 
 def is_target(text: str) -> bool:
-    """Whether a text has the form `module.path:Attribute`.
+    """Return whether a text has the form `module.path:Attribute`.
 
     >>> is_target("mypkg.data:MySet"), is_target("kitti-fc"), is_target("C:/data"), is_target("data/clip.mp4")
     (True, False, False, False)
@@ -51,14 +51,14 @@ def is_target(text: str) -> bool:
 
 
 def import_target(target: str, kind: str) -> Any:
-    """The attribute of a module that is installed or in the working folder.
+    """Import an attribute of a module that is installed or in the working folder.
 
     Args:
-        kind: what it should be, for messages.
+        kind: expected kind of object ("model", "corruption", ...), for messages.
 
     Raises:
-        UsageError: the module cannot be imported, or has no such attribute.
-        AssetError: it needs an extra of this package that is not installed.
+        UsageError: the module cannot be imported, or the attribute does not exist.
+        AssetError: the module needs an extra of this package that is not installed.
 
     >>> import_target("json:loads", "data set")("[1]")
     [1]
@@ -87,7 +87,7 @@ def import_target(target: str, kind: str) -> Any:
 
 
 def _reason(name: str, cause: BaseException, missing: str) -> str:
-    """What went wrong on import, and what to do about it."""
+    """Describe why an import failed and what to do about it."""
     what = f"{type(cause).__name__}: {cause}"
     if missing == name.partition(".")[0]:
         return f"{what}; run from the folder that holds it, or install its package"
@@ -99,7 +99,7 @@ def _reason(name: str, cause: BaseException, missing: str) -> str:
 
 
 def _refuse_hidden(name: str, here: Path, kind: str, target: str) -> None:
-    """Raise if an installed module hides the one of the working folder that the user means."""
+    """Raise if an installed module hides the module in the working folder."""
     file, first = getattr(sys.modules[name], "__file__", None), name.partition(".")[0]
     mine = next((path for path in (here / f"{first}.py", here / first) if path.exists()), None)
     if mine is not None and (file is None or not Path(file).is_relative_to(here)):
@@ -110,7 +110,7 @@ def _refuse_hidden(name: str, here: Path, kind: str, target: str) -> None:
 
 
 def source_of_target(target: str) -> bytes | None:
-    """The source file of the module that a target names; None where it was not imported, or comes from no file.
+    """Return the source file of a target's module, or None if the module was not imported or does not come from a file.
 
     >>> source_of_target("json:loads") is not None, source_of_target("sys:path")
     (True, None)
@@ -120,7 +120,7 @@ def source_of_target(target: str) -> bytes | None:
 
 
 def own_name(made: Any) -> str:
-    """The name of a user's class or object: its attribute `name`, else the name of its class in snake case.
+    """Return the name of a user's class or object: its attribute `name`, or the class name in snake case.
 
     >>> class HeavyRain: ...
     >>> own_name(HeavyRain)
@@ -132,7 +132,7 @@ def own_name(made: Any) -> str:
 
 
 def described(made: Any) -> str:
-    """What a user gave, for messages: `module:Class`, or "the function name".
+    """Describe a user's object for messages: `module:Class`, or "the function name".
 
     >>> described(len)
     'the function len'

@@ -1,7 +1,7 @@
-"""Make names that come from files safe to show anywhere as text.
+"""Make names from files safe to display as text.
 
-A model's name is whatever a user or a file says. Renderers escape what is special in their format; what no format
-should receive is removed here first.
+A model's name is arbitrary text from a user or a file. Renderers escape characters that are special in their format;
+characters that are unsafe in every format are removed here first.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ LONGEST_TEXT = 80
 
 
 def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
-    """One line without control, direction or other invisible characters, at most `longest` characters long.
+    """Return one line without control, bidirectional or other invisible characters, at most `longest` characters long.
 
-    Escape sequences of terminals, line breaks, characters that reverse the text around them and lone surrogates become
-    U+FFFD, so that one sees that something was there.
+    Escape sequences of terminals, line breaks, bidirectional controls and lone surrogates become U+FFFD, so that their
+    presence stays visible.
 
     >>> plain("RAFT\\x1b[31m"), plain("a\\u202eb"), plain("two\\nlines")
     ('RAFT�[31m', 'a�b', 'two lines')
@@ -28,7 +28,7 @@ def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
 
 
 def counted(number: int, singular: str, plural: str | None = None) -> str:
-    """A number with its noun.
+    """Return a number with its noun.
 
     >>> counted(1, "clip"), counted(3, "clip"), counted(2, "severity", "severities")
     ('1 clip', '3 clips', '2 severities')
@@ -37,7 +37,7 @@ def counted(number: int, singular: str, plural: str | None = None) -> str:
 
 
 def joined(parts: Sequence[str]) -> str:
-    """Parts of a sentence as a list.
+    """Join parts of a sentence into a list.
 
     >>> joined(["fog"]), joined(["fog", "snow"]), joined(["fog", "snow", "frost"])
     ('fog', 'fog and snow', 'fog, snow and frost')
@@ -46,7 +46,8 @@ def joined(parts: Sequence[str]) -> str:
 
 
 def name_text(name: str) -> str:
-    """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
+    """Escape a name for a matplotlib label, where a dollar sign starts a formula and a leading underscore hides a
+    legend entry.
 
     >>> name_text("a$b$"), name_text("_x")
     ('a\\\\$b\\\\$', '\\u200a_x')
@@ -56,7 +57,7 @@ def name_text(name: str) -> str:
 
 
 def text_cell(text: str) -> str:
-    """A text that no spreadsheet takes for a formula: an apostrophe is put before one that would be evaluated.
+    """Prefix a text with an apostrophe if a spreadsheet would evaluate it as a formula.
 
     >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
     ("'=HYPERLINK(1)", 'RAFT')
@@ -66,7 +67,7 @@ def text_cell(text: str) -> str:
 
 
 def file_name(text: str) -> str:
-    """A file name made from any text: what is special to a file system or a shell becomes a hyphen.
+    """Return a file name made from any text; characters that are special to a file system or a shell become hyphens.
 
     >>> file_name("mypkg.flow:MyModel"), file_name("weights/../net.onnx")
     ('mypkg.flow-MyModel', 'weights-..-net.onnx')

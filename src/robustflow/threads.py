@@ -1,5 +1,5 @@
-"""How many processors there are, and one thread for OpenCV: some of its methods split the image into stripes, one per
-thread, and their result depends on the number of stripes."""
+"""Count processors, and restrict OpenCV to one thread: some of its methods split the image into one stripe per thread,
+and their result depends on the number of stripes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cv2
 
 
 def available_processors() -> int:
-    """How many processors this process may run on.
+    """Return the number of processors this process may use.
 
     >>> available_processors() >= 1
     True

@@ -1,4 +1,4 @@
-"""Base classes of validated data, from the least strict to the one for files that may come from anyone."""
+"""Base classes of validated data, from the least strict to the one for untrusted files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Frozen(BaseModel):
-    """Validated values that do not change; an unknown field is refused.
+    """Immutable validated data; unknown fields are rejected.
 
     >>> class Crop(Frozen):
     ...     height: int
@@ -19,12 +19,12 @@ class Frozen(BaseModel):
 
 
 class FrozenFinite(Frozen):
-    """The same, and no number is infinite or NaN: JSON has none."""
+    """Immutable validated data without infinite or NaN values, which JSON does not support."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
 
 class Untrusted(FrozenFinite):
-    """The same, and nothing is converted: "3" is not a number. For a file that may come from anyone."""
+    """Immutable, finite validated data without type conversion: "3" is not a number. For untrusted files."""
 
     model_config = ConfigDict(strict=True)

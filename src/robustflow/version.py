@@ -1,3 +1,3 @@
-"""The version of the package, the one that `pyproject.toml` builds."""
+"""The version of the package; the build reads it from here."""
 
 VERSION = "0.1.0"

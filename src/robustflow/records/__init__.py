@@ -1,3 +1,4 @@
-"""Submission records: a run as one file that another machine can check. `docs/records.md` describes its contents."""
+"""Submission records: a run as a single file that can be verified on a different machine. `docs/records.md` describes
+its contents."""
 
 from __future__ import annotations

@@ -11,11 +11,11 @@ from .load import is_record, load_any_run
 
 
 def audit(path: str | Path) -> Audit:
-    """Audit a results file (CSV, see `analysis.results_file.read_results`), a file of FlowBench (JSON; its attacks'
-    budgets), or a run: its folder, or a record of it.
+    """Audit a results file (CSV, see `analysis.results_file.read_results`), a FlowBench file (JSON, with its attack
+    budgets), or a run, given as its folder or a record.
 
     Raises:
-        DataError, RunError: it is none of these, or cannot be read.
+        DataError, RunError: the file is not one of these kinds, or cannot be read.
     """
     path = Path(path).expanduser()
     if path.is_dir() or is_record(path):

@@ -1,4 +1,4 @@
-"""Check what a record claims beyond its numbers: its rows, and what its model was trained on."""
+"""Check a record's claims beyond the numbers: which rows it contains, and what its model was trained on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..severity import SEVERITIES
 from ..text import plain
 
 _MOST_SHARED = 0.5
-"""Largest share of a sample's rows whose digest may also occur under another condition."""
+"""Largest fraction of a sample's rows whose digest may also occur under a different condition."""
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
-    """Raise for unknown corruptions, and for unplanned or missing rows; returns a sentence if there are none."""
+    """Raise for unknown corruptions and for unplanned or missing rows; otherwise return a one-sentence summary."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan), *_attack_problems(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
@@ -59,10 +59,10 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
 
 
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
-    """Raise for digests that cannot belong to their frames.
+    """Raise for implausible frame digests.
 
-    A sample has different frames under different conditions, except for a uniform frame, which no filter changes, and
-    streams in which no bit was hit; so most digests of most samples must differ.
+    A sample has different frames under different conditions, except for uniform frames, which no filter changes, and
+    streams without bit errors. Most digests of most samples must therefore differ.
     """
     if (rows["frames_digest"].str.strip_chars("0") == "").any():
         return ["a frames_digest consists of zeros, which no frames have"]
@@ -76,9 +76,8 @@ def _digest_problems(rows: pl.DataFrame) -> list[str]:
 
 
 def training_problems(plan: Manifest) -> list[str]:
-    """Check that the setting (OOD, ID, LEAKED, ...) follows from the declared or catalogued training sets.
-
-    A user's declaration is accepted; what the package knows from a checkpoint's hash cannot be overridden.
+    """Check that the setting (OOD, ID, LEAKED, ...) follows from the declared or catalogued training sets. A user's
+    declaration is accepted, but cannot override the catalogue entry of a checkpoint's hash.
     """
     declared, frames = plan.provenance, plan.identity.frames
     known = training_of(plan.identity.model.settings)
@@ -101,8 +100,8 @@ def _sets(names: Sequence[str] | None) -> str:
 
 
 def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
-    """Raise for names unknown to this package, to installed ones, to the identity's list of the user's own, and to the
-    benchmark whose frames come with them."""
+    """Raise for corruption names that are not from this package, an installed package, the identity's list of
+    user-defined corruptions, or a benchmark that provides corrupted frames."""
     frames = plan.identity.frames
     of_benchmark = benchmark_facts(frames.benchmark).paper_corruptions
     known, out = {*CORRUPTIONS.names(), *frames.corruptions, *of_benchmark}, []
@@ -119,8 +118,8 @@ def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
 
 
 def _attack_problems(plan: Manifest) -> list[str]:
-    """Check that attacks are selected once each, together with the random noise they are compared with. Unknown ones
-    are refused with the manifest."""
+    """Check that each attack is selected once, together with the random-noise baseline. Unknown attacks are already
+    rejected when the manifest is read."""
     attacks = plan.selection.attacks
     if len(set(attacks)) != len(attacks):
         return ["an attack is selected twice"]
@@ -130,7 +129,7 @@ def _attack_problems(plan: Manifest) -> list[str]:
 
 
 def _left_out(plan: Manifest) -> list[str]:
-    """Check that exactly those severities were left out that the calibrated scale lacks."""
+    """Check that the severities left out are exactly those that the calibrated scale lacks."""
     scale, severities = plan.identity.frames.scale, plan.selection.severities
     for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
         if name not in plan.selection.corruptions or _unknown([name], plan):

@@ -1,10 +1,10 @@
-"""A folder of records that several people add to, from which a leaderboard in a git repository is made.
+"""A shared folder of records, from which a leaderboard in a git repository is generated.
 
-    FOLDER/records/<first 16 digits of the SHA-256>.robustflow    the records, as they were handed in
-    FOLDER/records.json                                            their list, one entry a record
+    FOLDER/records/<first 16 digits of the SHA-256>.robustflow    the records, as submitted
+    FOLDER/records.json                                            their list, one entry per record
 
-Only records that verify are stored, and no text of a record becomes a name on disk. The list is sorted and has one
-canonical form, so that changes can be reviewed line by line.
+Only records that pass verification are stored, and no text from a record is used as a file name. The list is sorted and
+has one canonical form, so that changes can be reviewed line by line.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ VERSION = 3
 
 @dataclass(frozen=True)
 class Added:
-    """What `add_records` did.
+    """The result of `add_records`.
 
     Attributes:
-        copies: of the records, also of those that were there already.
-        earlier: the records of the same models (by name) on the same benchmarks that were there before, in words.
+        copies: paths of the copies, including records that were already in the collection.
+        earlier: descriptions of the earlier records of the same models (by name) on the same benchmarks.
     """
 
     copies: Sequence[Path]
@@ -44,16 +44,16 @@ class Added:
 
 
 def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
-    """Verify records and copy them into a collection, which is made where there is none; all of them, or none.
+    """Verify records and copy them into a collection, either all or none. A missing collection is created.
 
     Args:
-        folder: the collection.
-        sources: records, or folders of runs, which are packed.
-        supersede: remove the earlier records of the same models on the same benchmarks.
+        folder: path of the collection.
+        sources: paths of records or run folders; run folders are packed.
+        supersede: whether to remove the earlier records of the same models on the same benchmarks.
 
     Raises:
-        RunError: one does not verify, or a run cannot be packed; the collection is as it was.
-        DataError: one cannot be read, or the folder not written.
+        RunError: a record fails verification, or a run cannot be packed; the collection is unchanged.
+        DataError: a record cannot be read, or the folder cannot be written.
     """
     before = _entries(folder)
     contents: dict[Path, bytes] = {}
@@ -94,15 +94,15 @@ _ENTRY = ("file", "sha256", "model", "benchmark", "sentence")
 
 
 def is_collection(folder: Path) -> bool:
-    """Whether a folder has a list of records."""
+    """Return whether a folder has a list of records."""
     return (folder / LIST).is_file()
 
 
 def collected(folder: Path) -> list[Path]:
-    """The records of a collection.
+    """Return the records of a collection.
 
     Raises:
-        DataError: this version cannot read the list, or a file of it is missing or was replaced.
+        DataError: this version cannot read the list, or a listed file is missing or was replaced.
     """
     paths = []
     for entry in _entries(folder):

@@ -1,8 +1,7 @@
-"""The file around a record: a zip of a few named entries, none of them compressed.
+"""The container of a record: a zip file with a few named, uncompressed entries.
 
-Stored entries give the same bytes with every version of zlib, and their sizes in the file are those in memory: no small
-file can expand into a large one. A reader only accepts entries with the names it expects and writes none of them to
-disk under a name from the file.
+Uncompressed entries have the same bytes with every version of zlib, and a small file cannot expand into a large one.
+The reader only accepts entries with the expected names, and never writes to disk under a name from the file.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ LIMITS = {
     "summary.json": 1 << 24,
     "profile.json": 1 << 16,
 }
-"""Entries of a record in their order, and the maximum size of each in bytes."""
+"""Entries of a record in order, with the maximum size of each in bytes."""
 
 REQUIRED = ("record.json", "manifest.json", "rows.csv", "summary.json")
 
@@ -34,15 +33,15 @@ _UNREADABLE = (
     *(zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError),
     *(struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError),
 )
-"""Exceptions that zipfile raises for a damaged file: not only its own error."""
+"""Exceptions that zipfile raises for a damaged file, which are not limited to BadZipFile."""
 _LARGEST = sum(LIMITS.values()) + len(LIMITS) * (_LOCAL + _CENTRAL + 64) + _END
 
 
 def container_bytes(entries: Mapping[str, bytes]) -> bytes:
-    """The bytes of a record with these entries: always the same for the same entries.
+    """Return the bytes of a record with these entries; the same entries always give the same bytes.
 
     Raises:
-        DataError: an entry larger than a record may hold.
+        DataError: an entry exceeds the maximum size.
 
     >>> entries = dict.fromkeys(REQUIRED, b"{}")
     >>> read_container(container_bytes(entries), "a.robustflow") == entries
@@ -62,10 +61,10 @@ def container_bytes(entries: Mapping[str, bytes]) -> bytes:
 
 
 def read_file(path: Path) -> bytes:
-    """The bytes of a record file.
+    """Return the bytes of a record file.
 
     Raises:
-        DataError: no file, or larger than any record.
+        DataError: the path is not a file, or the file exceeds the maximum size of a record.
     """
     if path.exists() and not path.is_file():  # reading a pipe could block forever
         raise DataError(f"{path} is not a file; give one that 'robustflow pack' wrote")
@@ -81,16 +80,16 @@ def read_file(path: Path) -> bytes:
 
 
 def read_container(data: bytes, name: str) -> dict[str, bytes]:
-    """The entries of a record file.
+    """Return the entries of a record file.
 
     Args:
-        data: the whole file.
-        name: of the file, for messages.
+        data: content of the file.
+        name: name of the file, for messages.
 
     Raises:
-        DataError: not a zip file, damaged, or with anything that `container_bytes` does not write: other, missing or
-            repeated entries, folders, links, compression, encryption, comments, bytes before, between or after the
-            entries.
+        DataError: the file is not a zip file, is damaged, or contains something that `container_bytes` does not write:
+            unknown, missing or repeated entries, folders, links, compression, encryption, comments, or bytes before,
+            between or after the entries.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as file:
@@ -101,7 +100,7 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         raise
     except _UNREADABLE as error:
         raise DataError(f"{name} is not a record or is damaged ({_reason(error)}); fetch or pack it again") from error
-    # Header fields that readers ignore could contain anything, and give one run many SHA-256 sums.
+    # Header fields that readers ignore could contain anything; one run would have many possible SHA-256 sums.
     if container_bytes(entries) != data:
         raise DataError(f"{name}: its zip headers are not those that 'robustflow pack' writes; pack the run again")
     return entries

@@ -1,4 +1,4 @@
-"""The contents of a record: `record.json`, and the run's manifest without anything that identifies a machine."""
+"""The contents of a record: `record.json`, and the run's manifest without details that identify a machine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .text import holds_path, texts
 
 FORMAT = "robustflow-record"
 VERSION = 2
-"""Incremented when the contents of a record, or their meaning, change."""
+"""Version of a record's contents, incremented when the contents or their meaning change."""
 
 _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
@@ -28,7 +28,8 @@ class PackedEntry(Untrusted):
 
 
 class Record(Untrusted):
-    """`record.json`: what the file is, and who submits it; author, link and description are arbitrary plain text."""
+    """`record.json`: the format of the file, and its submitter; author, link and description are arbitrary plain
+    text."""
 
     format: Literal["robustflow-record"] = "robustflow-record"
     version: Annotated[int, Field(ge=VERSION, le=VERSION)] = VERSION
@@ -52,10 +53,10 @@ _Model = TypeVar("_Model")
 
 
 def parsed(parse: Callable[[_Given], _Model], given: _Given, name: str) -> _Model:
-    """Read a file's content as one of these models.
+    """Parse a file's content into one of these models.
 
     Raises:
-        DataError: it has another shape; the first mismatch is named.
+        DataError: the content does not match the model; the message names the first mismatch.
     """
     try:
         return parse(given)
@@ -64,10 +65,10 @@ def parsed(parse: Callable[[_Given], _Model], given: _Given, name: str) -> _Mode
 
 
 def check_version(record: dict[str, Any], name: str) -> None:
-    """Check that this version can read a `record.json`, before anything else in it is used.
+    """Check that this version can read a `record.json`, before any other field is used.
 
     Raises:
-        DataError: an unknown format, or a different version of it.
+        DataError: the format is unknown, or its version is different.
     """
     version = record.get("version")
     if record.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:
@@ -78,11 +79,11 @@ def check_version(record: dict[str, Any], name: str) -> None:
 
 
 def shareable_manifest(manifest: Manifest, keep_paths: bool = False) -> Manifest:
-    """A run's manifest in the form for a record: names of files without folders, kind of machine, versions, times.
+    """Return a run's manifest as stored in a record: file names without folders, kind of machine, versions, times.
 
     Raises:
-        RunError: a text in it contains a path of this machine, but is part of the run's identity and cannot be left
-            out; `keep_paths` packs it nevertheless.
+        RunError: a text contains a path on this machine, but is part of the run's identity and cannot be left out;
+            `keep_paths` packs it nevertheless.
     """
     out = manifest.judged().shareable()
     for where, text in () if keep_paths else texts(out.record()):

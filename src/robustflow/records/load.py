@@ -1,4 +1,4 @@
-"""Read a run from a folder or a record, as every command that reads runs does."""
+"""Read a run from a folder or a record; used by every command that reads runs."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 
 
 def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
-    """The run in a folder that `run` wrote, or in a record that `pack` wrote.
+    """Read the run in a folder that `run` wrote, or in a record that `pack` wrote.
 
-    A record is verified first; its run is in a temporary folder that is removed when the run is no longer used.
+    A record is verified first; its run is unpacked into a temporary folder, which is removed when the run is
+    garbage-collected.
 
     Args:
-        path: of the folder or record.
-        kind: the class that reads the folder.
+        path: path of the folder or record.
+        kind: class that reads the folder.
 
     Raises:
-        RunError: no run in it, one that this version cannot read, or a record that does not verify.
+        RunError: the path contains no run, a run that this version cannot read, or a record that fails verification.
         DataError: the file cannot be read.
     """
     path = Path(path).expanduser()
@@ -41,10 +42,11 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
 
 
 def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
-    """Return paths of runs and records; a folder that is not a run is replaced by the runs and records in it, by name.
+    """Return paths of runs and records; a folder that is not a run is replaced by the runs and records in it, sorted by
+    name.
 
     Raises:
-        RunError: a folder holds none.
+        RunError: a folder contains no run or record.
     """
     found = []
     for path in (Path(each).expanduser() for each in paths):
@@ -59,7 +61,7 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
 
 
 def is_record(path: str | Path) -> bool:
-    """Whether a path is a file that begins like a record (with a zip's first entry, `record.json`)."""
+    """Return whether a path is a file that begins like a record: a zip file whose first entry is `record.json`."""
     try:
         with open(path, "rb") as file:
             head = file.read(64)

@@ -1,4 +1,4 @@
-"""Pack a run folder into one file."""
+"""Pack a run folder into a single file."""
 
 from __future__ import annotations
 
@@ -37,22 +37,23 @@ def pack(
     keep_paths: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Write a run as a record, whose contents `docs/records.md` describes. The same run and texts give the same bytes.
+    """Write a run as a record; `docs/records.md` describes its contents. The same run and texts give the same bytes.
 
     Args:
         run: the run; neither it nor its folder is changed.
-        path: the file; by default the name of the run's folder with `.robustflow`, in the working folder.
-        author, link, description: plain text, shown with the run; the link begins with https://.
-        partial: pack an unfinished run; the record is marked as such.
-        keep_paths: pack texts of the manifest that contain paths of this machine.
-        overwrite: replace an existing file that is not a record of this run.
+        path: path of the output file; by default the name of the run's folder with `.robustflow`, in the working
+            folder.
+        author, link, description: plain text shown with the run; the link must begin with https://.
+        partial: whether to pack an unfinished run; the record is marked as partial.
+        keep_paths: whether to keep manifest texts that contain paths on this machine.
+        overwrite: whether to replace an existing file that is not a record of this run.
 
     Returns:
         The path of the file, which is complete or absent.
 
     Raises:
-        RunError: rows are missing, texts would publish a path, what the run holds would not verify, or the file exists
-            and holds something else.
+        RunError: rows are missing, a text would publish a path, the record would fail verification, or the file exists
+            and is not a record of this run.
         DataError: the file cannot be written, or a text is not allowed in a record.
     """
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
@@ -69,7 +70,7 @@ def pack(
 
 
 def _run_of(path: Path) -> str | None:
-    """The digest of the run in a record file; None if it is not a record."""
+    """Return the digest of the run in a record file, or None if the file is not a record."""
     reader = Reader(read_file(path), str(path))
     try:
         reader.container()
@@ -88,7 +89,7 @@ def record_bytes(
     partial: bool = False,
     keep_paths: bool = False,
 ) -> bytes:
-    """The file that `pack` writes."""
+    """Return the path of the file that `pack` writes."""
     manifest = shareable_manifest(run.manifest, keep_paths)
     attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.selection.attacks))
     missing = sum(len(units.samples) for units in run.summary.missing)

@@ -32,21 +32,21 @@ _LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
 
 
 class Reader:
-    """Reads one record. Every step returns a sentence about what it checked, or raises.
+    """Reader of one record. Every step returns a sentence that describes what it checked, or raises.
 
     Args:
-        data: the file.
-        name: its name in messages.
+        data: content of the file.
+        name: name of the file, for messages.
 
     Attributes:
-        name, sha256: of the file.
-        entries: the bytes of each entry, after `container`.
-        facts: `record.json`, after `record`.
-        plan: `manifest.json`, after `manifest`.
-        frame: the rows, after `rows`.
+        name, sha256: name and hash of the file.
+        entries: the bytes of each entry; set by `container`.
+        facts: the parsed `record.json`; set by `record`.
+        plan: the parsed `manifest.json`; set by `manifest`.
+        frame: the rows; set by `rows`.
 
     Raises:
-        DataError, RunError: from each step, if the file is not what it expects.
+        DataError, RunError: raised by each step if its check fails.
     """
 
     entries: dict[str, bytes]
@@ -61,24 +61,24 @@ class Reader:
 
     @property
     def attacks(self) -> tuple[str, ...]:
-        """The attacks of the run; none before `manifest`."""
+        """Return the attacks of the run; empty before `manifest`."""
         plan = getattr(self, "plan", None)
         return () if plan is None else plan.selection.attacks
 
     def container(self) -> str:
-        """The file is a zip with the entries of a record, uncompressed, and nothing else."""
+        """Check that the file is a zip with exactly the entries of a record, uncompressed."""
         self.entries = read_container(self._data, self.name)
         return f"{len(self.entries)} entries, {len(self._data)} bytes"
 
     def record(self) -> str:
-        """`record.json` has a version that this package reads."""
+        """Check that this package can read the version of `record.json`."""
         data = self.entries["record.json"]
         check_version(read_json(data, "record.json"), "record.json")
         self.facts = parsed(Record.model_validate_json, data, "record.json")
         return f"version {self.facts.version}"
 
     def hashes(self) -> str:
-        """Every entry has the size and hash that `record.json` gives."""
+        """Check that every entry has the size and hash listed in `record.json`."""
         others = [name for name in LIMITS if name in self.entries and name != "record.json"]
         if sorted(self.facts.entries) != sorted(others):
             raise DataError(
@@ -91,7 +91,7 @@ class Reader:
         return f"{len(others)} entries"
 
     def manifest(self) -> str:
-        """`manifest.json` has the right shape, and its digest follows from its identity."""
+        """Check that `manifest.json` matches its schema, and that its digest follows from its identity."""
         content = read_json(self.entries["manifest.json"], "manifest.json")
         if (schema := content.get("schema")) != MANIFEST_SCHEMA or isinstance(schema, bool):
             raise DataError(
@@ -125,7 +125,8 @@ class Reader:
         return f"run {digest}"
 
     def _check_extent(self) -> None:
-        """Check that at least one corruption of one sample is planned, and no more rows than a record may hold."""
+        """Check that at least one corruption of one sample is planned, and that the number of rows is within a record's
+        limit."""
         selection = self.plan.selection
         if not (self.plan.samples and selection.corruptions and selection.severities):
             raise DataError("manifest.json: samples, corruptions and severities have to have at least 1 entry each")
@@ -135,7 +136,7 @@ class Reader:
             raise DataError(f"manifest.json: {planned} rows are planned; a record holds at most {MOST_ROWS}")
 
     def rows(self) -> str:
-        """The rows have the right types, occur once each, and hold numbers in range and printable texts."""
+        """Check that rows have the right types, are unique, and contain only numbers in range and printable text."""
         frame = rows_from_text(self.entries["rows.csv"])
         nulls = [name for name in _ALWAYS if frame[name].null_count()]
         if nulls:
@@ -167,7 +168,7 @@ class Reader:
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
 
     def extract(self, folder: Path) -> None:
-        """Write a run folder from what was checked: with file names chosen here, and the rows written again.
+        """Write the checked contents as a run folder, with fixed file names and the rows serialized again.
 
         Raises:
             DataError: the folder cannot be written.

@@ -1,8 +1,8 @@
-"""Rows as text: CSV in one canonical form, so that equal rows give equal bytes whatever wrote them.
+"""Rows as canonical CSV text, so that equal rows always give equal bytes.
 
-A run stores Parquet; a record does not, because the bytes of Parquet differ between versions of the library that writes
-it, and because it is compressed inside: the size of a page is unknown until it has been decompressed. Numbers are
-written with as many digits as are needed to read back the same number.
+A run stores Parquet. A record does not, because the bytes of Parquet depend on the version of the library, and because
+the size of its compressed pages is unknown until they are decompressed. Numbers are written with the fewest digits that
+restore the same value.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _HEADING = (",".join(ROW_SCHEMA) + "\n").encode()
 
 
 def rows_to_text(rows: pl.DataFrame) -> bytes:
-    """Rows of a run as CSV: a header, then one line per row in the order of `ROW_KEY`; null is an empty cell.
+    """Return a run's rows as CSV: a header, then one line per row in the order of `ROW_KEY`; null is an empty cell.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> rows_to_text(rows_frame([]))[:36]
@@ -30,11 +30,11 @@ def rows_to_text(rows: pl.DataFrame) -> bytes:
 
 
 def rows_from_text(text: bytes) -> pl.DataFrame:
-    """Read the rows back, with the columns and types of `ROW_SCHEMA`.
+    """Parse CSV text into rows with the columns and types of `ROW_SCHEMA`.
 
     Raises:
-        DataError: anything that `rows_to_text` does not write: other columns, a cell of the wrong type, or a different
-            order.
+        DataError: the text differs from the output of `rows_to_text`: wrong columns, a cell of the wrong type, or a
+            different order.
     """
     if not text.startswith(_HEADING):
         raise DataError("rows.csv has other columns than this version writes; use the version that packed it")

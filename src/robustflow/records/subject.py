@@ -1,4 +1,4 @@
-"""The subject of a record: which model was measured on which data, and what no check of a file can prove."""
+"""The subject of a record: which model was evaluated on which data, and what no check of the file can prove."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 class Subject(Frozen):
-    """What was measured: recomputed from the rows of a record, never taken from its means.
+    """The model, data and scores of a record. Scores are recomputed from the rows, never read from the stored means.
 
     Attributes:
-        model, benchmark: their names, safe to print.
-        truth: what is special about the ground truth; "" if nothing is.
-        pairs, corruptions, severities: how many were measured.
-        setting: OOD, ID, LEAKED, ... as it follows from the training sets.
-        epe_clean, epe, cre, rcre: pixels; crer: a ratio; None without ground truth.
+        model, benchmark: names of the model and the benchmark, safe to print.
+        truth: a remark about unusual ground truth, or "".
+        pairs, corruptions, severities: number of pairs, corruptions and severities evaluated.
+        setting: the setting that follows from the training sets: OOD, ID, LEAKED, ...
+        epe_clean, epe, cre, rcre: scores in pixels; None without ground truth. `crer` is a ratio.
     """
 
     model: str
@@ -38,7 +38,7 @@ class Subject(Frozen):
     rcre: float | None
 
     def sentence(self) -> str:
-        """All of it in one line.
+        """Return all fields in one line.
 
         >>> scores = {"epe_clean": 1.0, "epe": 3.0, "cre": 2.0, "crer": 2.0, "rcre": None}
         >>> counts = {"pairs": 1, "corruptions": 2, "severities": 5}
@@ -59,7 +59,7 @@ class Subject(Frozen):
 
 
 def subject_of(run: Run, plan: Manifest) -> Subject:
-    """The subject of a record whose rows and plan were checked."""
+    """Return the subject of a record whose rows and plan were checked."""
     summary = run.summary
     return Subject(
         model=plain(run.name),
@@ -78,7 +78,7 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
 
 
 def unproven(frames_compared: bool, predictions_compared: bool, attacked: bool) -> list[str]:
-    """What remains unproven, in sentences; each names what would prove it."""
+    """Return the unproven claims as sentences; each names a way to prove the claim."""
     out = []
     if not frames_compared:
         out.append("that the rows were measured on these data: --data FOLDER recomputes the frames of some rows")

@@ -1,4 +1,4 @@
-"""Read JSON from elsewhere strictly, and refuse text that could do more than be displayed."""
+"""Strictly parse JSON from untrusted sources, and reject text that is unsafe to display."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..errors import DataError
 from ..text import plain
 
 LONGEST = 2000
-"""Largest number of characters of a text in a record."""
+"""Maximum number of characters of a text in a record."""
 
 _DEEPEST = 24
 _PATH = re.compile(r"""(?:^|[\s'"=;,(\[])(?:/[^/\s]+/|~[/\\]|[A-Za-z]:[\\/]|\\\\)""")
 
 
 def read_json(data: bytes, name: str) -> dict[str, Any]:
-    """A JSON object, as `json_bytes` writes it.
+    """Parse a JSON object that `json_bytes` wrote.
 
     Raises:
-        DataError: not JSON, not an object, not in the form `json_bytes` gives it (no repeated keys, no NaN, no other
-            notation of numbers), nested too deeply, or with text that `check_text` refuses.
+        DataError: the data is not JSON, not an object, not in the canonical form of `json_bytes` (no repeated keys, no
+            NaN, canonical numbers), nested too deeply, or contains text that `check_text` rejects.
 
     >>> read_json(b'{\\n  "a": 1\\n}\\n', "x.json")
     {'a': 1}
@@ -47,10 +47,11 @@ def read_json(data: bytes, name: str) -> dict[str, Any]:
 
 
 def check_text(text: str, where: str) -> None:
-    """Raise for text that is too long to be shown, and for characters that control a terminal or a page.
+    """Raise for text that is too long to display, or that contains control characters.
 
     Raises:
-        DataError: more than `LONGEST` characters, or a control, direction or other invisible character.
+        DataError: the text has more than `LONGEST` characters, or contains a control, bidirectional or other invisible
+            character.
 
     >>> check_text("RAFT\\x1b[31m", "author")
     Traceback (most recent call last):
@@ -63,10 +64,10 @@ def check_text(text: str, where: str) -> None:
 
 
 def texts(value: Any) -> Iterator[tuple[str, str]]:
-    """Every text inside a JSON value, including names, with its position.
+    """Yield every text inside a JSON value, including keys, with its position.
 
     Raises:
-        ValueError: nested too deeply.
+        ValueError: the value is nested too deeply.
 
     >>> list(texts({"a": ["x", 1]}))
     [('', 'a'), ('a.0', 'x')]
@@ -86,7 +87,7 @@ def texts(value: Any) -> Iterator[tuple[str, str]]:
 
 
 def holds_path(text: str) -> bool:
-    """Whether a text contains a path of a machine: an absolute path, or one from a home folder.
+    """Return whether a text contains a local path: an absolute path, or a path relative to a home folder.
 
     >>> [holds_path(t) for t in ("/home/ada/w.pth", "~/w.pth", "--data /data/kitti", "a/b.png", "1/2 / 3")]
     [True, True, True, False, False]

@@ -1,4 +1,4 @@
-"""Whether a record is consistent: everything that can be checked without the model and the data."""
+"""Verify that a record is consistent, as far as possible without the model and the data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ VERIFICATION_CHECKS = {
     "predictions": "the model predicts here what the rows say",
     "exported": "files exported from the run are what the record gives",
 }
-"""Each check, in order, and what it asserts."""
+"""Every check, in order, with a description of what it asserts."""
 
 _ON_REQUEST = ("frames", "predictions", "exported")
 _SHOWN = 3
@@ -40,7 +40,7 @@ _Outcome = tuple[Literal["ok", "failed"], str]
 
 
 class Check(Frozen):
-    """One line of a verification: the check, whether it passed, and a reason or figure."""
+    """One line of a verification: the name of the check, whether it passed, and a reason or number."""
 
     name: str
     status: Literal["ok", "failed", "not checked"]
@@ -51,14 +51,14 @@ class Verification(Frozen):
     """The outcome of the checks of a record.
 
     Attributes:
-        file: the path, as given.
-        sha256: of the file, by which a record can be cited; "" if it could not be read.
-        facts: `record.json` with author, link and description, all in the submitter's words; None if it could not be
-            read.
-        checks: in the order of `VERIFICATION_CHECKS`; "frames" only if data were given, "predictions" only if a
-            model was given, too, "exported" only if exported files were.
+        file: path of the file, as given.
+        sha256: hash of the file, by which a record can be cited; "" if the file could not be read.
+        facts: the parsed `record.json`, with the author, link and description exactly as submitted; None if it could
+            not be read.
+        checks: results of the checks, in the order of `VERIFICATION_CHECKS`; "frames" requires data, "predictions" also
+            a model, and "exported" exported files.
         subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
-        unproven: what none of the checks made can prove, in sentences.
+        unproven: claims that the checks cannot prove, as sentences.
     """
 
     file: str
@@ -70,17 +70,17 @@ class Verification(Frozen):
 
     @property
     def ok(self) -> bool:
-        """Whether every check was made and passed."""
+        """Return whether every check ran and passed."""
         return all(check.status == "ok" for check in self.checks)
 
     def first_failure(self) -> str:
-        """Describes the first check that failed; "" if all passed."""
+        """Describe the first failed check; "" if all passed."""
         return next((f"{check.name}: {check.message}" for check in self.checks if check.status == "failed"), "")
 
 
 DataCheck = Callable[[Reader], str]
-"""Compares a record with data, with data and a model, or with exported files: returns what it did in a sentence; raises
-if something differs."""
+"""A function that compares a record with data, with data and a model, or with exported files. It returns a one-sentence
+summary, and raises if something differs."""
 
 
 def verify(
@@ -90,14 +90,17 @@ def verify(
     predictions: DataCheck | None = None,
     exported: DataCheck | None = None,
 ) -> Verification:
-    """Check a record file. Nothing in it is run, written under a name from the file, or trusted before it is checked.
+    """Verify a record file. Its contents are never executed, written under a name from the file, or trusted before they
+    are checked.
 
     Args:
-        path: the file; whatever is wrong with it becomes a failed check.
-        frames: compares frames with local data (`robustflow.runner.recheck`), called if all else passes.
-        predictions: predicts some rows again with a local model, called if the frames pass, too.
-        exported: compares exported files with the record (`robustflow.report.exchange.check`), called if all else
-            passes.
+        path: path of the file; any problem with the file is reported as a failed check.
+        frames: function that compares frames with local data (`robustflow.runner.recheck`); called if all earlier
+            checks pass.
+        predictions: function that repeats the prediction of some rows with a local model; called if the frames also
+            pass.
+        exported: function that compares exported files with the record (`robustflow.report.exchange.check`); called if
+            all earlier checks pass.
 
     Returns:
         The `Verification`.
@@ -118,7 +121,7 @@ def verify_read(
     predictions: DataCheck | None = None,
     exported: DataCheck | None = None,
 ) -> Verification:
-    """Like `verify`, for a file in memory; the reader of a verified record holds what it read."""
+    """Like `verify`, for a file in memory. Also return the reader, which contains the parsed record."""
     outcomes: dict[str, _Outcome] = {}
     subject = None
     try:
@@ -149,7 +152,7 @@ def verify_read(
 
 
 def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
-    """The checks of what a record claims, by name, and its subject if all of it could be read."""
+    """Yield the results of the checks of a record's claims, by name, and its subject if everything could be read."""
     problems = training_problems(reader.plan)
     out = {"training": _outcome(problems, reader.plan.judged().provenance.setting)}
     with TemporaryDirectory(prefix="robustflow-") as folder:
@@ -177,7 +180,7 @@ def _outcome(problems: list[str], message: str) -> _Outcome:
 
 
 def _later(*comparisons: DataCheck | None) -> dict[str, DataCheck]:
-    """The comparisons that were requested, of those in `_ON_REQUEST`."""
+    """Run the requested comparisons of `_ON_REQUEST`."""
     return {name: compare for name, compare in zip(_ON_REQUEST, comparisons, strict=True) if compare is not None}
 
 

@@ -1,3 +1,4 @@
-"""The paper's tables and figures again: which of its models can run here, and ours beside the published values."""
+"""Reproduce the paper's tables and figures: which of its models can run here, and our values beside the published
+ones."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the paper shows, table by table and figure by figure, and what of it can be measured again."""
+"""The paper's tables and figures, and which of them can be reproduced."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 from ..errors import unknown_name
 
 ColumnChoice = Literal["epe", "cre", "rcre", "crer", "means", "families"]
-"""What is compared: a metric under each corruption, overall means, or CREr by family of corruptions."""
+"""Kind of comparison: a metric under each corruption, overall means, or CREr by family of corruptions."""
 
 
 @dataclass(frozen=True)
@@ -16,13 +16,14 @@ class Artefact:
     """A table or a figure of the paper.
 
     Attributes:
-        name: "tab2", "fig4": numbered as in the paper, through its appendix.
-        title: what it shows.
-        benchmark: what it is measured on; "" where nothing is measured.
-        columns: what is compared.
-        table: its name in `robustflow.report.tables`; "" for a figure.
-        figure: its name in `robustflow.report.figures`; "" for a table.
-        instead: of one that compares no models: the command that shows the same, or why there is none.
+        name: name such as "tab2" or "fig4", numbered as in the paper and its appendix.
+        title: title of the table or figure.
+        benchmark: name of the benchmark; "" if nothing is measured.
+        columns: the kind of comparison.
+        table: name in `robustflow.report.tables`; "" for a figure.
+        figure: name in `robustflow.report.figures`; "" for a table.
+        instead: for a table or figure that does not compare models, the command that shows the same content, or the
+            reason why there is none.
     """
 
     name: str
@@ -70,14 +71,14 @@ _ALL = (
 )
 
 ARTEFACTS = {artefact.name: artefact for artefact in _ALL}
-"""Every table and figure by name."""
+"""Every table and figure of the paper, by name."""
 
 
 def artefact_of(name: str) -> Artefact:
-    """A table or figure by name.
+    """Return a table or figure by name.
 
     Raises:
-        UsageError: the paper has none of this name.
+        UsageError: the paper has no table or figure of this name.
 
     >>> artefact_of("tab2").title
     'EPE on KITTI-FC'

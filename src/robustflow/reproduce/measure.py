@@ -1,4 +1,5 @@
-"""Run the variants that can be run, each in the folder of its weights, so that a stopped call goes on."""
+"""Evaluate the available variants, each in a folder named after its weights, so that an interrupted call can be
+resumed."""
 
 from __future__ import annotations
 
@@ -20,18 +21,19 @@ def measure_variants(
     device: str | None = None,
     **options: Any,
 ) -> Iterator[tuple[Runnable, Result] | Missing]:
-    """Run, or go on with, what can be run; in the order of the choices, what is missing in its place.
+    """Evaluate the available variants, or resume their evaluation, in the order of `choices`; missing variants keep
+    their position.
 
-    Random weights of a method replace it in both settings and are run once. A variant that fails is missing, with
-    the reason; the others are run.
+    Random weights replace a method in both settings and are evaluated once. A variant that fails counts as missing,
+    with the reason; the remaining variants still run.
 
     Args:
-        artefact: what is measured again.
-        choices: from `plan.choose`.
-        output: holds a folder per benchmark, and in it one per model and weights; tables and figures of one benchmark
-            share them.
-        device: of the learned models.
-        options: of `robustflow.evaluate`.
+        artefact: table or figure to reproduce.
+        choices: result of `plan.choose`.
+        output: folder with one subfolder per benchmark, which contains one folder per model and weights; tables and
+            figures of the same benchmark share these runs.
+        device: device of the learned models.
+        options: keyword options of `robustflow.evaluate`.
     """
     done: dict[str, Result] = {}
     for choice in choices:

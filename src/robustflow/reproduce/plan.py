@@ -1,4 +1,4 @@
-"""Which of the paper's variants can be run here, with which weights, and what the others need."""
+"""Find out which of the paper's variants can be run here and with which weights, and what the remaining ones need."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .variants import Variant
 from .weights import FoundWeights
 
 _OF_PAPER = {"flyingchairs", "flyingthings3d", "sintel", "hd1k"}
-"""What the paper's OOD models have seen (its appendix; no public checkpoint has seen just these)."""
+"""Training sets of the paper's OOD models (see its appendix; no public checkpoint was trained on exactly these)."""
 
 _GREY = "OpenCV's DIS on grey frames; the paper ran the RGB version, dis_rgb"
 
@@ -26,10 +26,9 @@ class Runnable:
     """A variant that can be run.
 
     Attributes:
-        variant: of the paper.
-        spec: what is run.
-        weights: in words, for the table; "" for a method that has none.
-        folder: of its run, below the benchmark's: the same weights always run in the same one.
+        variant: the paper's variant. spec: specification of the model to run.
+        weights: description of the weights for the table; "" for a method without weights.
+        folder: name of the run's folder inside the benchmark's folder; always the same for the same weights.
     """
 
     variant: Variant
@@ -39,13 +38,13 @@ class Runnable:
 
     @property
     def random(self) -> bool:
-        """Whether its weights are random, so that nothing it measures says anything of the method."""
+        """Return whether the weights are random, in which case the results say nothing about the method."""
         return dict(self.spec.options).get("checkpoint") == RANDOM
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A variant that cannot be run: why, and how that is changed."""
+    """A variant that cannot be run, with the reason and the remedy."""
 
     variant: Variant
     reason: str
@@ -55,16 +54,17 @@ class Missing:
 def choose(
     variants: Sequence[Variant], benchmark: str, weights: Sequence[FoundWeights], *, random: bool = False
 ) -> list[Runnable | Missing]:
-    """What there is for each variant.
+    """Choose weights for each variant.
 
-    A file named as the variant is ("raft-ood.pth", or "raft-ood/last.pth" of a training) takes precedence over one of
-    the catalogue, whose setting has to be the variant's: a checkpoint that has seen the evaluated pairs is never used
-    for one that has not. Of several, the one whose training sets are nearest to the paper's.
+    A file named after the variant ("raft-ood.pth", or "raft-ood/last.pth" from a training run) takes precedence over
+    checkpoints of the catalogue. A catalogue checkpoint must have the variant's setting: a checkpoint trained on the
+    evaluated pairs never replaces one that was not. Among several checkpoints, the one whose training sets are closest
+    to the paper's is chosen.
 
     Args:
-        variants: of the paper.
-        benchmark: what they are to be measured on.
-        weights: files in the folders of checkpoints.
+        variants: the paper's variants.
+        benchmark: name of the benchmark to evaluate on.
+        weights: files in the checkpoint folders.
         random: whether random weights may replace missing ones.
     """
     return [_chosen(variant, benchmark, weights, random) for variant in variants]
@@ -102,7 +102,7 @@ def _nearest(variant: Variant, benchmark: str, entries: Sequence[CheckpointEntry
         for entry in entries
         if entry.model == variant.model and setting_of(training_of_entry(entry), benchmark) == variant.setting
     ]
-    # One fine-tuned on KITTI is the further from the paper's of two that have seen the same.
+    # Of two checkpoints with the same training sets, one fine-tuned on KITTI is further from the paper's.
     return min(fitting, key=lambda entry: (_distance(entry), entry.checkpoint == "kitti"), default=None)
 
 

@@ -1,4 +1,4 @@
-"""Ours beside the published values, with differences: as lines of a table, and as a file."""
+"""Compare our values with the published ones, as lines of a table and as a file."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from .plan import Runnable
 from .variants import Variant
 
 MetricValues = Mapping[tuple[str, str], float]
-"""(metric, corruption) -> value, of one variant."""
+"""Values of one variant by (metric, corruption)."""
 
 _MEANS = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 
 
 @dataclass(frozen=True)
 class SideBySide:
-    """A variant as the paper measured it and, where it was run, as it was measured here.
+    """The published values of a variant and, if it was evaluated here, our values.
 
     Attributes:
-        variant: of the paper.
-        published: what the paper says, over the corruptions of `here` where there is a run.
-        here: what was measured; empty where nothing was.
-        note: what a reader must know before comparing: pairs, weights, setting.
-        random: whether the weights here were random.
+        variant: the paper's variant.
+        published: the paper's values, over the corruptions of `here` if there is a run.
+        here: values measured here; empty without a run.
+        note: caveats of the comparison: pairs, weights, setting.
+        random: whether the run used random weights.
     """
 
     variant: Variant
@@ -49,7 +49,7 @@ class SideBySide:
 
 
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
-    """A variant that was run, beside the published values over the same corruptions."""
+    """Compare a variant's run with the published values over the same corruptions."""
     here = _numbers(run_results([run], beside_published=True)[0])
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
     levels = run.manifest.selection.severities
@@ -67,7 +67,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
 
 
 def paper_alone(artefact: Artefact, variant: Variant) -> SideBySide:
-    """A variant with only the paper's values."""
+    """Return a variant with only the paper's values."""
     return SideBySide(variant, _published(artefact, variant, _of_paper(artefact)), {})
 
 
@@ -100,7 +100,7 @@ def _numbers(line: ModelResult) -> MetricValues:
 
 
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:
-    """The columns of a table or figure that any of these variants has a value for, and where that is."""
+    """Return the columns of a table or figure for which at least one variant has a value, with their keys."""
     if artefact.columns == "means":
         every = [
             (Column(("clean " if name == CLEAN else "") + METRIC_LABELS[metric]), (metric, name))
@@ -120,7 +120,8 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
 
 
 def _with_families(values: MetricValues) -> MetricValues:
-    """The values, and CREr by family under ("crer", FAMILY): the mean EPE of its corruptions against the clean one."""
+    """Return the values with CREr by family added under ("crer", FAMILY): the ratio between the mean EPE of the
+    family's corruptions and the clean EPE."""
     clean, more = values.get(("epe", CLEAN)), {}
     for family, names in FAMILIES.items():
         epe = [values["epe", name] for name in names if ("epe", name) in values]
@@ -130,7 +131,8 @@ def _with_families(values: MetricValues) -> MetricValues:
 
 
 def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:
-    """Three lines for each variant that was run: published, here, the difference; one for each that was not."""
+    """Return three lines for each variant with a run (published, here, difference), and one line for each variant
+    without."""
     columns = columns_of(artefact, variants)
     keys = [key for _, key in columns]
     sections = []
@@ -149,7 +151,7 @@ def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Tabl
 
 def _lines(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Line]:
     published, here = _with_families(variant.published), _with_families(variant.here)
-    # Over corruptions that were not run nothing is compared.
+    # Corruptions that were not run are not compared.
     shown = [key for key in keys if not variant.here or key in here]
     lines = [Line(f"{variant.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
     if variant.here:
@@ -168,7 +170,7 @@ def _difference(published: MetricValues, here: MetricValues, key: tuple[str, str
 
 
 def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:
-    """Every value as a line: setting, model, metric, corruption (or family), published, here, difference, note."""
+    """Return one line per value: setting, model, metric, corruption (or family), published, here, difference, note."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])

@@ -1,4 +1,4 @@
-"""The paper's variants: a method in a setting, and the model that it is here."""
+"""The paper's variants: a method in a setting, with the corresponding model of this package."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ..errors import UsageError, unknown_name
 from ..models.catalog import methods
 
 _RUN_AS = {"DIS": "dis_rgb"}
-"""Names of the paper that mean a different model here: it ran the authors' DIS on colours (docs/dis-rgb.md)."""
+"""The paper's method names that denote a different model in this package: the paper ran the authors' DIS on colour
+images (docs/dis-rgb.md)."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +19,9 @@ class Variant:
     """A method of the paper in a setting.
 
     Attributes:
-        method: as the paper calls it.
-        setting: "knowledge", "OOD" or "ID".
-        model: the registered model that it is run as.
+        method: the paper's name of the method.
+        setting: the paper's setting: "knowledge", "OOD" or "ID".
+        model: name of the corresponding registered model.
     """
 
     method: str
@@ -29,7 +30,7 @@ class Variant:
 
     @property
     def slug(self) -> str:
-        """What its weights are called in a folder of checkpoints, without the ending.
+        """Return the file name of the variant's weights in a checkpoint folder, without the extension.
 
         >>> Variant("FlowFormer++", "OOD", "flowformer_pp").slug
         'flowformer_pp-ood'
@@ -38,15 +39,15 @@ class Variant:
 
 
 def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[Variant]:
-    """The variants that the paper has values of on a benchmark, in its order.
+    """Return the variants with published values on a benchmark, in the paper's order.
 
     Args:
-        benchmark: "kitti-fc" or "gopro-fc".
-        wanted: only these, by the paper's names ("RAFT") or registered ones ("raft"). `dis` is OpenCV's, in place of
-            the RGB version that the paper ran.
+        benchmark: name of the benchmark: "kitti-fc" or "gopro-fc".
+        wanted: models to include, by the paper's names ("RAFT") or registered names ("raft"). `dis` is OpenCV's
+            implementation and replaces the RGB version that the paper ran.
 
     Raises:
-        UsageError: a wanted model that the paper has no values of.
+        UsageError: the paper has no values for a wanted model.
 
     >>> len(paper_variants("kitti-fc")), len(paper_variants("gopro-fc"))
     (29, 11)
@@ -68,7 +69,7 @@ def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[
 
 
 def _named(name: str, every: Sequence[Variant]) -> tuple[str, str]:
-    """The paper's name, and the model that is run."""
+    """Return the paper's name and the model to run."""
     entry = methods().get(name)
     for variant in every:
         if name in (variant.method, variant.model) or (entry is not None and entry.method == variant.method):

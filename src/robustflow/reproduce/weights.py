@@ -1,4 +1,4 @@
-"""Which of the checkpoints that the paper's variants need lie in a folder: by the catalogue's hashes, or by name."""
+"""Find the checkpoints of the paper's variants in a folder, by the catalogue's hashes or by name."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from ..errors import DataError
 from ..models.catalog import CheckpointEntry, checkpoints
 
 SUFFIXES = (".ckpt", ".pth", ".pt", ".tar")
-"""Endings of files that can be checkpoints."""
+"""File extensions of checkpoints."""
 _TRAINED = "last"
-"""What `robustflow train` calls the weights at its end; the name of their folder counts."""
+"""File name of the final weights of `robustflow train`; the name of their folder identifies the variant."""
 
 
 @dataclass(frozen=True)
 class FoundWeights:
-    """A file of a folder of checkpoints.
+    """A file in a checkpoint folder.
 
     Attributes:
-        path: where it is.
-        sha256: the first eight digits of its hash.
-        entry: what the catalogue knows it as; None for a file that it does not know.
-        claim: what its name says that it is, "raft-ood"; compared with `Variant.slug`.
-        altered: the catalogue's entry of this name, whose hash the file does not have.
+        path: path of the file.
+        sha256: first eight hexadecimal digits of the file's hash.
+        entry: catalogue entry with this hash; None for an unknown file.
+        claim: variant suggested by the file name, such as "raft-ood"; compared with `Variant.slug`.
+        altered: catalogue entry with this file name but a different hash, or None.
     """
 
     path: Path
@@ -36,13 +36,13 @@ class FoundWeights:
 
 
 def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
-    """The files of folders, and of the folders in them, that can be checkpoints; in the order of their paths.
+    """Return the possible checkpoint files in folders and their direct subfolders, sorted by path.
 
-    Every file is hashed: a checkpoint of the catalogue is known by its content whatever it is called. Nothing in a file
-    is read as anything but bytes.
+    Every file is hashed, because a checkpoint of the catalogue is identified by its content, not its name. Files are
+    never unpickled.
 
     Raises:
-        DataError: no such folder, or a file that cannot be read.
+        DataError: a folder does not exist, or a file cannot be read.
     """
     known = {entry.sha256: entry for entry in checkpoints()}
     by_name = {entry.file: entry for entry in checkpoints()}

@@ -1,4 +1,4 @@
-"""What cannot be run here and how to get it; what a table needs that has no data."""
+"""Messages about variants that cannot be run and how to obtain them, and about missing data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .plan import Missing, Runnable
 
 
 def plan_table(artefact: Artefact, choices: Sequence[Runnable | Missing]) -> Table:
-    """What each variant would be run with, or what it needs."""
+    """Return the weights each variant would run with, or what the variant requires."""
     lines: dict[str, list[Line]] = {}
     for choice in choices:
         if isinstance(choice, Missing):
@@ -27,7 +27,7 @@ def plan_table(artefact: Artefact, choices: Sequence[Runnable | Missing]) -> Tab
 
 
 def summary_sentence(choices: Sequence[Runnable | Missing]) -> str:
-    """How many of the variants can be run."""
+    """Return a sentence with the number of variants that can be run."""
     runnable = [choice for choice in choices if isinstance(choice, Runnable)]
     random = sum(choice.random for choice in runnable)
     text = f"{len(runnable)} of {counted(len(choices), 'variant')} can be run here"
@@ -35,7 +35,7 @@ def summary_sentence(choices: Sequence[Runnable | Missing]) -> str:
 
 
 def data_hint(artefact: Artefact) -> str:
-    """What to give so that a table or figure is measured again."""
+    """Return a sentence that explains how to reproduce a table or figure."""
     return (
         f"To measure it again: robustflow reproduce {artefact.name} --data FOLDER "
         f"({benchmark_facts(artefact.benchmark).data}) --checkpoints FOLDER; --dry-run says which of the models can be "
@@ -44,7 +44,7 @@ def data_hint(artefact: Artefact) -> str:
 
 
 def contents() -> list[str]:
-    """A line for each table and figure: what it shows, and on what it is measured or what shows the same."""
+    """Return one line per table and figure: its title, and its benchmark or the command that shows the same content."""
     return [
         f"{artefact.name:5s} {artefact.title}"
         + (f" (--data: {artefact.benchmark})" if artefact.benchmark else f": {artefact.instead}")
