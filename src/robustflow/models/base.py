@@ -1,4 +1,4 @@
-"""The protocol of models: two frames in, or a clip for a multi-frame model; one flow out. No base class is needed."""
+"""The model protocols: a model maps two frames, or a clip of frames, to one flow. No base class is needed."""
 
 from __future__ import annotations
 
@@ -20,91 +20,95 @@ from .window import Window
 
 @runtime_checkable
 class FlowModel(Protocol):
-    """Anything with `predict`.
+    """A model that predicts flow from two frames; any object with `predict` qualifies.
 
-    A model may also have `identity() -> dict` that lists everything that changes its numbers (parameters, checkpoint
-    hash, library version); it becomes part of a run's identity. A model that computes on an accelerator declares it by
-    an attribute `device` ("cuda:0"): frames are then corrupted and flows measured in other processes (see `devices`).
-    One that is light and computes in one thread declares it by `single_threaded = True`: a long run of it, if it is
-    named, then uses several processes by default.
+    A model may also define `identity() -> dict`, which lists everything that affects its results (parameters,
+    checkpoint hash, library version) and becomes part of a run's identity. A model that runs on an accelerator sets the
+    attribute `device` ("cuda:0"): frames are then corrupted and flows measured in separate processes (see `devices`). A
+    lightweight model that runs in one thread sets `single_threaded = True`: if the model is loaded by name, long runs
+    then use several processes by default.
     """
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Flow from `frame1` to `frame2`: RGB uint8 (H, W, 3) in, float32 (H, W, 2) out, (u right, v down), pixels."""
+        """Predict the flow from `frame1` to `frame2`, RGB uint8 (H, W, 3), as float32 (H, W, 2), (u right, v down), in
+        pixels.
+        """
         ...
 
 
 @runtime_checkable
 class BatchedFlowModel(FlowModel, Protocol):
-    """A model that predicts several pairs in one call, which changes a flow by 1e-4 px at most."""
+    """A model that predicts several pairs in one call; batching changes a flow by at most 1e-4 px."""
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> Sequence[Flow]:
-        """The flows of as many pairs as there are first frames; shapes as in `predict`."""
+        """Predict one flow for each pair of frames; shapes as in `predict`."""
         ...
 
 
 @runtime_checkable
 class ClipModel(Protocol):
-    """A multi-frame model: it declares which frames around the pair it needs, and gets them together with the pair.
+    """A multi-frame model, which declares the frames around the pair that it needs and receives them with the pair.
 
-    All frames of a clip are corrupted by one draw, and the pair is byte for byte the one that a two-frame model gets
-    (see docs/design/architecture.md). Nothing may be kept from one call to the next: samples come in any order, and in
-    several processes. A model that also has `predict` is given only the two frames if a data set has no more.
+    All frames of a clip are corrupted with the same random draw, and the pair is byte-identical to the one that a
+    two-frame model receives (see docs/design/architecture.md). The model must not keep state between calls, because
+    samples arrive in any order and in several processes. If a data set has only pairs, a model that also has `predict`
+    receives only the two frames.
 
     Attributes:
-        window: (before, after): frames before frame 1 and after frame 2; or a `Window`, which also states what happens
-            at the ends of a sequence.
+        window: number of frames (before, after) the pair, or a `Window`, which also defines the behaviour at the ends
+            of a sequence.
     """
 
     window: tuple[int, int] | Window
 
     def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
-        """Flow from `frames[index]` to `frames[index + 1]`, as `FlowModel.predict` gives it.
+        """Predict the flow from `frames[index]` to `frames[index + 1]`, in the format of `FlowModel.predict`.
 
         Args:
-            frames: RGB uint8 (H, W, 3) each, of one size, in the order of time. With the window (before, after) always
-                before + 2 + after of them: at either end of the sequence, its outermost frame is repeated for the
-                missing ones.
-            index: of frame 1 of the pair; with the window (before, after) always `before`.
+            frames: frames of equal size in temporal order, RGB uint8 (H, W, 3) each. With the window (before, after)
+                there are always before + 2 + after frames: at the ends of the sequence, the outermost frame replaces
+                the missing ones.
+            index: index of frame 1 of the pair in `frames`; with the window (before, after) always `before`.
         """
         ...
 
 
 @runtime_checkable
 class Differentiable(Protocol):
-    """A model whose flow has a gradient with respect to its frames, which white-box attacks need.
+    """A model whose flow is differentiable with respect to its frames, as white-box attacks require.
 
-    Padding, scaling and the order of the colours are inside: a perturbation belongs to the frame as a file holds it.
+    Padding, scaling and colour conversion happen inside the model, so a perturbation applies to the frame as stored on
+    disk.
     """
 
     def differentiable(self, images1: Any, images2: Any) -> Any:
-        """The flow of a pair as part of PyTorch's graph, on the device of the images or on the model's own.
+        """Return the flow of a pair as part of PyTorch's graph, on the device of the images or of the model.
 
         Args:
-            images1: tensor (1, 3, H, W), float32, RGB in 0..1.
-            images2: as `images1`.
+            images1: first image, RGB in 0..1, float32 tensor (1, 3, H, W).
+            images2: second image, same format as `images1`.
 
         Returns:
-            Tensor (1, 2, H, W), (u right, v down) in pixels.
+            The flow (u right, v down) in pixels, tensor (1, 2, H, W).
         """
         ...
 
 
 @runtime_checkable
 class FlowLookup(Protocol):
-    """A model whose flows were computed elsewhere: they are looked up by sample instead of predicted from frames."""
+    """A model whose flows were computed elsewhere and are looked up by sample instead of predicted from frames."""
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
-        """The flow of a sample; `corruption` is "clean" and `severity` 0 for the clean frames."""
+        """Return the flow of a sample; for clean frames `corruption` is "clean" and `severity` is 0."""
         ...
 
 
 AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
-"""Everything that can be evaluated."""
+"""Any model that can be evaluated."""
 
 
 def model_identity(model: Any) -> dict[str, Any]:
-    """The model's part of a run's identity; its class name if the model does not provide one."""
+    """Return the model's part of a run's identity; the class name if the model does not provide one."""
     if hasattr(model, "identity"):
         identity = model.identity()
         if not isinstance(identity, Mapping):
@@ -126,7 +130,7 @@ def model_identity(model: Any) -> dict[str, Any]:
 
 
 def given_name(model: Any) -> str | None:
-    """The name that a user's own model gives itself: its attribute `name`, if that is a string; otherwise None.
+    """Return the name that a user's model declares in its attribute `name`, or None if that is not a string.
 
     >>> class Mine:
     ...     name = "My model"
@@ -143,7 +147,7 @@ def predict_checked(
     """Call the model and check that the result is a flow of the frames' size (its values may still be non-finite).
 
     Raises:
-        ModelError: the model raised, or returned something that is not float (H, W, 2).
+        ModelError: the model raised an exception, or its result is not a float array (H, W, 2).
     """
     where = describe_cell(key, corruption, severity)
     with naming_errors(where):
@@ -157,7 +161,7 @@ def predict_checked(
 def predict_clip_checked(
     model: ClipModel, frames: tuple[Frame, ...], index: int, key: str, corruption: str, severity: int
 ) -> Flow:
-    """Like `predict_checked`, for a multi-frame model; `index` is that of frame 1 of the pair."""
+    """Call a multi-frame model like `predict_checked`; `index` is the index of frame 1 of the pair."""
     where = describe_cell(key, corruption, severity)
     with naming_errors(where):
         flow = model.predict_clip(_copies(frames), index)
@@ -167,7 +171,9 @@ def predict_clip_checked(
 def predict_batch_checked(
     model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], cells: Sequence[tuple[str, str, int]]
 ) -> list[Flow]:
-    """Like `predict_checked`, for several pairs in one call of the model; each cell is (key, corruption, severity)."""
+    """Check like `predict_checked`, for several pairs in one call of the model; each cell is (key,
+    corruption, severity).
+    """
     where = describe_cells(cells)
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
@@ -179,7 +185,7 @@ def predict_batch_checked(
 
 
 def describe_cell(key: str, corruption: str, *severities: int) -> str:
-    """Describe the cell in which something happened.
+    """Describe a cell for an error message.
 
     >>> describe_cell("a", "fog", 1, 2), describe_cell("a", "clean", 0)
     ("sample 'a', fog severity 1, 2", "sample 'a', clean")
@@ -189,7 +195,7 @@ def describe_cell(key: str, corruption: str, *severities: int) -> str:
 
 
 def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
-    """Describe several cells (key, corruption, severity).
+    """Describe several cells (key, corruption, severity) for an error message.
 
     >>> describe_cells([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
     "sample 'a', fog severity 1, 2; sample 'a', snow severity 1"
@@ -202,14 +208,14 @@ def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
 
 @contextmanager
 def naming_errors(where: str) -> Iterator[None]:
-    """Turn whatever a model raises into a `ModelError` that says where."""
+    """Convert any exception that a model raises to a `ModelError` that says where it happened."""
     process = os.getpid()
     try:
         yield
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        # Where Ctrl-C is ignored, as in a worker process, it was the model that raised this.
+        # In a worker process, which ignores Ctrl-C, only the model can have raised this.
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             raise
         raise ModelError(
@@ -218,24 +224,26 @@ def naming_errors(where: str) -> Iterator[None]:
         ) from error
     finally:
         if os.getpid() != process:
-            os._exit(1)  # a process that the model forked would otherwise continue the run itself
+            os._exit(1)  # otherwise, a process forked by the model would continue the run itself
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-    """Copy frames for the model, which may write into its input: they are still needed to corrupt, measure and draw."""
+    """Copy frames for the model, which may modify its input; the originals are still needed for corruption, metrics and
+    figures.
+    """
     return tuple(frame.copy() for frame in frames)
 
 
 def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
-    """Check what a model returned, and convert it to a flow: float32 (H, W, 2) of the frames' size.
+    """Check a model's result and convert it to a flow of the frames' size, float32 (H, W, 2).
 
     Raises:
-        ModelError: it is not float, or of another shape.
+        ModelError: the result is not a float array or has the wrong shape.
     """
     expected = (*frames[0].shape[:2], 2)
     try:
         array = np.asarray(flow)
-    except Exception as error:  # a tensor on a GPU, or one that requires gradients; rows of different lengths
+    except Exception as error:  # e.g. a GPU tensor, a tensor that requires gradients, or rows of unequal length
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
             f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy "

@@ -1,8 +1,8 @@
-"""Predictions with a confidence: for any model the flow back, or the confidence that the model itself returns.
+"""Predict flow with a confidence: the backward flow, for any model, or a confidence that the model returns.
 
-An answer is a flow with further channels: (H, W, 4) with the flow back, (H, W, 3) with the model's confidence or with
-the spread of the flow over several draws of a corruption. Engines pass answers on as they pass flows; they are split
-where they are measured.
+An answer is a flow with extra channels: (H, W, 4) with the backward flow, (H, W, 3) with the model's confidence or the
+standard deviation of the flow over several draws of a corruption. Engines pass answers around like flows; the metrics
+split them.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from .base import AnyModel, ClipModel, FlowModel, checked_flow, naming_errors
 
 FORWARD_BACKWARD, OF_MODEL = "forward-backward", "model"
 CONFIDENCES = (FORWARD_BACKWARD, OF_MODEL)
-"""Where a confidence can come from."""
+"""Sources of a confidence."""
 
 Answer = npt.NDArray[np.float32]
-"""A flow, with or without channels for its confidence: float32, shape (H, W, 2), (H, W, 3) or (H, W, 4)."""
+"""A flow with or without extra channels for its confidence, float32 (H, W, 2), (H, W, 3) or (H, W, 4)."""
 
 
 CHANNELS = {None: 2, OF_MODEL: 3, FORWARD_BACKWARD: 4}
-"""Number of channels of an answer for each confidence; None means a flow without one."""
+"""Number of channels of an answer for each confidence source; None means a flow without a confidence."""
 
 
 @runtime_checkable
@@ -34,15 +34,17 @@ class ConfidentModel(FlowModel, Protocol):
     """A model that returns a confidence for every pixel."""
 
     def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.floating[Any]]]:
-        """The flow as from `predict`, and its confidence: float (H, W), larger where the flow is surer, any scale."""
+        """Return the flow, as from `predict`, and its confidence: float (H, W) on any scale, larger where the flow is
+        more reliable.
+        """
         ...
 
 
 def check_confidence(kind: str | None, model: AnyModel) -> None:
-    """Raise unless a model can give this confidence.
+    """Raise unless a model supports this confidence source.
 
     Raises:
-        UsageError: an unknown kind, or one that the model does not have.
+        UsageError: the source is unknown, or the model does not support it.
     """
     if kind is None:
         return
@@ -57,8 +59,8 @@ def check_confidence(kind: str | None, model: AnyModel) -> None:
 
 
 def with_spread(flows: Sequence[Flow]) -> Answer:
-    """The first of some flows together with their standard deviation at each pixel: the root of the mean squared
-    distance from the mean flow, with n - 1.
+    """Combine the first of several flows with their standard deviation at each pixel: the root of the mean squared
+    distance from the mean flow, with n - 1 in the denominator.
 
     >>> flow = np.zeros((1, 1, 2), np.float32)
     >>> with_spread([flow, flow + np.float32([6, 8])])[0, 0].tolist()
@@ -71,15 +73,16 @@ def with_spread(flows: Sequence[Flow]) -> Answer:
 
 
 def with_back(flow: Flow, back: Flow) -> Answer:
-    """A flow together with the flow back."""
+    """Combine a flow with the backward flow."""
     return np.concatenate([flow, back], axis=2)
 
 
 def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, ...], where: str) -> Answer:
-    """Call a model that gives its confidence, and check both parts of its answer; `where` names the frames in messages.
+    """Call a model that returns a confidence, and check its flow and confidence; `where` names the frames in messages.
 
     Raises:
-        ModelError: the model raised, or returned no flow, or a confidence of another size or that is NaN.
+        ModelError: the model raised an exception, returned no flow, or its confidence has the wrong size or contains
+            NaN.
     """
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
@@ -104,7 +107,7 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
 
 
 def flow_of(answer: Answer) -> Flow:
-    """The flow of an answer: float32 (H, W, 2), pixels.
+    """Return the flow of an answer, float32 (H, W, 2), in pixels.
 
     >>> flow_of(np.zeros((4, 6, 3), np.float32)).shape
     (4, 6, 2)

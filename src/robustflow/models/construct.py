@@ -1,4 +1,4 @@
-"""Turn anything into a model: build a class with its options, wrap a function or a PyTorch module."""
+"""Convert an object to a model: build a class with its options, wrap a function or a PyTorch module."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ _NOT_FOR_ALL = {
 
 
 class FunctionModel:
-    """A plain function of two frames, as a model."""
+    """A model that calls a plain function of two frames."""
 
     def __init__(self, function: Callable[[Frame, Frame], Flow], identity: dict[str, Any] | None = None) -> None:
         self._function = function
         self._identity = identity or model_identity(function)
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: by default where the function is defined."""
+        """Return the identity as for `FlowModel`; by default, where the function is defined."""
         return self._identity
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
+        """Predict a flow as in `FlowModel.predict`."""
         return self._function(frame1, frame2)
 
 
 def as_model(candidate: Any, what: str) -> AnyModel:
-    """Return anything with `predict`, `predict_clip` or `lookup` unchanged, an instance of a class, or the wrapper of a
-    module or function.
+    """Return an object with `predict`, `predict_clip` or `lookup` unchanged, instantiate a class, or wrap a module or
+    function.
 
     Args:
-        candidate: the object to turn into a model.
-        what: its name in messages.
+        candidate: object to convert to a model.
+        what: name of the object in messages.
 
     Raises:
-        ModelError: none of these, or a class that cannot be built.
-        UsageError: a class that needs an option.
+        ModelError: the object is none of these, or the class cannot be instantiated.
+        UsageError: the class requires an option.
     """
     if inspect.isclass(candidate):
         candidate = construct(candidate, what, {})
@@ -65,7 +65,7 @@ def as_model(candidate: Any, what: str) -> AnyModel:
 
 
 def is_module(thing: Any) -> bool:
-    """Whether something is a PyTorch module, without importing PyTorch to find out.
+    """Return whether an object is a PyTorch module, without importing PyTorch.
 
     >>> is_module(print)
     False
@@ -75,12 +75,12 @@ def is_module(thing: Any) -> bool:
 
 
 def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
-    """Call a model's class or factory with options that it takes.
+    """Call a model's class or factory with its options.
 
     Args:
-        factory: the class or function.
-        name: of the model, for messages.
-        options: its keyword arguments.
+        factory: class or function that makes the model.
+        name: name of the model, for messages.
+        options: keyword arguments of the factory.
 
     Raises:
         UsageError: an unknown option, or a required one is missing.
@@ -106,7 +106,7 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
 
 
 def needed_options(factory: Callable[..., Any]) -> list[str]:
-    """The options without which a model cannot be built.
+    """Return the names of a factory's required options.
 
     >>> needed_options(lambda file, threads=1: None)
     ['file']
@@ -116,7 +116,7 @@ def needed_options(factory: Callable[..., Any]) -> list[str]:
 
 
 def takes_two_frames(function: Callable[..., Any]) -> bool:
-    """Whether a callable predicts by itself: a model, or a function that needs exactly two arguments."""
+    """Return whether a callable predicts flow itself: a model, or a function with exactly two required arguments."""
     if isinstance(function, AnyModel):
         return True
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -125,7 +125,7 @@ def takes_two_frames(function: Callable[..., Any]) -> bool:
 
 
 def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """A callable's parameters; none if Python cannot tell (some built-in types)."""
+    """Return a callable's parameters; none if Python cannot determine them (some built-in types)."""
     try:
         return inspect.signature(function).parameters
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The accelerators that a model computes on, as it declares: an attribute `device`, a string or one of PyTorch's."""
+"""Find the accelerators that a model runs on, from its attribute `device`: a string or a `torch.device`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .loading import ModelSpec
 
 
 def device_of(model: Any) -> str:
-    """Where a model computes: "cuda:0", "cuda", ...; "cpu" if it does not say.
+    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it declares none.
 
     >>> class Mine:
     ...     device = "cuda:1"
@@ -24,7 +24,7 @@ def device_of(model: Any) -> str:
 
 
 def is_accelerator(device: str) -> bool:
-    """Whether a device is not the processor.
+    """Return whether a device is not the CPU.
 
     >>> is_accelerator("cuda:0"), is_accelerator("cpu")
     (True, False)
@@ -33,17 +33,18 @@ def is_accelerator(device: str) -> bool:
 
 
 def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
-    """The accelerators that a run of a model uses, one predicting process each; none for a model on the CPU.
+    """Return the accelerators that a run uses, with one prediction process each; none for a model on the CPU.
 
-    Those that the option `device` lists ("cuda:0,cuda:1"); every one that PyTorch finds if it is "cuda", or is left out
-    for one of this package's networks; otherwise the one that the loaded model declares.
+    They are the devices listed in the option `device` ("cuda:0,cuda:1"); all CUDA devices that PyTorch finds if the
+    option is "cuda", or if it is not given and the network is one of this package; otherwise the device that the loaded
+    model declares.
 
     Args:
-        spec: how to load the model again; None for an object.
-        model: loaded.
+        spec: specification from which the model can be loaded again; None if the model was passed as an object.
+        model: loaded model.
 
     Raises:
-        UsageError: a list of devices that includes the processor.
+        UsageError: the list of devices includes the CPU.
     """
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
@@ -59,6 +60,8 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
 
 
 def _visible(kind: str) -> int:
-    """How many devices of a kind PyTorch finds; 0 if it does not say, or if the model does not use PyTorch."""
+    """Return the number of devices of a kind that PyTorch finds; 0 if it cannot tell or the model
+    does not use PyTorch.
+    """
     torch = sys.modules.get("torch")
     return int(torch.cuda.device_count()) if torch is not None and kind == "cuda" else 0

@@ -1,4 +1,4 @@
-"""How a network is executed, the same for every adapter: device, precision, compilation, threads."""
+"""Execution settings shared by all network adapters: device, precision, compilation, threads."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ Model = TypeVar("Model")
 
 @dataclass(frozen=True)
 class Execution:
-    """How a PyTorch network is executed.
+    """The execution settings of a PyTorch network.
 
     Attributes:
-        device: "auto" (a CUDA device if there is one, otherwise the CPU), "cpu", "cuda", "cuda:1", ...
-        precision: "fp32" (without TF32) or "bf16" (automatic mixed precision).
-        compile: compile the network with `torch.compile` on its first call.
-        threads: CPU threads, one by default: more can change the last bits of a result, and runs use more processes
-            instead.
+        device: device name: "auto" (a CUDA device if available, otherwise the CPU), "cpu", "cuda", "cuda:1", ...
+        precision: numerical precision, "fp32" (without TF32) or "bf16" (automatic mixed precision).
+        compile: whether to compile the network with `torch.compile` on its first call.
+        threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
+            parallelised with processes instead.
 
     Raises:
-        UsageError: an unknown precision, an invalid number of threads, `compile` neither true nor false.
+        UsageError: the precision is unknown, the number of threads is invalid, or `compile` is not a bool.
 
     >>> Execution(threads=2).record("cpu")
     {'device': 'cpu', 'precision': 'fp32', 'compile': False, 'threads': 2}
@@ -45,12 +45,12 @@ class Execution:
         check_switch("compile", self.compile)
 
     def record(self, device: str) -> dict[str, Any]:
-        """For a model's identity; `device` is the kind of device used."""
+        """Return the settings for a model's identity; `device` is the type of the device used."""
         return {"device": device, "precision": self.precision, "compile": self.compile, "threads": self.threads}
 
 
 def with_execution(factory: Callable[..., Model]) -> Callable[..., Model]:
-    """Decorator: the factory takes the fields of `Execution` as options, and is given one `execution`.
+    """Decorate a factory so that it accepts the fields of `Execution` as options and receives a single `execution`.
 
     >>> @with_execution
     ... def build(size=3, *, execution):

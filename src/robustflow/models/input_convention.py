@@ -1,4 +1,4 @@
-"""The input that a network expects: colour order, range, and how frames of other sizes are fitted."""
+"""The input that a network expects: colour order, value range, and how frames are fitted to a valid size."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from ..errors import ModelError, UsageError, unknown_name
 from .option_checks import check_count
 
 RAFT_SMALLEST = 121
-"""Pixels per side. RAFT halves its correlation volume three times and divides by the side of the last one minus one,
-which is 0 up to 120 pixels: NaN. Its authors evaluate nothing that small and only pad to multiples of 8, so such frames
-are refused by every implementation."""
+"""Minimum side length of a frame in pixels. RAFT halves its correlation volume three times and divides by the side of
+the last level minus one, which is 0 for frames of up to 120 pixels and gives NaN. The authors do not evaluate such
+small frames and only pad to multiples of 8, so all implementations here refuse them.
+"""
 
 ORDERS = ("rgb", "bgr")
 _PerChannel = tuple[float, float, float]
-# ImageNet's, for RGB in 0..1, as torchvision documents them.
+# ImageNet's mean and standard deviation for RGB in 0..1, from torchvision's documentation.
 _MEAN: _PerChannel = (255 * 0.485, 255 * 0.456, 255 * 0.406)
 _STD: _PerChannel = (255 * 0.229, 255 * 0.224, 255 * 0.225)
 _NONE: _PerChannel = (0.0, 0.0, 0.0)
@@ -25,28 +26,29 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
     "0-255": (_NONE, 1.0),
     "imagenet": (_MEAN, (1 / _STD[0], 1 / _STD[1], 1 / _STD[2])),
 }
-"""By name: the mean that is subtracted from RGB values 0..255, and the factor for the difference."""
+"""Input scalings by name: the mean subtracted from RGB values 0..255, and the factor applied to the difference."""
 _SMALLEST, _LARGEST = 4, 2**15
-"""Range of the sides of a fixed input, in pixels. A smaller number would be one of channels; a larger one needs more
-memory than there is."""
+"""Valid range of the sides of a fixed input in pixels. A smaller number is probably a channel count; a larger one would
+need too much memory.
+"""
 
 
 @dataclass(frozen=True)
 class InputConvention:
-    """Converts uint8 RGB frames to what a network was trained on.
+    """The conversion of uint8 RGB frames to the input that a network was trained on.
 
     Attributes:
-        mean: subtracted from values 0..255, per channel in `order`.
-        scale: then multiplied by this, one number or one per channel in `order`.
-        order: of the colours.
-        fit: how sizes that are not a multiple of `multiple` are handled: "none" (the network takes any), "pad" or
-            "stretch" up to `size` or the next multiple; the flow is then cropped, or stretched back, including its
-            values.
-        multiple: of height and width.
-        size: (height, width) to fit to; None, or None for one of them, for the next multiple.
-        padding: of "pad": "replicate" repeats the border, "zeros" adds network zeros.
-        smallest: minimum side of a frame, in pixels, for which the network gives numbers.
-        vertical: where "pad" adds rows: "both" (the smaller half above) or "bottom". Columns are added on both sides.
+        mean: mean subtracted from values 0..255, per channel in `order`.
+        scale: factor applied after subtracting the mean, one number or one per channel in `order`.
+        order: colour order, "rgb" or "bgr".
+        fit: treatment of sizes that are not a multiple of `multiple`: "none" (the network accepts any size), "pad" or
+            "stretch" to `size` or the next multiple; the flow is then cropped, or resized and rescaled.
+        multiple: number that height and width must be multiples of, in pixels.
+        size: size to fit frames to, (height, width) in pixels; None, or None for one side, means the next multiple.
+        padding: type of padding for "pad": "replicate" repeats the border, "zeros" adds zeros to the network's input.
+        smallest: minimum side length of a frame, in pixels, for which the network returns finite values.
+        vertical: position of the rows that "pad" adds: "both" (the smaller half at the top) or "bottom". Columns are
+            added on both sides.
     """
 
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -60,7 +62,7 @@ class InputConvention:
     smallest: int = 1
 
     def fitted_size(self, height: int, width: int) -> tuple[int, int]:
-        """The size (height, width) at which a frame of this size enters the network.
+        """Return the (height, width) of the network's input for a frame of this size.
 
         >>> InputConvention(fit="pad", multiple=8).fitted_size(375, 1242)
         (376, 1248)
@@ -88,7 +90,7 @@ class InputConvention:
         return fitted
 
     def padding_sides(self, height: int, width: int) -> tuple[int, int, int, int]:
-        """Columns left and right, rows above and below that "pad" adds.
+        """Return the numbers of columns on the left and right and of rows at the top and bottom that "pad" adds.
 
         >>> InputConvention(fit="pad", multiple=8).padding_sides(187, 310)
         (1, 1, 2, 3)
@@ -99,7 +101,7 @@ class InputConvention:
         return columns // 2, columns - columns // 2, above, rows - above
 
     def describe(self) -> dict[str, Any]:
-        """The entry in a run's manifest, without fields that have no effect."""
+        """Return the entry for a run's manifest, without fields that have no effect."""
         about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "fit": self.fit}
         about["scale"] = list(self.scale) if isinstance(self.scale, tuple) else self.scale
         if self.fit != "none":
@@ -114,17 +116,18 @@ class InputConvention:
 def named_convention(
     *, order: str, scaling: str, multiple: int, size: tuple[int | None, int | None] = (None, None)
 ) -> InputConvention:
-    """The convention given by options, where the file of an exported network or a user's module does not define it.
+    """Build a convention from options, for an exported network or a user's module that does not define its own.
 
     Args:
-        order: of the colours, "rgb" or "bgr".
-        scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
-        multiple: of height and width, reached by repeating the border.
-        size: (height, width) of the input, if the network takes only one size; None for a dynamic side.
+        order: colour order, "rgb" or "bgr".
+        scaling: range of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, standardised with ImageNet's mean and
+            standard deviation).
+        multiple: number that height and width must be multiples of; frames are padded by repeating the border.
+        size: (height, width) of the input in pixels if the network accepts only one size; None for a dynamic side.
 
     Raises:
-        UsageError: an unknown order or scaling, or a multiple below 1 or larger than any frame.
-        ModelError: a size no frame has.
+        UsageError: the order or scaling is unknown, or the multiple is below 1 or too large.
+        ModelError: a side of the size is outside the valid range.
 
     >>> named_convention(order="bgr", scaling="0-255", multiple=8).fitted_size(375, 1242)
     (376, 1248)

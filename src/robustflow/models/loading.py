@@ -1,5 +1,4 @@
-"""Load a model by name, by `module.path:Attribute`, from the file of an exported network or from a folder of flow
-files."""
+"""Load a model by name, by `module.path:Attribute`, from an exported network's file or from a folder of flow files."""
 
 from __future__ import annotations
 
@@ -23,12 +22,12 @@ TORCH_OPTIONS = (
     *("scaling", "order", "multiple", "layout", "output", "checkpoint", "sha256", "batched"),
     *("device", "precision", "compile", "threads"),
 )
-"""Options of `TorchModel` that the command line accepts for a `module:factory` of a plain PyTorch module."""
+"""Options of `TorchModel` that the command line accepts for a `module:factory` that returns a plain PyTorch module."""
 
 
 def list_models() -> list[str]:
-    """Return the registered names that `load_model` knows, those of installed packages included; ptlflow has further
-    ones (`robustflow list models`).
+    """Return the registered model names, including those of installed packages; ptlflow provides more (`robustflow list
+    models`).
 
     >>> "dis" in list_models()
     True
@@ -40,14 +39,14 @@ def load_model(name: str, **options: Any) -> AnyModel:
     """Load a model.
 
     Args:
-        name: a name of `robustflow list models`, among them every model of ptlflow; `module.path:Attribute` (an object
-            with `predict`, a PyTorch module, a class or factory that makes one, or a function of two frames); an
-            exported network (a .onnx file); or a folder of flow files.
-        options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
+        name: name listed by `robustflow list models`, including all ptlflow models; `module.path:Attribute` (an object
+            with `predict`, a PyTorch module, a class or factory that returns one of these, or a function of two
+            frames); path of an exported network (.onnx); or a folder of flow files.
+        options: keyword arguments of the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
     Raises:
-        UsageError: unknown name or option.
+        UsageError: the name or an option is unknown.
         ModelError: the model cannot be loaded.
 
     >>> load_model("dis", preset="fast").identity()["preset"]
@@ -92,23 +91,23 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model by name and options, from which a worker process loads its own copy.
+    """A model's name and options, from which each worker process loads a copy.
 
-    The option `trained_on` declares the training sets of any model (see `provenance`); it is not given to the model.
+    The option `trained_on` declares the training sets of any model (see `provenance`) and is not passed to the model.
     """
 
     name: str
     options: tuple[tuple[str, Any], ...] = ()
 
     def load(self) -> AnyModel:
-        """Load the model; every call makes a new one. If several devices are listed, the first is used."""
+        """Load a new instance of the model. If several devices are listed, the first is used."""
         options = {key: value for key, value in self.options if key != DECLARED}
         if len(self.devices()) > 1:
             options["device"] = self.devices()[0]
         return load_model(self.name, **options)
 
     def devices(self) -> tuple[str, ...]:
-        """The devices that the option `device` lists; none if it is not given.
+        """The devices listed in the option `device`; none if it is not given.
 
         >>> ModelSpec("raft", (("device", "cuda:0,cuda:1"),)).devices()
         ('cuda:0', 'cuda:1')
@@ -117,7 +116,7 @@ class ModelSpec:
         return tuple(one.strip() for one in str(given).split(",") if one.strip()) if given is not None else ()
 
     def on(self, device: str) -> ModelSpec:
-        """The same model on one device.
+        """Return a copy of this specification for one device.
 
         >>> ModelSpec("raft", (("device", "cuda"),)).on("cuda:1").devices()
         ('cuda:1',)
@@ -126,22 +125,23 @@ class ModelSpec:
         return ModelSpec(self.name, (*kept, ("device", device)))
 
     def preflight(self) -> None:
-        """Raise if something is missing, without importing the libraries that would read it; see `early`."""
+        """Raise if a file or library is missing, without importing heavy libraries; see `early`."""
         preflight(self.name, dict(self.options), EXPORTED)
 
     @property
     def is_own(self) -> bool:
-        """Whether the name is that of the user's own code, `module.path:Attribute`."""
+        """Whether the name refers to the user's code, `module.path:Attribute`."""
         return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
 
     def identity(self, model: AnyModel) -> dict[str, Any]:
-        """The identity of `model` in a run. For a user's own module it includes the hash of its source file, so that an
-        edited model never continues the run of the unedited one. What the model itself states about an option replaces
-        the option: a checkpoint is identified by its hash, wherever the file is."""
+        """Return the identity of `model` in a run. For a user's module it includes the hash of its source file, so a
+        run never resumes after the module was edited. Values that the model itself reports replace the options: a
+        checkpoint is identified by its hash, independent of its path.
+        """
         identity = model_identity(model)
         known = set(identity)
         identity["options"] = {key: str(value) for key, value in self.options if key not in known | {DECLARED}}
-        if len(self.devices()) > 1 and "device" in identity["options"]:  # the number of devices changes no result
+        if len(self.devices()) > 1 and "device" in identity["options"]:  # the number of devices does not affect results
             identity["options"]["device"] = self.devices()[0].partition(":")[0]
         users = ":" in self.name and not self.name.startswith(PTLFLOW)
         source = source_of_target(self.name) if users else None
@@ -178,7 +178,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):
         parameters = parameters_of(target)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-        # If the factory makes a plain module, options that it does not take say how to use the module.
+        # If the factory makes a plain module, the options that the factory does not accept configure `TorchModel`.
         rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
         factory_options = {key: options[key] for key in options if key not in rest}
         if rest and not any(key in TORCH_OPTIONS for key in rest):

@@ -1,4 +1,4 @@
-"""Open the file of a model, an untrusted download. Importable without the torch extra."""
+"""Open a model's file, which is an untrusted download. Importable without the torch extra."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _NO_MODEL = {
 
 
 def require_file(path: Path, what: str = "checkpoint; put the authors' file there, or give its path") -> None:
-    """Raise if a file is missing, before any library that would read it is imported.
+    """Raise if a file is missing, before the library that reads it is imported.
 
     Args:
-        path: the file.
-        what: what is missing, and what to do about it.
+        path: path of the file.
+        what: description of the missing file and what to do about it, for the message.
 
     Raises:
         ModelError: `path` does not exist.
@@ -34,16 +34,16 @@ def require_file(path: Path, what: str = "checkpoint; put the authors' file ther
 
 @contextmanager
 def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, str]]:
-    """Open a file, positioned at its beginning, and return its SHA-256 as 64 hexadecimal digits, too.
+    """Open a file and return it, positioned at its beginning, with its SHA-256 as 64 hexadecimal digits.
 
     Args:
-        path: the file.
-        sha256: the hash it must have, or the first eight or more digits of it.
+        path: path of the file.
+        sha256: expected SHA-256, or at least its first eight digits.
 
     Raises:
-        ModelError: missing, not a regular file (a pipe, a device), unreadable, empty, a web page, a Git LFS pointer, or
-            with another hash.
-        UsageError: `sha256` is not such digits.
+        ModelError: the file is missing, not a regular file (a pipe, a device), unreadable, empty, a web page, a Git LFS
+            pointer, or has a different hash.
+        UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
     try:
         if not (path.is_file() or path.is_dir()) and path.exists():
@@ -63,7 +63,7 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
 
 
 def damaged(path: Path, error: Exception) -> ModelError:
-    """The error for a file that its library cannot read, with the first line of the library's message."""
+    """Return the error for a file that cannot be read, with the first line of the library's message."""
     first_line = next(iter(str(error).splitlines()), "it ends early")
     return ModelError(
         f"{path}: truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "

@@ -1,7 +1,7 @@
-"""Optical-flow networks in ONNX files, through onnxruntime. Needs the onnx extra when one is loaded.
+"""Run optical-flow networks in ONNX files with onnxruntime. Loading a network requires the onnx extra.
 
-An ONNX file is data: a graph of known operators and their weights. Weights in files beside it are taken from its own
-folder only.
+An ONNX file contains no code, only a graph of known operators and their weights. External weights are read from the
+file's own folder only.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ _CUDA = "CUDAExecutionProvider"
 
 
 class OnnxModel(PairNetwork):
-    """Satisfies `FlowModel`.
+    """A network in an ONNX file; satisfies `FlowModel`.
 
     Args:
-        checkpoint: the file. Its network takes two frames as two inputs (N, 3, H, W), stacked (N, 2, 3, H, W) or
-            concatenated (N, 6, H, W), and returns the flow at their resolution, (N, 2, H, W) or (N, H, W, 2).
-        order: of its colours, "rgb" or "bgr".
-        scaling: of its values, "0-1", "-1-1", "0-255" or "imagenet".
-        multiple: of height and width it needs, reached by repeating the border, half of it on each side. Where the
-            network has a fixed size, frames are padded to that one.
-        layout: "pair", "stacked" or "concatenated"; taken from the inputs' shapes by default.
-        inputs: names of the two inputs, first frame first, separated by a comma; in the file's order by default.
-        output: name of the flow among several outputs; the last by default.
-        sha256: the file's hash, or its first eight or more digits, to be checked.
-        device: "cpu", "cuda" or "cuda:1". CUDA needs onnxruntime-gpu in the place of onnxruntime.
-        threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
+        checkpoint: path of the ONNX file. Its network takes two frames as two inputs (N, 3, H, W), stacked (N, 2, 3, H,
+            W) or concatenated (N, 6, H, W), and returns the flow at their resolution, (N, 2, H, W) or (N, H, W, 2).
+        order: colour order of the input, "rgb" or "bgr".
+        scaling: value range of the input, "0-1", "-1-1", "0-255" or "imagenet".
+        multiple: number that height and width must be multiples of; frames are padded by repeating the border, half on
+            each side. If the network has a fixed input size, frames are padded to that size.
+        layout: layout of the inputs, "pair", "stacked" or "concatenated"; inferred from the inputs' shapes by default.
+        inputs: comma-separated names of the two inputs, first frame first; the file's order by default.
+        output: name of the output that is the flow; the last output by default.
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
+        device: device name, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
+        threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
+            parallelised with processes instead.
 
     Raises:
-        UsageError: an unknown order, scaling, layout or device, or inputs and an output that the network lacks.
-        ModelError: no onnxruntime, no such device, a file that is not an ONNX network, or one that does not take two
-            frames.
+        UsageError: the order, scaling, layout or device is unknown, or the network has no such inputs or output.
+        ModelError: onnxruntime or the device is not available, or the file is not an ONNX network for two frames.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class OnnxModel(PairNetwork):
             )
         check_count("threads", threads)
         self.device = _parse_device(device)
-        named_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
+        named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
         path = Path(checkpoint).expanduser()
         require_file(path, "file; give the path of the exported network")
         for library in ("onnxruntime", "onnx"):
@@ -107,7 +107,9 @@ class OnnxModel(PairNetwork):
         }
 
     def identity(self) -> dict[str, Any]:
-        """What changes the numbers: the files by their hashes, the network's input, and how it is executed."""
+        """Return everything that affects the results: the files' hashes, the input convention, and
+        the execution settings.
+        """
         import onnxruntime
 
         return {
@@ -122,7 +124,7 @@ class OnnxModel(PairNetwork):
         return self._batched and self.device != "cpu"
 
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        """One call of the network for pairs of one size, returned as by `predict_batch`."""
+        """Call the network once for pairs of equal size; returns the same as `predict_batch`."""
         flows = self._flows(*(_images(frames, self.convention) for frames in (frames1, frames2)))
         height, width = frames1[0].shape[:2]
         left, _, above, _ = self.convention.padding_sides(height, width)
@@ -154,7 +156,7 @@ class OnnxModel(PairNetwork):
 
 
 def _images(frames: list[Frame], convention: InputConvention) -> npt.NDArray[np.float32]:
-    """Frames of one size as (N, 3, H, W), the way `NetworkModel` makes them."""
+    """Convert frames of equal size to (N, 3, H, W) in the same way as `NetworkModel`."""
     values = np.stack(frames).astype(np.float32)
     if convention.order == "bgr":
         values = values[..., ::-1]
@@ -171,7 +173,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
-    options.log_severity_level = 4  # what goes wrong comes as an exception; the rest would go to the terminal
+    options.log_severity_level = 4  # errors are raised as exceptions; other log output would go to the terminal
     provider: Any = "CPUExecutionProvider"
     if device != "cpu":
         provider = (_CUDA, {"device_id": device.partition(":")[2] or "0", "use_tf32": "0"})
@@ -199,14 +201,16 @@ def _parse_device(device: str) -> str:
 
 def _chosen_output(nodes: list[Any], name: str | None) -> str:
     names = [str(node.name) for node in nodes]
-    chosen = names[-1] if name is None else str(name)  # the command line turns a name like 1234 into a number
+    chosen = names[-1] if name is None else str(name)  # the command line parses a name like 1234 as a number
     if chosen not in names:
         raise unknown_name("output of the network", chosen, names)
     return chosen
 
 
 def _shape(shape: Any) -> tuple[Dim, ...] | None:
-    """onnxruntime gives a text or None for a dynamic side, and no sides where the rank is unknown."""
+    """Convert a shape from onnxruntime, where a dynamic side is a string or None and an unknown
+    rank is an empty shape.
+    """
     return tuple(side if isinstance(side, int) and side > 0 else None for side in shape) or None
 
 
@@ -217,16 +221,16 @@ def _dtype(node: Any) -> Any:
 
 
 def _parse(path: Path, content: bytes) -> Any:
-    """The message that an ONNX file is.
+    """Parse an ONNX file to its protobuf message.
 
     Raises:
-        ModelError: no ONNX network.
+        ModelError: the file is not an ONNX network.
     """
     import onnx
 
     try:
         model = onnx.load_from_string(content)
-    except Exception as error:  # protobuf's own, and whatever a hostile file makes it raise
+    except Exception as error:  # protobuf's own exceptions, and any others that a malicious file provokes
         raise damaged(path, error) from None
     if not model.graph.node:
         raise ModelError(f"{path}: not an ONNX network (it has no operators); export it with torch.onnx.export")
@@ -234,7 +238,7 @@ def _parse(path: Path, content: bytes) -> Any:
 
 
 def _read_names(model: Any) -> set[str]:
-    """The names that the operators of a network read, including those in branches, and the outputs."""
+    """Return the names that a network's operators read, including those in branches, and the output names."""
     import onnx
 
     return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {
@@ -243,14 +247,14 @@ def _read_names(model: Any) -> set[str]:
 
 
 def _external_files(path: Path, model: Any) -> dict[str, str]:
-    """The SHA-256 of every file of weights that an ONNX file names, by its name there.
+    """Return the SHA-256 of every external weight file of an ONNX file, by the name used in the file.
 
     Args:
-        path: of the ONNX file.
-        model: from `parsed`.
+        path: path of the ONNX file.
+        model: parsed message from `parsed`.
 
     Raises:
-        ModelError: it names a file that is missing or outside its own folder.
+        ModelError: a weight file is missing or outside the ONNX file's folder.
     """
     import onnx
 
@@ -265,7 +269,7 @@ def _external_files(path: Path, model: Any) -> dict[str, str]:
 
 
 def _messages(message: Any, kind: type) -> Iterator[Any]:
-    """Every message of a kind in another, however deep: tensors of initializers and attributes, nodes of branches."""
+    """Yield every message of a type nested in a message: tensors of initializers and attributes, nodes of branches."""
     if isinstance(message, kind):
         yield message
     for field, value in message.ListFields():
@@ -282,7 +286,7 @@ def _weights_sha256(path: Path, name: str) -> str:
             f"{path}: refused: it takes weights from '{name[:200]}', outside its own folder; get the genuine file, or "
             "save it again with its weights beside it"
         )
-    if file.exists() and not file.is_file():  # a pipe would never end, a device never answer
+    if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
         raise ModelError(f"{path}: refused: its weights '{name[:200]}' are not a regular file; get the genuine file")
     try:
         return sha256_of_file(file)

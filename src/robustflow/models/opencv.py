@@ -1,7 +1,7 @@
-"""The knowledge-driven methods in OpenCV: Farneback and (grey) DIS.
+"""The knowledge-driven methods in OpenCV: Farneback and DIS on grey frames.
 
-OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; therefore both adapters run
-on one OpenCV thread, which makes the flow the same on every machine.
+OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; therefore both adapters use
+one OpenCV thread, which gives the same flow on every machine.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from .option_checks import check_count
 
 
 class Farneback:
-    """Gunnar Farneback's polynomial expansion (2003) on grey frames, at the paper's OpenCV defaults.
+    """Gunnar Farneback's polynomial expansion (2003) on grey frames, with the OpenCV parameters of the paper.
 
     Args:
-        pyr_scale: size of each scale relative to the previous one, above 0 and below 1.
-        levels: number of scales in addition to the full size.
-        winsize: side of the window that flow is averaged over, in pixels.
-        iterations: at each scale.
-        poly_n: side of the neighbourhood that a polynomial is fitted to, in pixels.
-        poly_sigma: standard deviation of the weights of that neighbourhood, in pixels.
+        pyr_scale: size of each pyramid level relative to the previous one, between 0 and 1 (exclusive).
+        levels: number of pyramid levels in addition to the full resolution.
+        winsize: side length of the averaging window in pixels.
+        iterations: number of iterations at each pyramid level.
+        poly_n: side length in pixels of the neighbourhood to which a polynomial is fitted.
+        poly_sigma: standard deviation in pixels of the Gaussian weights in that neighbourhood.
 
     Raises:
-        UsageError: a parameter out of these ranges.
+        UsageError: a parameter is out of range.
 
     >>> import numpy as np
     >>> frame = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
@@ -54,7 +54,7 @@ class Farneback:
             ("iterations", iterations, 1),
             ("poly_n", poly_n, 1),
         ):
-            check_count(name, value, least)  # OpenCV accepts smaller values, and then crashes or returns NaN
+            check_count(name, value, least)  # OpenCV accepts smaller values, but crashes or returns NaN
         for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
             if not isinstance(number, int | float) or not 0 < number < limit:
                 raise UsageError(f"{name} must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
@@ -68,11 +68,11 @@ class Farneback:
         }
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: the parameters, and the version of OpenCV."""
+        """Return the identity: the parameters and the OpenCV version."""
         return {"name": "farneback", "opencv": cv2.__version__, **self._parameters}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
+        """Predict a flow as in `FlowModel.predict`."""
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
             flow = cv2.calcOpticalFlowFarneback(grey1, grey2, None, flags=0, **self._parameters)
@@ -80,13 +80,13 @@ class Farneback:
 
 
 class Dis:
-    """Dense inverse search (Kroeger et al. 2016) in OpenCV's version: on grey frames.
+    """OpenCV's implementation of dense inverse search (Kroeger et al. 2016), on grey frames.
 
     Args:
-        preset: "ultrafast", "fast" or "medium" (default).
+        preset: name of OpenCV's preset, "ultrafast", "fast" or "medium" (default).
 
     Raises:
-        UsageError: another preset.
+        UsageError: the preset is unknown.
     """
 
     single_threaded = True
@@ -98,14 +98,15 @@ class Dis:
         self._preset = preset
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: the preset, and the version of OpenCV."""
+        """Return the identity: the preset and the OpenCV version."""
         return {"name": "dis", "preset": self._preset, "opencv": cv2.__version__}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`.
+        """Predict a flow as in `FlowModel.predict`.
 
         Raises:
-            ModelError: frames below 8 pixels on one side, or below 12 on both, for which OpenCV has no pyramid.
+            ModelError: the frames are smaller than 8 pixels on one side, or than 12 on both, too small for OpenCV's
+                pyramid.
         """
         height, width = frame1.shape[:2]
         if min(height, width) < 8 or max(height, width) < 12:

@@ -1,4 +1,4 @@
-"""Checks of a model's options. The command line has turned text into numbers and truth values."""
+"""Check a model's options, whose values the command line has already parsed as numbers and booleans."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from ..errors import UsageError
 
 
 def check_count(name: str, value: int, least: int = 1) -> None:
-    """Raise unless a value is a whole number, `least` or more.
+    """Raise unless a value is a whole number of at least `least`.
 
     Args:
-        name: of the option, for the message.
-        value: as it was given; True is not 1.
-        least: the smallest allowed value.
+        name: name of the option, for the message.
+        value: value of the option; True does not count as 1.
+        least: smallest allowed value.
 
     Raises:
-        UsageError: something else.
+        UsageError: the value is invalid.
 
     >>> check_count("iterations", 12)
     >>> check_count("iterations", 1.5)
@@ -26,14 +26,14 @@ def check_count(name: str, value: int, least: int = 1) -> None:
 
 
 def check_switch(name: str, value: bool) -> None:
-    """Raise unless a value is true or false; "no" would count as true.
+    """Raise unless a value is a bool; a non-empty string such as "no" would count as true.
 
     Args:
-        name: of the option, for the message.
-        value: as it was given.
+        name: name of the option, for the message.
+        value: value of the option.
 
     Raises:
-        UsageError: something else.
+        UsageError: the value is invalid.
 
     >>> check_switch("compile", False)
     """

@@ -1,4 +1,4 @@
-"""Check pairs of frames for a network, and group those of equal size."""
+"""Check pairs of frames for a network, and group pairs of equal size."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ from ..sample import Flow, Frame
 
 
 class PairNetwork(ABC):
-    """A network that is given batches of pairs of one size."""
+    """A network that predicts batches of pairs of equal size."""
 
     @property
     @abstractmethod
     def _together(self) -> bool:
-        """Whether pairs of one size go through the network together: on a GPU, if the network's batch is dynamic.
+        """Whether pairs of equal size are batched: on a GPU, if the network's batch size is dynamic.
 
-        On the CPU each pair runs separately: a batch is no faster, and changes the last bits of each flow (up to
-        1e-4 px), because the order of the sums in a convolution depends on the size of the batch.
+        On the CPU each pair runs separately: a batch is no faster, and it changes the last bits of each flow (up to
+        1e-4 px) because the summation order in a convolution depends on the batch size.
         """
 
     @abstractmethod
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        """Call the network once for pairs of one size; returns what `predict_batch` does.
+        """Call the network once for pairs of equal size; returns the same as `predict_batch`.
 
         Raises:
-            ModelError: frames of a size that the network cannot take, or the network fails on them.
+            ModelError: the network does not support the frames' size, or fails on them.
         """
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
+        """Predict a flow as in `FlowModel.predict`."""
         return self.predict_batch([frame1], [frame2])[0]
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
         """Return the flows of several pairs.
 
         Args:
-            frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
-            frames2: as many, each of the same size as its first frame.
+            frames1: first frames, RGB uint8 (H, W, 3) each; sizes may differ between pairs.
+            frames2: second frames, each of the same size as its first frame.
 
         Returns:
-            float32 (H, W, 2) each, (u right, v down) in pixels.
+            The flows, float32 (H, W, 2) each, (u right, v down) in pixels.
 
         Raises:
-            UsageError: frames that are not pairs of RGB uint8 images.
-            ModelError: a size that the network cannot take, or a network that fails or returns no flow.
+            UsageError: the frames are not pairs of RGB uint8 images.
+            ModelError: the network does not support the size, fails, or does not return a flow.
         """
         return predict_by_size(self._predict, frames1, frames2)
 
@@ -60,15 +60,15 @@ class PairNetwork(ABC):
 def predict_by_size(
     predict: Callable[[list[Frame], list[Frame]], Sequence[Flow]], frames1: Sequence[Frame], frames2: Sequence[Frame]
 ) -> list[Flow]:
-    """Call `predict` once for each size among the pairs, and return the flows in the pairs' order.
+    """Call `predict` once for each size that occurs, and return the flows in the order of the pairs.
 
     Args:
-        predict: the flows of pairs of one size.
-        frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
-        frames2: as many, each of the same size as its first frame.
+        predict: function that returns the flows for pairs of equal size.
+        frames1: first frames, RGB uint8 (H, W, 3) each; sizes may differ between pairs.
+        frames2: second frames, each of the same size as its first frame.
 
     Raises:
-        UsageError: frames that are not pairs of RGB uint8 images.
+        UsageError: the frames are not pairs of RGB uint8 images.
 
     >>> black = np.zeros((2, 3, 3), np.uint8)
     >>> predict_by_size(lambda first, second: [frame[..., :2] for frame in first], [black], [black])[0].shape
@@ -88,10 +88,10 @@ def predict_by_size(
 
 
 def check_pair(frame1: Frame, frame2: Frame) -> None:
-    """Check what a model is given.
+    """Check the input frames of a model.
 
     Raises:
-        UsageError: not two RGB uint8 frames (H, W, 3) of one size.
+        UsageError: the input is not two RGB uint8 frames (H, W, 3) of equal size.
     """
     for frame in (frame1, frame2):
         if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:

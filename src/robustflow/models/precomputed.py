@@ -1,4 +1,4 @@
-"""A model that exists only as files: one flow per sample and condition, computed elsewhere."""
+"""Read precomputed flows from files, one flow per sample and condition."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..sample import Flow
 
 
 class Precomputed:
-    """Flows from a folder laid out like the released benchmark:
-    `clean/<key>.<ext>` and `<corruption>_<severity>/<key>.<ext>`, ext one of flo, png (KITTI 16-bit), pfm, flo5.
+    """A model that reads its flows from a folder laid out like the released benchmark:
+    `clean/<key>.<ext>` and `<corruption>_<severity>/<key>.<ext>`, where ext is flo, png (KITTI 16-bit), pfm or flo5.
 
     A key with slashes (`alley_1/frame_0001`) is a path below the condition's folder.
 
     Raises:
-        ModelError: the folder has no `clean`.
+        ModelError: the folder has no subfolder `clean`.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -33,8 +33,9 @@ class Precomputed:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Names and contents of all files: a different set of flows is a different model, wherever it is stored. File
-        sizes would not suffice, because they follow from the frames."""
+        """Return a hash of all files' names and contents, so different flows are a different model, independent of
+        their location. File sizes would not suffice, because they depend only on the frames' sizes.
+        """
         listing = hashlib.sha256()
         settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]
         for path in (path for folder in settings for path in sorted(folder.rglob("*"))):
@@ -44,11 +45,11 @@ class Precomputed:
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
-        """See `FlowLookup.lookup`. Pixels that a file marks as unknown are returned as NaN.
+        """Read a flow as described in `FlowLookup.lookup`. Pixels that a file marks as unknown are NaN.
 
         Raises:
-            ModelError: there is no such file.
-            DataError: it is damaged.
+            ModelError: the file does not exist.
+            DataError: the file is damaged.
         """
         setting = f"{corruption}_{severity}" if severity else corruption
         for suffix in FLOW_SUFFIXES:

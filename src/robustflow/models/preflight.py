@@ -1,4 +1,4 @@
-"""Reasons to refuse a model by name before any heavy library is imported."""
+"""Refuse invalid models by name before any heavy library is imported."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_fil
 
 
 def preflight(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
-    """Refuse a file that is missing, a library that is not installed, or a network without its checkpoint.
+    """Raise if a model's file, library or checkpoint is missing.
 
-    Passing proves nothing: the model itself checks this again, and everything else.
+    This is only an early check: the model repeats it when it is loaded, together with all other checks.
 
     Args:
-        name: of the model.
-        options: of the model.
-        exported: extensions of files that are a model by themselves.
+        name: name of the model.
+        options: options of the model.
+        exported: file extensions of exported networks.
 
     Raises:
         ModelError: the file or the checkpoint is missing.
-        AssetError: the library is.
+        AssetError: the library is not installed.
 
     >>> preflight("dis", {}, {})
     """

@@ -1,4 +1,4 @@
-"""What a model was trained on; what that means for its numbers on a benchmark is in `benchmarks/setting.py`."""
+"""Determine a model's training sets; `benchmarks/setting.py` defines what they mean for results on a benchmark."""
 
 from __future__ import annotations
 
@@ -32,31 +32,33 @@ TRAINING_SETS = {
     "IN": "imagenet",
     "X": "other",
 }
-"""Training sets by their letters in the literature. `SET:train` is the part that a benchmark does not evaluate (see
-`PARTS`), `SET?` one that may have been used; "other" is anything that shares no frames and no scenes with any
-benchmark."""
+"""Training sets by their abbreviations in the literature. `SET:train` is the part that a benchmark does not evaluate
+(see `PARTS`); `SET?` is a set that may have been used; "other" is any data that shares neither frames nor scenes with a
+benchmark.
+"""
 
 DECLARED = "trained_on"
-"""The option of every model, and the attribute of a user's model, that declares its training sets."""
+"""Name of the option of every model, and of the attribute of a user's model, that declares its training sets."""
 
 PARTS = {"kitti2015": ("train", "drive-disjoint", "released")}
-"""The parts of a training set that a declaration may name, `SET:PART`, where there are more than "train": the training
-part of the project's split, of its drive-disjoint split, or of the released KITTI-FC."""
+"""Parts of a training set that a declaration `SET:PART` may name, for sets with more parts than "train": the training
+part of the project's split, of its drive-disjoint split, or of the released KITTI-FC.
+"""
 
 KNOWLEDGE = "method"
-"""The basis of a method that learns nothing."""
+"""The basis of a method without learning."""
 
 
 @dataclass(frozen=True)
 class Training:
-    """What a model was trained on.
+    """The training sets of a model.
 
     Attributes:
-        sets: names among `TRAINING_SETS`, perhaps with a part (one of `PARTS`, as ":train"), or with "?" if it may have
-            been used; None if unknown.
-        basis: how that is known.
+        sets: names from `TRAINING_SETS`, optionally with a part from `PARTS` (":train"), or with "?" if the set may
+            have been used; None if unknown.
+        basis: source of this information.
         note: what is uncertain.
-        trained: False for methods that learn nothing and for random weights.
+        trained: whether the model was trained; False for methods without learning and for random weights.
     """
 
     sets: tuple[str, ...] | None
@@ -66,13 +68,13 @@ class Training:
 
 
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
-    """What a model was trained on, by its identity.
+    """Return a model's training sets from its identity.
 
-    A checkpoint of the catalogue is recognised by the hash of its file, wherever it is and whatever is declared.
+    A checkpoint in the catalogue is recognised by its file's hash, regardless of its path and of any declaration.
 
     Args:
-        identity: of the model: `name`, `checkpoint`.
-        declared: training sets as the user declared them, see `parse_training_sets`.
+        identity: identity of the model, with `name` and `checkpoint`.
+        declared: training sets declared by the user, see `parse_training_sets`.
 
     >>> training_of({"name": "dis"}).trained, training_of({"name": "mine"}).basis
     (False, 'undeclared')
@@ -95,12 +97,12 @@ def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Tra
 
 
 def training_of_entry(entry: CheckpointEntry) -> Training:
-    """What a checkpoint of the catalogue was trained on."""
+    """Return the training sets of a checkpoint in the catalogue."""
     return Training(tuple(entry.trained_on.split("+")), f"catalog: {entry.model} {entry.checkpoint}", entry.note)
 
 
 def parse_training_sets(text: str) -> tuple[str, ...]:
-    """Training sets as the literature writes them.
+    """Parse training sets in the notation of the literature.
 
     >>> parse_training_sets("C+T>K:train")
     ('flyingchairs', 'flyingthings3d', 'kitti2015:train')

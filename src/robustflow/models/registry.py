@@ -1,4 +1,4 @@
-"""The registered models: the name of each, and where its class or factory is."""
+"""The registered models: each name with the location of its class or factory."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
 MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
 
 EXPORTED = {".onnx": "onnx"}
-"""Extensions of files that are a model by themselves, and the model that reads them."""
+"""File extensions of exported networks, and the model that reads each of them."""
 
 TORCHSCRIPT = (".ts", ".torchscript")
-"""Extensions of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods in the file while
-reading, before anything could be checked, and TorchScript's operators can write files."""
+"""File extensions of TorchScript, which is refused: PyTorch's reader runs `__setstate__` methods from the file before
+anything can be checked, and TorchScript operators can write files.
+"""

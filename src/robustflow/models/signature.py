@@ -1,6 +1,6 @@
-"""The inputs and outputs of a network: how a pair is passed in, at what size, and how the flow is returned.
+"""Determine the inputs and outputs of a network: how a pair is passed, at what size, and how the flow is returned.
 
-Shared by ONNX files and a user's own modules. Importable without the torch extra.
+Shared by ONNX files and users' modules. Importable without the torch extra.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from ..errors import ModelError, unknown_name
 
 Layout = Literal["pair", "stacked", "concatenated"]
 LAYOUTS = ("pair", "stacked", "concatenated")
-"""Two inputs (N, 3, H, W); one input (N, 2, 3, H, W); one input (N, 6, H, W)."""
+"""Input layouts: two inputs (N, 3, H, W); one input (N, 2, 3, H, W); one input (N, 6, H, W)."""
 
 Dim = int | None
 """A dimension of an input; None if it is dynamic."""
 
 
 def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str | None) -> Layout:
-    """How a pair is passed to a network.
+    """Return the layout in which a pair is passed to a network.
 
     Args:
-        inputs: names and shapes of what the network takes; the shape is None if the file does not say.
-        layout: one of `LAYOUTS`, or None to infer it from the inputs.
+        inputs: names and shapes of the network's inputs; a shape is None if the file does not specify it.
+        layout: layout from `LAYOUTS`, or None to infer it from the inputs.
 
     Raises:
-        UsageError: an unknown layout.
-        ModelError: no layout fits the inputs, or several do.
+        UsageError: the layout is unknown.
+        ModelError: no layout or more than one layout fits the inputs.
 
     >>> infer_layout([("images", (None, 6, None, None))], None)
     'concatenated'
@@ -50,10 +50,10 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
 
 
 def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[bool, tuple[Dim, Dim]]:
-    """Whether a network takes several pairs at once, and the (height, width) of its input, None if dynamic.
+    """Return whether a network accepts several pairs at once, and the (height, width) of its input, None if dynamic.
 
     Raises:
-        ModelError: a batch fixed at more than one pair, or inputs of two sizes.
+        ModelError: the batch size is fixed at more than one pair, or the inputs differ in size.
 
     >>> batch_and_size([("a", (1, 3, 64, None)), ("b", (1, 3, 64, None))])
     (False, (64, None))
@@ -71,15 +71,15 @@ def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[
 
 
 def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str | None) -> list[int]:
-    """Positions of the inputs in the order in which the frames go into them.
+    """Return the positions of the inputs in the order of the frames.
 
     Args:
-        inputs: names and shapes of what the network takes.
-        names: of its inputs, first frame first, separated by a comma; None for the file's order.
+        inputs: names and shapes of the network's inputs.
+        names: comma-separated names of the inputs, first frame first; None for the file's order.
 
     Raises:
         UsageError: the network has no input of this name.
-        ModelError: some inputs would not be given.
+        ModelError: the network has further inputs.
 
     >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
     [1, 0]
@@ -100,14 +100,15 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
 def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
     """Raise if a network reads only one of its two frames.
 
-    `torch.export`, and `torch.onnx.export` with dynamo, write such a network if one example tensor is given twice.
+    `torch.export`, and `torch.onnx.export` with dynamo, write such a network if the same example tensor is passed for
+    both frames.
 
     Args:
-        inputs: names of what the network takes.
-        read: those that it reads.
+        inputs: names of the network's inputs.
+        read: names of the inputs that the network reads.
 
     Raises:
-        ModelError: it reads some inputs and not others.
+        ModelError: the network reads only some of its inputs.
     """
     inputs = list(inputs)
     lost = [name for name in inputs if name not in read]
@@ -119,15 +120,15 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
 
 
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
-    """Which axis of an output holds (u, v): recognised by its shape, channels first if both would fit.
+    """Return the axis of an output that contains (u, v), inferred from the shape; channels first if both fit.
 
     Args:
-        shape: of the output.
-        pairs: that went in.
-        height, width: of the network's input.
+        shape: shape of the output.
+        pairs: number of pairs in the batch.
+        height, width: size of the network's input in pixels.
 
     Raises:
-        ModelError: an output that is not a flow at the input's resolution.
+        ModelError: the output is not a flow at the input's resolution.
 
     >>> flow_layout((1, 40, 64, 2), 1, 40, 64)
     'nhwc'
@@ -144,7 +145,7 @@ def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Li
 
 
 def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
-    """Names and shapes, for messages.
+    """Format names and shapes for messages.
 
     >>> describe_arrays([("image1", (1, 3, None, None)), ("x", None)])
     'image1 (1, 3, ?, ?), x (unknown shape)'
@@ -158,7 +159,7 @@ def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
 
 
 def _fits(layout: str, shapes: Sequence[Sequence[Dim] | None]) -> bool:
-    """Whether inputs of these shapes fit this layout; an unknown side or shape fits any."""
+    """Return whether inputs of these shapes fit a layout; an unknown side or shape fits any layout."""
     count, axes = {"pair": (2, (3,)), "stacked": (1, (2, 3)), "concatenated": (1, (6,))}[layout]
     return len(shapes) == count and all(
         shape is None

@@ -1,6 +1,6 @@
-"""Predict in overlapping tiles and blend them, as the authors of FlowFormer and SAMFlow evaluate on large frames.
+"""Predict in overlapping tiles and blend them, as the authors of FlowFormer and SAMFlow do for large frames.
 
-Their networks were trained on crops of one size and lose accuracy on others; tiles have that size.
+Their networks were trained on crops of one size and are less accurate at other sizes; tiles have the training size.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from .base import AnyModel, ClipModel, FlowModel, model_identity
 OVERLAP = 20
 """Minimum overlap of neighbouring tiles, in pixels."""
 LARGEST = 8192
-"""Largest side of a tile, in pixels. Every frame is padded to a tile, and more would need more memory than exists."""
+"""Maximum side length of a tile in pixels. Frames are padded to at least one tile, and a larger one
+would exhaust memory.
+"""
 SIGMA = 0.05
-"""Standard deviation of the blending weight, in tile sides."""
+"""Standard deviation of the blending weight, as a fraction of the tile's side."""
 
 
 def tile_origins(length: int, tile: int) -> list[int]:
-    """Where tiles begin along a side: every `tile - OVERLAP` pixels, the last flush with the end.
+    """Return the start of each tile along a side: every `tile - OVERLAP` pixels, with the last tile flush with the end.
 
     Args:
-        length: of the side, at least `tile`.
-        tile: length of a tile, more than `OVERLAP`.
+        length: length of the side in pixels, at least `tile`.
+        tile: length of a tile in pixels, greater than `OVERLAP`.
 
     >>> tile_origins(1242, 960)
     [0, 282]
@@ -38,10 +40,10 @@ def tile_origins(length: int, tile: int) -> list[int]:
 
 
 def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
-    """The Gaussian weight of a tile's flow, (height, width), largest in the middle.
+    """Return the Gaussian weights of a tile's flow, (height, width), largest at the centre.
 
-    The corners weigh 1e-44 of the middle. In float32 that is a denormal number or zero, and the mean of pixels that
-    only corners cover would be coarse or 0/0; hence float64.
+    The weight at the corners is 1e-44 of that at the centre. In float32 this is a denormal number or zero, and the
+    weighted mean of pixels covered only by corners would be inaccurate or 0/0; hence float64.
     """
     y, x = (np.arange(size) / size - 0.5 for size in (height, width))
     return np.exp(-(y[:, None] ** 2 + x**2) / (2 * SIGMA**2))
@@ -51,7 +53,7 @@ def tiled(model: AnyModel, tile: str | None) -> AnyModel:
     """Wrap `model` so that it predicts in tiles of HEIGHTxWIDTH; return it unchanged if `tile` is None or "none".
 
     Raises:
-        UsageError: a model whose flows were computed elsewhere, a multi-frame model, or `tile` is not a size.
+        UsageError: the model is multi-frame or reads precomputed flows, or `tile` is not a size.
     """
     if tile in (None, "none"):
         return model
@@ -63,14 +65,16 @@ def tiled(model: AnyModel, tile: str | None) -> AnyModel:
 
 
 class TiledModel:
-    """A model that is only given tiles. Frames smaller than a tile are padded with black at the bottom and right.
+    """A model that predicts each tile separately. Frames smaller than a tile are padded with black at the bottom and
+    right.
 
     Args:
-        model: predicts the tiles.
-        tile: HEIGHTxWIDTH of a tile; the authors take 432x960 for KITTI and Sintel, 384x720 for KITTI's test server.
+        model: model that predicts the tiles.
+        tile: size HEIGHTxWIDTH of a tile in pixels; the authors use 432x960 for KITTI and Sintel, and 384x720 for
+            KITTI's test server.
 
     Raises:
-        UsageError: not a size, or one that is not larger than the overlap.
+        UsageError: `tile` is not a size or not larger than the overlap.
 
     >>> class Right:
     ...     def predict(self, frame1, frame2):
@@ -92,19 +96,19 @@ class TiledModel:
 
     @property
     def device(self) -> Any:
-        """The model's own."""
+        """Same as in the wrapped model."""
         return getattr(self.model, "device", "cpu")
 
     def identity(self) -> dict[str, Any]:
-        """The model's own, and the tiles."""
+        """Return the identity of the wrapped model with the tile size."""
         return {**model_identity(self.model), "tile": list(self._tile), "overlap": OVERLAP, "sigma": SIGMA}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
+        """Predict a flow as in `FlowModel.predict`."""
         return self.predict_batch([frame1], [frame2])[0]
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Flows of several pairs, whose sizes may differ; the model gets one tile of each pair at a time."""
+        """Predict several pairs, whose sizes may differ; each call of the model has one tile of each pair."""
         blends = [_Blend(frame1, frame2, self._weights) for frame1, frame2 in zip(frames1, frames2, strict=True)]
         for index in range(max((len(blend.windows) for blend in blends), default=0)):
             active = [blend for blend in blends if index < len(blend.windows)]
@@ -122,7 +126,7 @@ class TiledModel:
 
 
 class _Blend:
-    """The weighted mean of the tiles of one pair, while it grows."""
+    """The running weighted mean of the tiles of one pair."""
 
     def __init__(self, frame1: Frame, frame2: Frame, weights: npt.NDArray[np.float64]) -> None:
         tile_height, tile_width = weights.shape[:2]

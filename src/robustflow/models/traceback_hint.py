@@ -1,4 +1,4 @@
-"""The line of the user's code at which a model failed, for a one-line error message."""
+"""Find the line of the user's code at which a model failed, for a one-line error message."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _PACKAGE = str(Path(__file__).resolve().parent.parent)
 
 
 def traceback_hint(error: BaseException) -> str:
-    """Return the last line of the user's code in a traceback, or else its last line: " (at net.py:12)".
+    """Return the last line of the user's code in a traceback, or else the last line: " (at net.py:12)".
 
-    Code of libraries and of this package is skipped if there is other code.
+    Frames of libraries and of this package are skipped if there are any others.
 
     >>> try:
     ...     {}["a"]

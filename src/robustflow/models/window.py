@@ -1,4 +1,6 @@
-"""The window of a multi-frame model: which frames around a pair it is given, and what happens at a sequence's ends."""
+"""The window of a multi-frame model: the frames around a pair that it receives, and the behaviour
+at a sequence's ends.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,12 @@ class Window(NamedTuple):
     """Frames around a pair, counted from frame 1 of the pair, which is offset 0; frame 2 is offset 1.
 
     Attributes:
-        before: frames before frame 1.
-        after: frames after frame 2.
-        ends: what happens if the sequence has fewer frames on one side. "repeat": the frame nearest to the missing ones
-            is repeated, so that there are always before + 2 + after frames and frame 1 is number `before`. "short":
-            they are left out, so that there are fewer frames. "inside": the window moves until it lies within the
-            sequence, so that the pair has another position in it; a sequence shorter than the window is given as a
-            whole.
+        before: number of frames before frame 1.
+        after: number of frames after frame 2.
+        ends: behaviour if the sequence has fewer frames on one side. "repeat": the frame nearest to the missing ones is
+            repeated, so there are always before + 2 + after frames and frame 1 has index `before`. "short": missing
+            frames are omitted. "inside": the window is shifted until it lies within the sequence, so the pair has a
+            different position in the window; for a sequence shorter than the window, the clip is the whole sequence.
     """
 
     before: int
@@ -28,14 +29,14 @@ class Window(NamedTuple):
 
     @property
     def reach(self) -> int:
-        """The largest distance of a frame from the pair, on either side."""
+        """The largest distance of a frame from the pair on either side, in frames."""
         return self.before + self.after
 
     def offsets(self, there: range) -> tuple[int, ...]:
-        """The frames that the model is given, in order.
+        """Return the offsets of the frames that the model receives, in order.
 
         Args:
-            there: the offsets that the sequence has, including 0 and 1.
+            there: offsets that exist in the sequence, including 0 and 1.
 
         >>> Window(2, 1).offsets(range(0, 9)), Window(2, 1, "short").offsets(range(0, 9))
         ((0, 0, 0, 1, 2), (0, 1, 2))
@@ -51,15 +52,15 @@ class Window(NamedTuple):
         return tuple(offset for offset in wanted if offset in there)
 
     def record(self) -> dict[str, Any]:
-        """The window in a run's identity."""
+        """Return the window's entry in a run's identity."""
         return self._asdict()
 
 
 def window_of(model: Any) -> Window:
-    """The window that a multi-frame model declares.
+    """Return the window that a multi-frame model declares.
 
     Raises:
-        ModelError: not (before, after) or (before, after, ends).
+        ModelError: the window is not (before, after) or (before, after, ends).
 
     >>> class Mine:
     ...     window = (2, 0)
@@ -79,7 +80,7 @@ def window_of(model: Any) -> Window:
 
 
 def place_of_pair(offsets: tuple[int, ...]) -> int:
-    """Which of the frames is frame 1 of the pair.
+    """Return the index of frame 1 of the pair.
 
     >>> place_of_pair((0, 0, 0, 1, 2))
     2

@@ -1,7 +1,7 @@
-"""Facts about the methods and their public checkpoints, as data: `methods.csv` and `checkpoints.csv`.
+"""Metadata of the methods and their public checkpoints, from `methods.csv` and `checkpoints.csv`.
 
-The training sets of a checkpoint are what its authors' code, documentation and answers say. A set that it may have seen
-has a question mark: `kitti2015?`.
+The training sets of a checkpoint come from the authors' code, documentation and answers. A question mark marks a set
+that may have been used for training: `kitti2015?`.
 """
 
 from __future__ import annotations
@@ -17,29 +17,30 @@ from pydantic import Field
 from ...validated import Frozen
 
 PTLFLOW = "ptlflow:"
-"""Prefix of ptlflow's models whose names mean something else here: `raft` takes the paper's 12 iterations,
-`ptlflow:raft` the library's 32; `raft_small` is torchvision's."""
+"""Prefix for ptlflow models whose plain names denote a different model here: `raft` runs the paper's 12 iterations,
+`ptlflow:raft` the library's 32; `raft_small` is torchvision's model.
+"""
 
 _ADDRESSES = {
     "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",
     "torchvision": "https://download.pytorch.org/models/",
 }
-"""Base addresses of the libraries' published checkpoints."""
+"""Base URLs of the libraries' published checkpoints."""
 
 
 class MethodEntry(Frozen):
     """A method that can be loaded by name.
 
     Attributes:
-        model: the name by which it is loaded.
-        method: its label in tables, figures and pages: that of its paper, and unique. `dis` is the DIS that most people
-            know, OpenCV's on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
-        year: of its publication.
-        type: what it was made from: prior knowledge, or training with or without labels.
-        source: whose implementation runs: a library's, or the project's own.
-        extra: the extra of the installation that it needs, "" for none.
-        frames: the largest number that it is given: 2, or more for a multi-frame method.
-        code_licence: of that implementation; hardly any weights state one.
+        model: name by which the method is loaded.
+        method: unique label in tables, figures and pages, as in the method's paper. `dis` is OpenCV's widely used DIS
+            on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
+        year: year of publication.
+        type: basis of the method: prior knowledge, or training with or without labels.
+        source: origin of the implementation: a library or this project.
+        extra: pip extra that the method requires, "" for none.
+        frames: maximum number of input frames: 2, or more for a multi-frame method.
+        code_licence: licence of the implementation; most published weights have none.
     """
 
     model: str
@@ -56,15 +57,16 @@ class CheckpointEntry(Frozen):
     """A public checkpoint.
 
     Attributes:
-        model: the name of the model it is for; `ptlflow:NAME` where NAME is a different library's model.
-        checkpoint: its name.
-        file: its file's name.
-        sha256: the first eight digits of the file's hash.
-        trained_on: training sets, in the words of `provenance.TRAINING_SETS`, separated by "+"; one that it may have
-            seen ends in "?".
-        confidence: of `trained_on`: "high" for the authors' code, documentation or answer; "medium" for their naming, a
-            reproduction by others, or an accuracy that fits; "low" if it is not documented.
-        note: the evidence, and what is uncertain.
+        model: name of the model that it belongs to; `ptlflow:NAME` if NAME alone denotes a different library's model.
+        checkpoint: name of the checkpoint.
+        file: name of the file.
+        sha256: first eight digits of the file's SHA-256.
+        trained_on: training sets, named as in `provenance.TRAINING_SETS` and separated by "+"; "?" marks a set that may
+            have been used.
+        confidence: confidence in `trained_on`: "high" if it comes from the authors' code, documentation or answer;
+            "medium" if it is inferred from their naming, a reproduction by others, or a matching accuracy; "low" if it
+            is not documented.
+        note: evidence for `trained_on`, and what is uncertain.
     """
 
     model: str
@@ -77,7 +79,7 @@ class CheckpointEntry(Frozen):
 
     @property
     def address(self) -> str:
-        """Where the file is published.
+        """The URL where the file is published.
 
         >>> checkpoints()[0].address
         'https://github.com/hmorimitsu/ptlflow/releases/download/weights1/raft-chairs-590f38f7.ckpt'
@@ -88,7 +90,7 @@ class CheckpointEntry(Frozen):
 
 @cache
 def methods() -> dict[str, MethodEntry]:
-    """Methods by the name used to load them.
+    """Return the methods by the name used to load them.
 
     >>> methods()["flowformer_pp"].method
     'FlowFormer++'
@@ -98,7 +100,7 @@ def methods() -> dict[str, MethodEntry]:
 
 @cache
 def checkpoints() -> tuple[CheckpointEntry, ...]:
-    """Every public checkpoint known.
+    """Return all known public checkpoints.
 
     >>> [entry.checkpoint for entry in checkpoints() if entry.model == "csflow"]
     ['chairs', 'things', 'kitti']
@@ -107,7 +109,8 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
-    """The public checkpoints of a model; `ptlflow:NAME` has those of NAME, unless NAME is a different library's model.
+    """Return the public checkpoints of a model; `ptlflow:NAME` has those of NAME, unless NAME is a different library's
+    model.
 
     >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")
     (True, False)
@@ -117,7 +120,7 @@ def entries_of(model: str) -> list[CheckpointEntry]:
 
 
 def is_in_ptlflow(model: str) -> bool:
-    """Whether a name that is not registered is one of ptlflow's models with public checkpoints.
+    """Return whether an unregistered name is a ptlflow model with public checkpoints.
 
     >>> is_in_ptlflow("sea_raft_m"), is_in_ptlflow("dis")
     (True, False)
@@ -126,7 +129,7 @@ def is_in_ptlflow(model: str) -> bool:
 
 
 def published_names(model: str) -> list[str]:
-    """Names of the public checkpoints of a model in the catalogue.
+    """Return the names of a model's public checkpoints in the catalogue.
 
     >>> published_names("raft_small")
     ['C_T_V1', 'C_T_V2']
@@ -135,7 +138,7 @@ def published_names(model: str) -> list[str]:
 
 
 def is_installed(method: MethodEntry) -> bool:
-    """Whether the libraries that a method needs are installed.
+    """Return whether the libraries that a method needs are installed.
 
     >>> is_installed(methods()["dis"])
     True
