@@ -96,7 +96,7 @@ class TiledModel:
 
     @property
     def device(self) -> Any:
-        """Same as in the wrapped model."""
+        """The device of the wrapped model."""
         return getattr(self.model, "device", "cpu")
 
     def identity(self) -> dict[str, Any]:

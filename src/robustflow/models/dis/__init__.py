@@ -1,1 +1,1 @@
-"""Dense inverse search on colour frames, one step of the method a file."""
+"""Dense inverse search on colour frames, with one file per step of the method."""

@@ -17,7 +17,7 @@ from .refine import refined
 from .search import Displacements, inverse_search
 
 _REACHED_BY_THE_PAPER = 5
-"""The coarsest scale of 1024 px at every operating point."""
+"""The coarsest scale for frames 1024 px wide, at every operating point."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class OperatingPoint:
     """The parameters of an operating point; Kroeger et al. 2016, section 3.
 
     Attributes:
-        finest_scale: the flow of frames 1024 px wide is searched down to frames shrunk by 2**finest_scale, and enlarged
-            from there; see `scales`.
-        patch_size: side of a patch in pixels.
-        overlap: how much of a patch's side the next one shares, 0 to 1 (1 excluded).
-        iterations: steps of gradient descent per patch and scale, at most.
+        finest_scale: finest scale of the search for frames 1024 px wide, at which frames are downsampled by
+            2**finest_scale; the flow is upsampled from there, see `scales`.
+        patch_size: side length of a patch in pixels.
+        overlap: overlap of neighbouring patches as a fraction of the patch's side, from 0 to 1 (exclusive).
+        iterations: maximum number of gradient descent steps per patch and scale.
         refined: whether each scale's dense flow is refined variationally.
     """
 
@@ -41,15 +41,15 @@ class OperatingPoint:
 
     @property
     def stride(self) -> int:
-        """Pixels from one patch to the next."""
+        """The distance between neighbouring patches in pixels."""
         return max(1, self.patch_size - int(self.patch_size * self.overlap))
 
     def scales(self, height: int, width: int) -> tuple[int, int]:
-        """The coarsest and the finest scale for frames of a size.
+        """Return the coarsest and the finest scale for a frame size.
 
-        The coarsest is the one where a patch can reach a motion of a fifth of the longer side, but no coarser than
-        leaves room for a patch. The finest is `finest_scale` for frames of the paper's width, 1024 px, or larger; for
-        smaller ones it is finer by as many scales as the reach is.
+        The coarsest scale is the one at which a patch can reach a motion of a fifth of the longer side, limited to
+        scales at which a patch still fits into the frame. The finest scale is `finest_scale` for frames at least as
+        wide as the paper's, 1024 px; for smaller frames it is finer by as many scales as the coarsest one is.
 
         >>> [OPERATING_POINTS[2].scales(*size) for size in [(375, 1242), (436, 1024), (240, 320), (16, 16)]]
         [(5, 3), (5, 3), (4, 2), (0, 0)]
@@ -69,17 +69,18 @@ OPERATING_POINTS = {
 
 
 class DisRgb:
-    """Kroeger, Timofte, Dai, Van Gool: "Fast Optical Flow using Dense Inverse Search" (ECCV 2016), on colours.
+    """DIS on colour frames (Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016).
 
-    From coarse to fine: patches search along their slopes, their displacements become a dense flow, that is refined.
-    Written from the paper; where it gives no detail, chosen by error on real pairs (docs/dis-rgb.md).
+    From coarse to fine, patches are matched by gradient descent, their displacements are combined into a dense flow,
+    and the flow is refined. The implementation follows the paper; details that the paper omits were chosen by their
+    error on real pairs (docs/dis-rgb.md).
 
-    The first pair of an installation takes some seconds more, in which the loops are compiled; they are kept on disk.
+    The first call after installation takes a few seconds longer, because the loops are compiled and cached on disk.
 
     Args:
-        operating_point: 1 (fastest) to 4 (most accurate), the paper's. 2, the default, is that of the authors'
-            program, which the benchmark's paper ran with its defaults; its flow is found at an eighth of the size of
-            frames 640 px wide or wider, and nearer to full size in smaller ones.
+        operating_point: operating point of the paper, from 1 (fastest) to 4 (most accurate). The default, 2, is also
+            the default of the authors' program, which the benchmark's paper used. It computes the flow at 1/8
+            resolution for frames at least 640 px wide, and at higher resolution for smaller frames.
 
     >>> frame = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
     >>> flow = DisRgb().predict(frame, frame)
@@ -95,21 +96,21 @@ class DisRgb:
         self._number = int(operating_point)
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: the operating point with its parameters."""
+        """Return the identity: the operating point and its parameters."""
         point = asdict(OPERATING_POINTS[self._number])
         return {"name": "dis_rgb", "operating_point": self._number, **point, "interpolation": "cubic spline"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`. Frames of any size; motion up to a fifth of the longer side is within reach.
+        """Predict a flow as in `FlowModel.predict`, for frames of any size and motion up to a fifth of the longer side.
 
         Raises:
-            UsageError: frames that are not RGB uint8 of one size.
+            UsageError: the frames are not RGB uint8 of equal size.
         """
         check_pair(frame1, frame2)
         point = OPERATING_POINTS[self._number]
         height, width = frame1.shape[:2]
         coarsest, finest = point.scales(height, width)
-        # Every scale is exactly half the one before, and the coarsest has room for a patch.
+        # Every scale is exactly half the size of the previous one, and a patch fits into the coarsest.
         full_height, full_width = (max(-(-side >> coarsest) << coarsest, point.patch_size) for side in (height, width))
         images1 = pyramid(frame1, full_height, full_width, coarsest)
         images2 = pyramid(frame2, full_height, full_width, coarsest)
@@ -124,17 +125,17 @@ class DisRgb:
 
 
 def densified(image1: Image, image2: Image, displacements: Displacements, patch: int, stride: int) -> Flow:
-    """Every pixel's flow: the mean of the displacements u_i of the patches that cover it.
+    """Compute every pixel's flow as the weighted mean of the displacements u_i of the patches that cover it.
 
-    Their weights are 1 / max(1, |d_i|), with d_i the difference of colour, in grey levels, between the pixel in frame 1
-    and where u_i puts it in frame 2: the patches that explain the pixel count.
+    The weights are 1 / max(1, |d_i|), where d_i is the colour difference in grey levels between the pixel in frame 1
+    and its match in frame 2 under u_i. Patches that match the pixel well therefore dominate.
 
     Args:
-        image1, image2: float32 (H, 3 W) interleaved RGB.
-        displacements: of `inverse_search` with the same `patch` and `stride`.
+        image1, image2: images in interleaved RGB, float32 (H, 3 W).
+        displacements: patch displacements from `inverse_search` with the same `patch` and `stride`.
 
     Returns:
-        float32 (H, W, 2).
+        The flow in pixels of this scale, float32 (H, W, 2).
     """
     height, width = image1.shape[0], image1.shape[1] // 3
     total = np.zeros((height, width, 2), np.float32)

@@ -1,8 +1,8 @@
-"""What the colours of a pixel say about how its flow should change: two quadratic forms (section 2.4).
+"""Quadratic forms of the data terms around the current flow (Kroeger et al. 2016, section 2.4).
 
-Around the flow so far, constancy of a quantity q of the image reads q_x du + q_y dv + q_t = 0. Its square, divided by
-|grad q|^2 + 0.01 so that it is a squared distance in pixels, and summed over channels, is a quadratic form in
-(du, dv, 1). E_I takes the colours for q, E_G their two slopes.
+Around the current flow, constancy of an image quantity q means q_x du + q_y dv + q_t = 0. The square, divided by |grad
+q|^2 + 0.01 to give a squared distance in pixels, and summed over channels, is a quadratic form in (du, dv, 1). In E_I,
+q is the colours; in E_G, their two derivatives.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .pyramid import Image, slopes
 from .spline import coefficients, mirrored_once, spline_weights
 
 Tensors = npt.NDArray[np.float32]
-"""float32 (H, W, 2, 6): for E_I and E_G the coefficients xx, xy, yy, xt, yt, tt."""
+"""Coefficients xx, xy, yy, xt, yt, tt of E_I and E_G, float32 (H, W, 2, 6)."""
 
 
 def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
-    """The forms around `flow`, zero where it leads out of the frame.
+    """Compute the quadratic forms around `flow`, zero where the flow points outside the frame.
 
     Args:
-        image1, image2: float32 (H, 3 W) interleaved RGB.
-        flow: float32 (H, W, 2).
+        image1, image2: images in interleaved RGB, float32 (H, 3 W).
+        flow: current flow in pixels, float32 (H, W, 2).
     """
     height, width, _ = flow.shape
     middle, change = np.empty_like(image1), np.empty_like(image1)
@@ -45,7 +45,7 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
 
 @njit(cache=True, nogil=True)
 def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
-    """The mean of frame 1 and frame 2 brought back along the flow, and their difference."""
+    """Return the mean and the difference of frame 1 and frame 2 warped backwards along the flow."""
     height, width, _ = flow.shape
     half = np.float32(0.5)
     for y in range(height):

@@ -1,4 +1,4 @@
-"""Where the patches of a scale lie, where they begin their search, and where they may look."""
+"""Positions of the patches at a scale, their initial displacements, and their search area."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ...compiled import njit
 from .pyramid import Image, with_border
 
 _TAPS = 3
-"""Pixels around a patch that interpolation reads."""
+"""Number of pixels around a patch that interpolation reads."""
 
 
 def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
-    """Where patches begin along an axis: every `stride` pixels and flush with the end, so that every pixel is covered.
+    """Return the start of each patch along an axis: every `stride` pixels, with the last flush with the end.
 
     >>> grid(21, 8, 5).tolist(), grid(8, 8, 5).tolist()
     ([0, 5, 10, 13], [0])
@@ -24,15 +24,15 @@ def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
 
 
 def search_area(image: Image, patch: int) -> Image:
-    """Frame 2 with its edges repeated as far as `in_search_area` lets a patch go."""
+    """Pad frame 2 by edge replication as far as `in_search_area` lets a patch move."""
     return with_border(image, patch + _TAPS)
 
 
 @njit(cache=True, nogil=True)
 def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
-    """Whole and fractional part of a coordinate in `search_area`, for a patch that begins at `place` in frame 2.
+    """Return the whole and fractional part of a coordinate in `search_area` for a patch at `place` in frame 2.
 
-    A patch goes no further than just outside the frame, where everything repeats the edge.
+    Patches move at most just outside the frame, where all pixels replicate the edge.
     """
     inside = min(max(place, float(-patch)), float(size)) + (patch + _TAPS)
     whole = int(inside)
@@ -41,7 +41,7 @@ def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def from_coarser(coarse: Any, y: float, x: float) -> tuple[float, float]:
-    """(u, v) at a position in pixels of the finer scale: twice the flow at half the size, bilinear."""
+    """Return (u, v) at a position in pixels of the finer scale: twice the coarse flow, interpolated bilinearly."""
     height, width, _ = coarse.shape
     at_y = min(max((y + 0.5) / 2 - 0.5, 0.0), height - 1.0)
     at_x = min(max((x + 0.5) / 2 - 0.5, 0.0), width - 1.0)

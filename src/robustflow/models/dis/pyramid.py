@@ -1,4 +1,4 @@
-"""Frames as float32 images at the scales of the search, their slopes, and flow from a scale to full size."""
+"""Image pyramid for the search: downsampling, derivatives, and upsampling of the flow to full size."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from ...images.contiguous import contiguous
 from ...sample import Flow, Frame
 
 Image = npt.NDArray[np.float32]
-"""float32, shape (H, 3 W): rows of interleaved RGB, 0 to 255."""
+"""An image with rows of interleaved RGB, values 0 to 255, float32 (H, 3 W)."""
 
 _HALF = tuple(np.float32(weight / 320) for weight in (1, 13, 51, 95))
-"""Weights of the four pixels on one side, outermost first: a little wider than 1 5 10 10 5 1, against aliasing."""
+"""Filter weights of the four pixels on one side, outermost first: slightly wider than 1 5 10 10 5
+1, to reduce aliasing.
+"""
 
 
 def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:
-    """The frame at scales 0 to `coarsest`, each half the size of the one before.
+    """Return the frame at scales 0 to `coarsest`, each half the size of the previous one.
 
-    Means of 2x2 pixels would alias: the texture of the shrunk frame would change as it moves.
+    Averaging 2x2 pixels would alias: the texture of the downsampled frame would change as it moves.
 
     Args:
-        frame: uint8 (H, W, 3).
-        height, width: size to which it is first extended by repeating its last row and column; multiples of
-            2**coarsest.
+        frame: frame, uint8 (H, W, 3).
+        height, width: size in pixels, multiples of 2**coarsest, to which the frame is first padded by repeating its
+            last row and column.
 
     >>> [level.shape for level in pyramid(np.zeros((30, 61, 3), np.uint8), 32, 64, 2)]
     [(32, 192), (16, 96), (8, 48)]
@@ -42,7 +44,7 @@ def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]
 
 
 def with_border(image: Image, border: int) -> Image:
-    """The image with its edge pixels repeated `border` times on every side: (H + 2 border, 3 (W + 2 border))."""
+    """Pad an image by repeating its edge pixels `border` times on every side: (H + 2 border, 3 (W + 2 border))."""
     height, columns = image.shape
     out = np.empty((height + 2 * border, columns + 6 * border), np.float32)
     _border(image, border, out)
@@ -50,7 +52,7 @@ def with_border(image: Image, border: int) -> Image:
 
 
 def slopes(image: Image, order: int) -> tuple[Image, Image]:
-    """Derivatives to the right and downwards, per pixel: central differences of order 2 or 4, edges repeated.
+    """Return the derivatives in x and y per pixel: central differences of order 2 or 4, with replicated edges.
 
     >>> right, down = slopes(np.repeat(np.arange(8, dtype=np.float32), 3)[None].repeat(5, 0), 4)
     >>> round(float(right[2, 12]), 6), float(down[2, 12])
@@ -63,7 +65,9 @@ def slopes(image: Image, order: int) -> tuple[Image, Image]:
 
 
 def enlarged(flow: Flow, factor: int, height: int, width: int) -> Flow:
-    """Flow of frames shrunk by `factor`, in pixels of the full frames: bilinear, cut to (height, width, 2)."""
+    """Upsample the flow of frames downsampled by `factor` bilinearly to full-size pixels and crop it to (height, width,
+    2).
+    """
     out = np.empty((height, width, 2), np.float32)
     _enlarge(flow, factor, out)
     return out
@@ -80,7 +84,7 @@ def _extend(frame: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _halve(image: Any, out: Any) -> None:
-    """Halve `image` along both axes by the weights `_HALF` on either side, edges repeated."""
+    """Halve `image` along both axes with the symmetric filter `_HALF` and replicated edges."""
     height, columns = image.shape
     a, b, c, d = _HALF
     row = np.empty(columns + 18, np.float32)

@@ -1,10 +1,10 @@
-"""Variational refinement of dense flow (Kroeger et al. 2016, section 2.4).
+"""Refine dense flow variationally (Kroeger et al. 2016, section 2.4).
 
-Minimised around a flow (u, v): the sum over pixels of delta Psi(E_I) + gamma Psi(E_G) + alpha Psi(E_S), where
-Psi(s^2) = sqrt(s^2 + 0.001^2), E_I and E_G are the forms of `motion_tensor`, and E_S = |grad u|^2 + |grad v|^2. In
-each of a few fixed-point iterations the slopes of Psi are held, which leaves a linear system, and that is relaxed a few
-times (successive over-relaxation; all black pixels of a chessboard, then all white ones, so that no direction is
-favoured). Weights, sweeps and relaxation are those the authors give for their program.
+The energy minimised around a flow (u, v) is the sum over pixels of delta Psi(E_I) + gamma Psi(E_G) + alpha Psi(E_S),
+where Psi(s^2) = sqrt(s^2 + 0.001^2), E_I and E_G are the forms of `motion_tensor`, and E_S = |grad u|^2 + |grad v|^2.
+Each of a few fixed-point iterations fixes the derivatives of Psi, which gives a linear system, and solves it
+approximately by a few sweeps of successive over-relaxation in red-black order, so that no direction is favoured.
+Weights, number of sweeps and relaxation factor are those of the authors' program.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _EPSILON = 1e-3
 
 
 def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
-    """The flow after `iterations` fixed-point iterations around it.
+    """Refine a flow with `iterations` fixed-point iterations.
 
     Args:
-        image1, image2: float32 (H, 3 W) interleaved RGB.
-        flow: float32 (H, W, 2); left as it is.
-        iterations: fixed-point iterations, each with 3 sweeps of relaxation.
+        image1, image2: images in interleaved RGB, float32 (H, 3 W).
+        flow: initial flow in pixels, float32 (H, W, 2); not modified.
+        iterations: number of fixed-point iterations, each with 3 sweeps of relaxation.
     """
     tensors = motion_tensors(image1, image2, flow)
     height, width, _ = flow.shape
@@ -49,7 +49,7 @@ def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
 
 @njit(cache=True, nogil=True)
 def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: Any, system: Any, smooth: Any) -> None:
-    """The linear system of the data per pixel (xx, xy, yy, right sides), and the weight of smoothness."""
+    """Return the data terms' linear system per pixel (xx, xy, yy, right-hand sides) and the smoothness weights."""
     height, width, _ = flow.shape
     zero, two, least = np.float32(0), np.float32(2), np.float32(_EPSILON * _EPSILON)
     for y in range(height):
@@ -75,7 +75,9 @@ def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: A
 
 @njit(cache=True, nogil=True)
 def _link(smooth: Any, links: Any) -> None:
-    """Weights between neighbours: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at edges."""
+    """Return the weights between neighbours: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at
+    edges.
+    """
     height, width = smooth.shape
     half = np.float32(0.5)
     for y in range(height):

@@ -1,13 +1,13 @@
-"""Inverse search: the displacement of every patch of a grid, by gradient descent (Kroeger et al. 2016, section 2.1).
+"""Inverse search: find the displacement of every patch by gradient descent (Kroeger et al. 2016, section 2.1).
 
-A patch T of frame 1 is looked for in frame 2, I: minimise the sum over pixels x and channels of (I(x + u) - T(x))^2,
-both less their means per channel. A step is u -= H^-1 sum S (I(x + u) - T(x)), S the slopes of T, H = sum S S^T. The
-slopes stay at T, so H is computed once.
+A patch T of frame 1 is matched to frame 2, I, by minimising the sum over pixels x and channels of (I(x + u) - T(x))^2,
+with the mean of each channel subtracted from both. A step is u -= H^-1 sum S (I(x + u) - T(x)), where S is the gradient
+of T and H = sum S S^T. The gradient is taken at T, so H is computed only once.
 
-Two identities make a step cheap and only change rounding. With the mean of S subtracted, sum S (I - T) does
+Two identities make a step cheap and affect only rounding. With the mean of S subtracted, sum S (I - T) does
 not depend on the means of I and T. And I between pixels is a fixed mix of 4x4 spline coefficients, so sum S I(x + u) is
-the same mix of its values at 4x4 whole displacements of the coefficients; each of those is computed once per patch,
-however many steps come back to it.
+the same mix of its values for the coefficients at 4x4 integer displacements. Each of these values is computed once per
+patch and reused in later steps.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from .pyramid import Image, slopes
 from .spline import coefficients, spline_weights
 
 Displacements = npt.NDArray[np.float32]
-"""float32 (rows, columns, 2): (u, v) of the patches at `grid(H, ...)` x `grid(W, ...)`."""
+"""Displacements (u, v) in pixels of the patches at `grid(H, ...)` x `grid(W, ...)`, float32 (rows, columns, 2)."""
 
 
 def inverse_search(
     image1: Image, image2: Image, coarse: Flow, patch: int, stride: int, iterations: int
 ) -> Displacements:
-    """Displacements of the patches of a grid.
+    """Find the displacements of a grid of patches.
 
-    A patch stays where its search begins if it has no texture, if it would move by more than its own size (the paper's
-    outliers), or if it does not match better in the end. The last is not in the paper: a descent without a line
-    search may climb, and OpenCV's stops then.
+    A patch keeps its initial displacement if it has no texture, if it would move by more than its own size (an outlier
+    in the paper), or if its final match is no better. The paper lacks the last rule: gradient descent without a line
+    search may increase the error, in which case OpenCV stops.
 
     Args:
-        image1, image2: float32 (H, 3 W) interleaved RGB, H and W at least `patch`.
-        coarse: float32 (h, w, 2), where the search begins: dense flow of the same frames at half the size, or zeros.
-        patch, stride: in pixels.
-        iterations: steps at most; a step under 0.001 px is the last.
+        image1, image2: images in interleaved RGB, float32 (H, 3 W), with H and W at least `patch`.
+        coarse: initial flow, float32 (h, w, 2): dense flow of the same frames at half the size, or zeros.
+        patch, stride: size of a patch and distance between patches in pixels.
+        iterations: maximum number of steps; the search ends after a step smaller than 0.001 px.
     """
     height, width = image1.shape[0], image1.shape[1] // 3
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
@@ -102,7 +102,9 @@ def _descend(
     memory: Any,
     lanes: Any,
 ) -> tuple[float, float]:
-    """Where a patch's descent ends. `memory` keeps sums at whole displacements; only this patch's are valid."""
+    """Return the final displacement of a patch. `memory` caches sums at integer displacements,
+    valid for this patch only.
+    """
     (y, x), (u0, v0), (sx, sy), (hxx, hxy, hyy), (patch_id, owner, sums) = corner, begin, slope, hessian, memory
     height, width, patch = image1.shape[0], image1.shape[1] // 3, sx.shape[0]
     top = in_search_area(y + v0, height, patch)[0] - patch - 2
@@ -133,7 +135,7 @@ def _descend(
 
 @njit(cache=True, nogil=True)
 def _centre(slope: Any, row: int, column: int, out: Any) -> None:
-    """A patch of a slope image into `out`, less its mean per channel."""
+    """Copy a patch of a derivative image into `out` and subtract the mean of each channel."""
     patch, columns = out.shape
     for c in range(3):
         total = 0.0
@@ -159,7 +161,9 @@ def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
 
 @njit(cache=True, nogil=True)
 def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
-    """Sums of a patch of `image` times `sx` and `sy`: first each column, in a loop that vectorises, then all."""
+    """Sum a patch of `image` times `sx` and `sy`: over each column first, in a vectorised loop,
+    then over the columns.
+    """
     a, b = lanes[0], lanes[1]
     for k in range(a.size):
         a[k] = b[k] = 0
@@ -177,7 +181,7 @@ def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) ->
 
 @njit(cache=True, nogil=True)
 def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
-    """Sum of squared differences between a patch and what it looks at (bilinear), both less their means per channel."""
+    """Return the sum of squared differences between a patch and its bilinear match, less their means per channel."""
     y0, at_y = in_search_area(y + v, image1.shape[0], patch)
     x0, at_x = in_search_area(x + u, image1.shape[1] // 3, patch)
     wy, wx = np.float32(at_y), np.float32(at_x)

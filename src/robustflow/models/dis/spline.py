@@ -1,7 +1,8 @@
-"""Interpolate frames by cubic splines, which are smooth and pass through every pixel.
+"""Interpolate frames with cubic splines, which are smooth and pass through every pixel.
 
-Other interpolations blur by an amount that depends on the fraction of a pixel, which pulls matches towards whole
-pixels. At an eighth of the size that pull is up to 0.4 px of the full frame with Catmull-Rom weights, 0.1 with splines.
+Other interpolation methods blur by an amount that depends on the subpixel position, which biases matches towards
+integer displacements. At 1/8 resolution this bias is up to 0.4 px at full size with Catmull-Rom weights, and 0.1 px
+with splines.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from .pyramid import Image
 
 
 def coefficients(image: Image) -> Image:
-    """The coefficients for `spline_weights`, in the frame's shape; the frame is mirrored at its edge pixels.
+    """Return the coefficients for `spline_weights`, in the frame's shape; the frame is mirrored about its edge pixels.
 
     Args:
-        image: float32 (H, 3 W), H and W at least 2.
+        image: image in interleaved RGB, float32 (H, 3 W), with H and W at least 2.
 
     >>> ramp = np.repeat(np.arange(12, dtype=np.float32), 3)[None].repeat(4, 0)
     >>> round(float(coefficients(ramp)[1, 15]), 2)
@@ -31,7 +32,7 @@ def coefficients(image: Image) -> Image:
 
 @njit(cache=True, nogil=True)
 def spline_weights(t: float) -> tuple[float, float, float, float]:
-    """Weights of the coefficients at -1, 0, 1 and 2 for a position `t` in [0, 1].
+    """Return the weights of the coefficients at -1, 0, 1 and 2 for a position `t` in [0, 1].
 
     >>> [round(6 * weight, 6) for weight in spline_weights(0.0)]
     [1.0, 4.0, 1.0, 0.0]
@@ -47,7 +48,7 @@ def spline_weights(t: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True, nogil=True)
 def mirrored_once(index: int, size: int) -> int:
-    """The pixel that `index`, at most one outside, is mirrored to at the edge pixels.
+    """Mirror `index`, at most one pixel outside, about the edge pixels.
 
     >>> mirrored_once(-1, 8), mirrored_once(3, 8), mirrored_once(8, 8)
     (1, 3, 6)

@@ -1,4 +1,4 @@
-"""A multi-frame network of ptlflow: the frames of a clip in, the flow of one pair among them out."""
+"""Wrap a multi-frame ptlflow network so that it maps a clip to the flow of one pair of its frames."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ import torch
 from torch import Tensor, nn
 
 Reading = Literal["middle", "each", "memory"]
-"""Which pairs a network predicts. "middle": the one whose first frame is in the middle. "each": all at once. "memory":
-one after the other, from the first on."""
+"""Pairs that a network predicts. "middle": the pair whose first frame is the middle one. "each": all pairs at once.
+"memory": all pairs in sequence, from the first one on.
+"""
 
 _Named = tuple[str, Tensor]
-"""An image and its name; a frame that is repeated keeps its name."""
+"""An image and its name; copies of a repeated frame share the name."""
 
 
 class PtlflowClipNet(nn.Module):
-    """Gives a multi-frame model of ptlflow its clip, and takes the flow of the requested pair from what it returns.
+    """Call a multi-frame ptlflow model with a clip and select the flow of the requested pair from its output.
 
-    Nothing is kept from one call to the next.
+    No state is kept between calls.
 
     Args:
-        model: of ptlflow.
-        reading: which pairs it predicts, see `Reading`.
-        least: frames that it needs; the first is repeated before a clip that has fewer.
-        twice: frames of a whole clip, where its authors put the first frame of every sequence twice; else 0. A pair
-            that is not in the middle of its clip, but before it, is then taken to be at the beginning of a sequence.
+        model: ptlflow model.
+        reading: pairs that the model predicts, see `Reading`.
+        least: minimum number of frames; in shorter clips the first frame is repeated.
+        twice: number of frames in a full clip if the authors duplicate the first frame of every sequence, otherwise 0.
+            If non-zero, a pair before the middle of its clip is treated as the beginning of a sequence.
     """
 
     def __init__(self, model: Any, reading: Reading, least: int, twice: int = 0) -> None:
@@ -36,8 +37,9 @@ class PtlflowClipNet(nn.Module):
         self.twice = twice
 
     def forward(self, *images: Tensor, index: int) -> Tensor:
-        """Images (1, 3, H, W) in the order of time, BGR, 0..255, and the place of the pair's first among them, to flow
-        (1, 2, H, W) in pixels."""
+        """Predict the flow (1, 2, H, W), in pixels, of the pair that starts at `index`, from images (1, 3, H, W) in
+        temporal order, BGR, 0..255.
+        """
         clip = [(str(place), image / 255) for place, image in enumerate(images)]
         if self.twice and index < (self.twice - 1) // 2:
             clip, index = [clip[0], *clip][: self.twice], index + 1
@@ -65,14 +67,14 @@ class PtlflowClipNet(nn.Module):
 
 
 def padding_to_middle(frames: int, wanted: int) -> tuple[int, int]:
-    """How often the first and the last frame must be repeated for VideoFlow to return the requested flow.
+    """Return how often the first and the last frame must be repeated for VideoFlow to return the requested flow.
 
-    It predicts a flow for every frame but the first and the last, and returns number (n - 2) // 2 of them, where n
-    counts repeated frames, less the repetitions on the left; then it drops the repeated frames before it predicts.
+    VideoFlow drops repeated frames, predicts a flow for every frame except the first and the last, and returns the flow
+    with index (n - 2) // 2 minus the number of repetitions on the left, where n includes repeated frames.
 
     Args:
-        frames: in the clip, 3 or more.
-        wanted: number of the flow, 0 to frames - 3.
+        frames: number of frames in the clip, at least 3.
+        wanted: index of the requested flow, 0 to frames - 3.
 
     >>> padding_to_middle(5, 1), padding_to_middle(5, 0), padding_to_middle(5, 2)
     ((0, 0), (2, 0), (0, 1))

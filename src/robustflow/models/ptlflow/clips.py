@@ -1,15 +1,15 @@
-"""Multi-frame models of ptlflow: which frames each is given, as its authors evaluate it.
+"""Multi-frame ptlflow models, with the frames that each receives in its authors' evaluation.
 
 VideoFlow (Shi et al., ICCV 2023), MemFlow (Dong and Fu, CVPR 2024), StreamFlow (Sun et al., NeurIPS 2024), MEMFOF
-(Bargatin et al., ICCV 2025), STaRFlow (Godet et al., ICPR 2020). What happens at the first pair of a sequence is what
-the authors' evaluation code does: VideoFlow repeats the first frame once, and its window of five otherwise stays
-within the sequence; StreamFlow's window of four stays within it; MemFlow's memory is empty. MEMFOF repeats the first
-frame, as ptlflow's data loader does. MemFlow's memory holds the last two frames, ptlflow's default; its authors'
-configurations come down to one.
+(Bargatin et al., ICCV 2025), STaRFlow (Godet et al., ICPR 2020). The first pair of a sequence is handled as in the
+authors' evaluation code: VideoFlow repeats the first frame once, and its window of five otherwise stays within the
+sequence; StreamFlow's window of four stays within the sequence; MemFlow's memory is empty. MEMFOF repeats the first
+frame, as ptlflow's data loader does. MemFlow's memory contains the last two frames, ptlflow's default; the authors'
+configurations effectively use one.
 
-SplatFlow (three frames; Wang et al., IJCV 2024) is not among them: it carries features forward by a CUDA kernel that
-cupy compiles, so ptlflow does not even build it without cupy, and it cannot be compared with its library on a CPU.
-With cupy, `ptlflow:splatflow` only gets the pair: its two-frame mode, which needs no splatting.
+SplatFlow (three frames; Wang et al., IJCV 2024) is not included: it propagates features with a CUDA kernel compiled by
+cupy, so ptlflow cannot build it without cupy, and it cannot be tested against ptlflow on a CPU. With cupy,
+`ptlflow:splatflow` receives only the pair and runs in its two-frame mode, which needs no splatting.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _ClipConvention:
-    """How a network is given its clip; see `PtlflowClipNet`."""
+    """The way in which a network receives its clip; see `PtlflowClipNet`."""
 
     window: Window
     reading: Reading
     least: int
     twice: int = 0
     streams: bool = False
-    """It also works with only two frames."""
+    """Whether the network also works with only two frames."""
 
 
 _MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
-"""On KITTI the authors begin ten frames before the pair; on other data with the sequence."""
+"""The authors start ten frames before the pair on KITTI, and at the beginning of the sequence on other data."""
 
 CLIPS = {
     "videoflow_bof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
@@ -55,7 +55,7 @@ CLIPS = {
     "memfof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
     "starflow": _ClipConvention(Window(2, 0, "short"), "each", least=2, streams=True),
 }
-"""Multi-frame networks by ptlflow's name."""
+"""Multi-frame networks by their names in ptlflow."""
 
 
 @with_execution
@@ -69,18 +69,19 @@ def ptlflow_clip_model(
     sha256: str | None = None,
     execution: Execution,
 ) -> TorchClipModel:
-    """A multi-frame model of ptlflow. It keeps nothing from clip to clip.
+    """Build a multi-frame ptlflow model, which keeps no state between clips.
 
     Args:
-        name: of the model.
-        architecture: a name of `CLIPS`.
+        name: name of the model.
+        architecture: name of the network in `CLIPS`.
         checkpoint, iterations, sha256: see `ptlflow_model`.
-        before: for MemFlow and STaRFlow: frames before the pair, from 1; the authors' by default.
-        execution: see `Execution`; its fields are options.
+        before: number of frames before the pair, at least 1, for MemFlow and STaRFlow; the authors' choice by default.
+        execution: execution settings; the fields of `Execution` are options.
 
     Raises:
         ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
-        UsageError: no such checkpoint or number of iterations; `before` for a network that has one number of frames.
+        UsageError: the checkpoint is unknown, the number of iterations is invalid, or `before` is given for a network
+            with a fixed number of frames.
     """
     clip = CLIPS[architecture]
     window = clip.window
@@ -102,7 +103,7 @@ def ptlflow_clip_model(
 
 
 def ptlflow_factory(name: str, architecture: str) -> Callable[..., Any]:
-    """Builds any model of ptlflow, of two frames or more."""
+    """A function that builds any ptlflow model, two-frame or multi-frame."""
     return partial(ptlflow_clip_model if architecture in CLIPS else ptlflow_model, name, architecture)
 
 

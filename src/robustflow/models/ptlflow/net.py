@@ -1,4 +1,4 @@
-"""Wrap a network of ptlflow so that it is called like the project's own: two images in, one flow out."""
+"""Wrap a ptlflow network so that it has the project's interface: two images in, one flow out."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ...errors import ModelError
 
 
 class PtlflowNet(nn.Module):
-    """Gives a ptlflow model its dictionary of images and takes the flow out of the one it returns.
+    """Call a ptlflow model with its dictionary of images and extract the flow from the dictionary it returns.
 
-    The model itself scales, pads and converts to RGB.
+    Scaling, padding and conversion to RGB happen inside the model.
 
     Args:
-        model: of ptlflow.
-        batched: whether the pairs of a batch are known not to see each other; else each is predicted separately.
+        model: ptlflow model.
+        batched: whether the pairs of a batch are known to be independent; otherwise each pair is predicted separately.
     """
 
     def __init__(self, model: Any, batched: bool) -> None:
@@ -26,26 +26,28 @@ class PtlflowNet(nn.Module):
         self.batched = batched
 
     def forward(self, image1: Tensor, image2: Tensor, confidence: bool = False) -> Tensor:
-        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W), BGR, 0..255; (N, 3, H, W) with the confidence
-        of networks that return one."""
+        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W), BGR, 0..255. The result is (N, 3, H, W),
+        including the confidence, for networks that return one.
+        """
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         if self.batched:
             return self._flow(images, confidence)
         return torch.cat([self._flow(pair, confidence) for pair in images.split(1)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """The flow after every iteration, for the loss; in training mode only.
+        """Return the flow after every iteration, for the loss; in training mode only.
 
         Raises:
-            ModelError: a network of ptlflow that keeps its intermediate flows to itself.
+            ModelError: the network does not return its intermediate flows.
         """
         return self._in_training(image1, image2)[0]
 
     def matched_predictions(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Likewise, with GMFlowNet's confidence (N, P, P) that a pixel of 1/8 matches one of the other frame.
+        """Return the flow after every iteration and GMFlowNet's matching confidence between pixels of the two frames at
+        1/8 resolution, (N, P, P).
 
         Raises:
-            ModelError: a network that does not match.
+            ModelError: the network has no matching step.
         """
         flows, outputs = self._in_training(image1, image2)
         if "soft_corr_map" not in outputs:
@@ -73,15 +75,15 @@ class PtlflowNet(nn.Module):
 
 
 _STRIDE = 8
-"""Pixels of a crop for one of the cost volume; the sides of a crop are multiples of it."""
+"""Number of image pixels per pixel of the cost volume along each axis; the sides of a crop are multiples of it."""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):
-    """FlowFormer++ (Shi et al., CVPR 2023), computed as its authors' code does where ptlflow 0.4.2 differs.
+    """FlowFormer++ (Shi et al., CVPR 2023), changed to match the authors' code where ptlflow 0.4.2 differs from it.
 
-    ptlflow hands the contexts of a batch to the cost tokens in the order of FlowFormer, where pairs see each other; in
-    the authors' code each pair's context goes with its own eight tokens. And ptlflow pads the crops of a training to
-    multiples of 32, which the authors take as they are.
+    ptlflow tiles the contexts of a batch over the cost tokens in FlowFormer's order, which mixes pairs; in the authors'
+    code each pair's context belongs to that pair's eight tokens. ptlflow also pads training crops to multiples of 32,
+    and the authors do not.
     """
 
     def __init__(self, model: Any) -> None:
@@ -99,6 +101,6 @@ class FlowFormerPlusPlusNet(PtlflowNet):
 
 
 def _with_own_context(attention: nn.Module, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Repeat each pair's context (N, C, H, W) for its tokens (N * K, H * W, D), so that ptlflow has nothing to tile."""
+    """Repeat each pair's context (N, C, H, W) for its tokens (N * K, H * W, D), so that ptlflow does not tile it."""
     tokens, size, context = inputs
     return tokens, size, context.repeat_interleave(len(tokens) // len(context), dim=0)

@@ -1,4 +1,4 @@
-"""The arguments that a model of ptlflow is built with, from its constructor. Importable without ptlflow."""
+"""Determine the constructor arguments of a ptlflow model. Importable without ptlflow."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from ...errors import UsageError
 from ..option_checks import check_count
 
 _ITERATIONS = ("iters", "decoder_depth")
-"""What ptlflow's models call the number of their iterations."""
+"""Names of the argument for the number of iterations in ptlflow's models."""
 
 
 def constructor_options(name: str, reference: type, iterations: int | None) -> tuple[dict[str, Any], int | None]:
-    """Whole frames, no backbone fetched, sequences as lists, and the number of iterations.
+    """Return constructor arguments for whole frames, without downloading a backbone, with sequences as lists and the
+    number of iterations.
 
     Args:
-        name: of the model, for messages.
-        reference: ptlflow's class of it.
-        iterations: as requested; None for its default.
+        name: name of the model, for messages.
+        reference: ptlflow's class of the model.
+        iterations: requested number of iterations; None for the model's default.
 
     Returns:
-        The constructor's arguments, and the number of iterations; None where the model has no single one.
+        The constructor's arguments, and the number of iterations, None if the model has no single such number.
 
     Raises:
-        UsageError: a number of iterations for a model that has no single one, or one below 1.
+        UsageError: the number of iterations is below 1, or given for a model without a single such number.
 
     >>> class Net:
     ...     def __init__(self, use_tile_input=True, iters=32): ...
@@ -33,7 +34,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     ({'use_tile_input': False, 'iters': 12}, 12)
     """
     parameters = constructor_parameters(reference)
-    # ptlflow's own loader gives lists too, and some constructors write into them.
+    # ptlflow's own loader also passes lists, and some constructors modify them.
     options: dict[str, Any] = {
         key: list(parameter.default)
         for key, parameter in parameters.items()
@@ -42,7 +43,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     if "use_tile_input" in parameters:
         options["use_tile_input"] = False
     if "backbone_weights" in parameters:
-        options["backbone_weights"] = None  # fetched for nothing: the checkpoint replaces them
+        options["backbone_weights"] = None  # downloading them is unnecessary: the checkpoint replaces them
     keyword = next((key for key in _ITERATIONS if key in parameters), None)
     counted = keyword is not None and isinstance(parameters[keyword].default, int)
     if iterations is not None:
@@ -56,7 +57,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
 
 
 def constructor_parameters(reference: type) -> dict[str, inspect.Parameter]:
-    """The arguments of a class, including those of its bases through `**kwargs`.
+    """Return the arguments of a class, including those that it passes to its bases through `**kwargs`.
 
     >>> class Base:
     ...     def __init__(self, depth=3, width=64): ...

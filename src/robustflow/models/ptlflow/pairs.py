@@ -1,6 +1,7 @@
-"""Models of the library ptlflow, by its names.
+"""Two-frame models of the library ptlflow, under ptlflow's names.
 
-Needs the ptlflow extra when a model is built. Its import takes seconds and prints, so it is late and silenced.
+Building a model requires the ptlflow extra. Importing ptlflow takes seconds and prints output, so the import is
+deferred and silenced.
 """
 
 from __future__ import annotations
@@ -32,8 +33,7 @@ _SMALLEST = {
     **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), RAFT_SMALLEST),
     "flowformer": 25,
 }
-"""Smallest side in pixels for networks that otherwise give no numbers: those with RAFT's correlation, and
-FlowFormer."""
+"""Minimum side length in pixels, below which networks with RAFT's correlation, and FlowFormer, return NaN or fail."""
 
 BESIDES = {
     "splatflow": "cupy, for CUDA",
@@ -44,16 +44,18 @@ BESIDES = {
     "scv8": "torch_scatter and faiss",
     "waft_dinov3_a2": "the code of DINOv3 in ./thirdparty/dinov3",
 }
-"""What some of ptlflow's models need besides ptlflow, which does not install it."""
+"""Dependencies of some ptlflow models that ptlflow does not install."""
 
 CONFIDENT = ("liteflownet3", "liteflownet3_pseudoreg", "liteflownet3s", "liteflownet3s_pseudoreg")
-"""Networks that return a confidence, 0 to 1, with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow) is not
-one, and SEA-RAFT and its relatives return their estimate of the error only in training."""
+"""Networks that return a confidence from 0 to 1 with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow)
+does not count as a confidence, and SEA-RAFT and its relatives return an error estimate only in training.
+"""
 
 _SOURCE = SOURCES["ptlflow"]
 BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
-"""Networks whose pairs of a batch do not see each other, which `tests/models/test_batches.py` checks for each one.
-FlowFormer's do: its cost tokens attend with the contexts of other pairs."""
+"""Networks that process the pairs of a batch independently, as `tests/models/test_batches.py` checks. FlowFormer does
+not: its cost tokens attend to the contexts of other pairs.
+"""
 
 
 @with_execution
@@ -66,20 +68,20 @@ def ptlflow_model(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """A two-frame model of ptlflow, on whole frames; its own tiling, which a checkpoint may turn on, stays off.
+    """Build a two-frame ptlflow model for whole frames; its built-in tiling stays off, even if a checkpoint enables it.
 
     Args:
-        name: of the model.
-        architecture: ptlflow's name of it.
-        checkpoint: ptlflow's name of a checkpoint (things, sintel, ...), a file of its authors or of ptlflow, or
+        name: name of the model.
+        architecture: ptlflow's name for the network.
+        checkpoint: ptlflow's name of a checkpoint (things, sintel, ...), path of a file from the authors or ptlflow, or
             "random".
-        iterations: of the recurrent update; None for ptlflow's default. The paper's evaluation takes 12.
-        sha256: the file's hash, or its first eight or more digits, to be checked.
-        execution: see `Execution`; its fields are options.
+        iterations: number of recurrent updates; None for ptlflow's default. The paper's evaluation uses 12.
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
+        execution: execution settings; the fields of `Execution` are options.
 
     Raises:
         ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
-        UsageError: no such model, checkpoint or number of iterations.
+        UsageError: the model or checkpoint is unknown, or the number of iterations is invalid.
     """
 
     def wrap(model: Any) -> Any:
@@ -101,12 +103,12 @@ def ptlflow_network(
     sha256: str | None,
     execution: Execution,
 ) -> NetworkModel:
-    """A network of ptlflow, made callable by `wrap`; arguments and errors as for `ptlflow_model`."""
+    """Build a ptlflow network with the interface given by `wrap`; arguments and errors as for `ptlflow_model`."""
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("ptlflow", f"model '{name}'")
     if checkpoint is None and names and architecture not in BESIDES:
-        raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
+        raise needs_checkpoint(name, names, _SOURCE)  # checked first, because the library takes seconds to import
     with _silence():
         import ptlflow
     if architecture not in ptlflow.get_model_names():
@@ -122,7 +124,7 @@ def ptlflow_network(
             raise _not_built(name, architecture, reference, error) from error
 
     if architecture in BESIDES:
-        build()  # fails before a checkpoint is requested and fetched in vain
+        build()  # fails before a checkpoint is downloaded in vain
         if checkpoint is None and names:
             raise needs_checkpoint(name, names, _SOURCE)
     return network_model(
@@ -146,7 +148,7 @@ def ptlflow_network(
 
 
 def is_of_ptlflow(name: str) -> bool:
-    """Whether ptlflow is installed and has a model of this name."""
+    """Return whether ptlflow is installed and has a model of this name."""
     if find_spec("ptlflow") is None:
         return False
     with _silence():
@@ -164,9 +166,9 @@ def _not_built(name: str, architecture: str, reference: Any, error: Exception) -
 
 
 def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
-    """Settings that ptlflow stores with the weights of some checkpoints and restores when it loads them.
+    """Settings that ptlflow stores in some checkpoints and restores when it loads the weights.
 
-    `train_size` only turns on the tiling of the others, but it is part of MatchFlow's network.
+    In most models `train_size` only enables tiling, but in MatchFlow it is part of the network.
     """
     recorded = {}
     model = net.model
@@ -185,7 +187,7 @@ def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Standard output belongs to the results, and what ptlflow prints there is useless."""
+    """Suppress what ptlflow prints: standard output is reserved for results."""
     import loguru  # noqa: F401  # it keeps the stderr it finds on its first import, which must be the real one
 
     with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):

@@ -1,1 +1,1 @@
-"""The project's small network without PyTorch: NumPy's matrix product, and compiled loops for the rest."""
+"""The project's small network without PyTorch: NumPy matrix products and compiled loops."""

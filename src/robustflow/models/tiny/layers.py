@@ -13,25 +13,25 @@ Maps = npt.NDArray[np.float32]
 Weights = npt.NDArray[np.float32]
 
 _COLUMNS = 250_000
-"""Values of the unfolded input processed at a time: they fit into a core's cache, whatever the size of the frames."""
+"""Number of values of the unfolded input processed at a time, chosen to fit into a core's cache at any frame size."""
 _SLOPE = np.float32(0.1)
 
 
 def convolve(
     maps: Maps, weight: Weights, bias: Weights, stride: int = 1, dilation: int = 1, linear: bool = False
 ) -> Maps:
-    """A convolution that keeps the size (up to its stride), then LeakyReLU(0.1) unless `linear`.
+    """Apply a convolution that keeps the size (up to its stride), then LeakyReLU(0.1) unless `linear`.
 
     Args:
-        maps: (C, H, W).
-        weight: (O, C, k, k), k odd.
-        bias: (O,).
-        stride: 1 or 2.
-        dilation: of the kernel.
-        linear: without the LeakyReLU.
+        maps: input maps, (C, H, W).
+        weight: weights of the kernel, (O, C, k, k) with k odd.
+        bias: bias per output channel, (O,).
+        stride: stride, 1 or 2.
+        dilation: dilation of the kernel.
+        linear: whether to skip the LeakyReLU.
 
     Returns:
-        (O, ceil(H / stride), ceil(W / stride)).
+        The output maps, (O, ceil(H / stride), ceil(W / stride)).
 
     >>> ones = np.ones((1, 2, 3), np.float32)
     >>> convolve(ones, np.ones((1, 1, 3, 3), np.float32), np.zeros(1, np.float32))[0].tolist()
@@ -72,7 +72,7 @@ def normalised(maps: Maps, epsilon: float) -> Maps:
 
 
 def resized(flow: Maps, height: int, width: int) -> Maps:
-    """Resize a flow (2, h, w), bilinear with corner pixels kept at the corners, and scale its values."""
+    """Resize a flow (2, h, w) bilinearly with aligned corner pixels, and scale its values."""
     _, high, wide = flow.shape
     y = np.linspace(0, high - 1, height, dtype=np.float64)
     x = np.linspace(0, wide - 1, width, dtype=np.float64)
@@ -87,7 +87,7 @@ def resized(flow: Maps, height: int, width: int) -> Maps:
 
 @njit(cache=True, nogil=True)
 def warp(maps: Any, flow: Any, out: Any) -> None:
-    """Sample `maps` (C, H, W) at pixel + `flow` (2, H, W), bilinear, the border repeated, into `out` (C, H, W).
+    """Sample `maps` (C, H, W) bilinearly at pixel + `flow` (2, H, W), with a replicated border, into `out` (C, H, W).
 
     Coordinates are converted to -1..1 in single precision, as in PyTorch's sampler, so that both round in the same way.
     """
@@ -116,8 +116,9 @@ def warp(maps: Any, flow: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
-    """Mean over channels of `first` at a pixel times `second` within `radius` of it, zero outside; into `out`
-    ((2 * radius + 1) ** 2, H, W), row by row of the window."""
+    """Write the correlation (mean over channels) of `first` at a pixel with `second` within `radius` of it, zero
+    outside, to `out` ((2 * radius + 1) ** 2, H, W), row by row of the window.
+    """
     channels, height, width = first.shape
     side = 2 * radius + 1
     for row in range(height):
@@ -140,8 +141,9 @@ def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def enlarge(flow: Any, mask: Any, factor: Any, out: Any) -> None:
-    """Convex upsampling: each fine pixel a mean of 3 x 3 coarse ones weighted by the softmax of `mask`
-    (9 * factor ** 2, H, W), zero outside; `flow` (2, H, W) into `out` (2, factor * H, factor * W), values scaled."""
+    """Upsample `flow` (2, H, W) into `out` (2, factor * H, factor * W) and scale its values. Each fine pixel is the
+    mean of 3 x 3 coarse pixels, zero outside, weighted by the softmax of `mask` (9 * factor ** 2, H, W).
+    """
     _, height, width = flow.shape
     weights = np.empty(9, np.float32)
     for row in range(height):

@@ -1,4 +1,4 @@
-"""The small network as a model of the base installation."""
+"""The small network as a model that runs without PyTorch."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .shipped import ShippedWeights
 
 
 def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flow:
-    """The flow of a pair.
+    """Compute the flow of a pair.
 
     Args:
-        weights: by the names of the trained network's state, float32.
-        frame1: RGB uint8 (H, W, 3).
-        frame2: as frame 1.
+        weights: float32 weights by the names in the trained network's state dict.
+        frame1: first frame, RGB uint8 (H, W, 3).
+        frame2: second frame, same format as `frame1`.
 
     Returns:
-        float32 (H, W, 2), pixels.
+        The flow in pixels, float32 (H, W, 2).
     """
     height, width = frame1.shape[:2]
     top, left = (-height % MULTIPLE) // 2, (-width % MULTIPLE) // 2
@@ -42,7 +42,7 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
 
 
 def _entering(frame: Frame) -> Maps:
-    """Convert a frame to the network's input: (3, H, W) in -1..1, its border repeated up to multiples of 32."""
+    """Convert a frame to the network's input: (3, H, W) in -1..1, padded to multiples of 32 by repeating the border."""
     height, width = frame.shape[:2]
     rows, columns = -height % MULTIPLE, -width % MULTIPLE
     sides = ((rows // 2, rows - rows // 2), (columns // 2, columns - columns // 2), (0, 0))
@@ -51,7 +51,7 @@ def _entering(frame: Frame) -> Maps:
 
 
 def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
-    """Features at 1/4, 1/8, 1/16 and 1/32."""
+    """Return the features at 1/4, 1/8, 1/16 and 1/32 resolution."""
     levels = []
     for level in range(LEVELS):
         for place, stride in ((0, 2), (1, 1)):
@@ -62,7 +62,7 @@ def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
 
 
 def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
-    """The features of a level for the decoder, (32, H, W)."""
+    """Return the features of a level for the decoder, (32, H, W)."""
     warped = np.empty_like(other)
     warp(other, flow, warped)
     correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)
@@ -76,11 +76,11 @@ def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps,
 
 
 class NumpyTiny:
-    """The small network in NumPy; satisfies `FlowModel`.
+    """The small network in NumPy, a `FlowModel`.
 
     Args:
-        name: of the model.
-        weights: shipped ones.
+        name: name of the model.
+        weights: weights shipped in the package.
 
     >>> import numpy as np
     >>> from robustflow.models.tiny.shipped import shipped_weights
@@ -97,14 +97,14 @@ class NumpyTiny:
         self._weights = weights
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: the weights' SHA-256, and that NumPy computes."""
+        """Return the identity: the weights' SHA-256 and the runtime, NumPy."""
         return {"name": self.name, "checkpoint": self._weights.sha256, "runtime": "numpy"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`. Frames of any size.
+        """Predict a flow as in `FlowModel.predict`, for frames of any size.
 
         Raises:
-            UsageError: frames that are not RGB uint8 of one size.
+            UsageError: the frames are not RGB uint8 of equal size.
         """
         check_pair(frame1, frame2)
         return predict(self._weights.arrays, frame1, frame2)

@@ -1,4 +1,4 @@
-"""The weights that come with the package, and facts about them."""
+"""Load the weights shipped in the package, and their metadata."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from ...errors import AssetError
 from .layers import Weights
 
 SHIPPED = ("tiny", "tiny_no_weather", "tiny_all")
-"""Models by the corruptions that their training frames had: none, those of all families but weather, all."""
+"""Models trained without corruptions, with all families except weather, and with all corruptions.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,10 +22,10 @@ class ShippedWeights:
     """A file of weights.
 
     Attributes:
-        arrays: float32, by the names of the trained network's state.
-        sha256: of the file, 64 hexadecimal digits.
-        about: recipe, seed, data, commit and the rest of how they were made.
-        trained_on: training sets, as `--trained-on` takes them.
+        arrays: float32 weights by the names in the trained network's state dict.
+        sha256: SHA-256 of the file, 64 hexadecimal digits.
+        about: training metadata: recipe, seed, data, commit and more.
+        trained_on: training sets in the format of `--trained-on`.
     """
 
     arrays: Mapping[str, Weights]
@@ -34,7 +35,7 @@ class ShippedWeights:
 
 
 def shipped_weights(name: str) -> ShippedWeights:
-    """The weights of a model of `SHIPPED`.
+    """Return the weights of a model in `SHIPPED`.
 
     Raises:
         AssetError: the installation is damaged.

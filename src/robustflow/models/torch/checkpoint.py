@@ -1,4 +1,4 @@
-"""Read a checkpoint file as what it is: an untrusted download that should hold tensors and nothing else."""
+"""Read a checkpoint file safely: it is an untrusted download that should contain only tensors."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from ..model_file import damaged, opened
 
 
 class _Unread:
-    """Takes the place of objects that training scripts store beside the weights: accepts any arguments, holds
-    nothing."""
+    """A placeholder for objects that training scripts store with the weights; it accepts any
+    arguments and ignores them.
+    """
 
     def __new__(cls, *args: Any) -> _Unread:
         return super().__new__(cls)
@@ -28,7 +29,7 @@ class _Unread:
         pass
 
 
-# A best error, a learning rate, the command line: none of them is unpickled.
+# These are, for example, the best error, the learning rate or the command line; none of them is unpickled.
 _BESIDE_WEIGHTS = [
     (_Unread, name)
     for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
@@ -36,22 +37,23 @@ _BESIDE_WEIGHTS = [
 
 
 HELD_AS = ("state_dict", "model_state_dict", "model")
-"""Keys under which files store their weights."""
+"""Keys under which checkpoint files store the weights."""
 
 TRAINED_ON = "robustflow_trained_on"
-"""Key under which `robustflow train` stores what the weights were trained on."""
+"""Key under which `robustflow train` stores the training sets of the weights."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The weights of a file, by the names they have in it.
+    """The contents of a checkpoint file.
 
     Attributes:
-        path: where they were read.
-        sha256: of the file, 64 hexadecimal digits.
-        weights: tensors on the CPU.
-        hyper_parameters: what Lightning stores under this name, as untrusted as the rest; empty if there is none.
-        trained_on: training sets as the file itself declares them, which `robustflow train` writes; None without.
+        path: path of the file.
+        sha256: SHA-256 of the file, 64 hexadecimal digits.
+        weights: tensors on the CPU by their names in the file.
+        hyper_parameters: Lightning's entry of this name, as untrusted as the rest; empty if there is none.
+        trained_on: training sets that the file declares, written by `robustflow train`; None if there is no
+            declaration.
     """
 
     path: Path
@@ -62,18 +64,19 @@ class Checkpoint:
 
 
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
-    """Read a file saved with `torch.save`: a state dict, or a dict that holds one under one of `HELD_AS`.
+    """Read a file saved with `torch.save`: a state dict, or a dict that contains one under a key in `HELD_AS`.
 
-    Nothing in the file is run: its declared sizes are compared with the file's, then it is read with
+    No code in the file is run: its declared sizes are compared with the file size, then it is read with
     `weights_only=True`.
 
     Args:
-        path: the file.
-        sha256: the hash it must have, or the first eight or more digits of it.
+        path: path of the file.
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
 
     Raises:
-        ModelError: missing, another hash, not a checkpoint, damaged, a zip bomb, or holding more than plain weights.
-        UsageError: `sha256` is not such digits.
+        ModelError: the file is missing, has a different hash, is not a checkpoint, is damaged, is a zip bomb, or
+            contains more than plain weights.
+        UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
     path = Path(path).expanduser()
     content, digest = read_content(path, sha256)
@@ -89,7 +92,7 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
 
 
 def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
-    """What a file saved with `torch.save` holds, read with the same checks, and the file's SHA-256.
+    """Return the contents of a file saved with `torch.save`, read with the same checks, and the file's SHA-256.
 
     Raises:
         ModelError, UsageError: see `read_checkpoint`.
@@ -101,7 +104,7 @@ def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
 
 def _check_archive(path: Path, file: BinaryIO) -> None:
     if file.read(2) != b"PK":
-        return  # the format of PyTorch before 1.6, whose sizes torch compares with the file as it reads
+        return  # format before PyTorch 1.6: torch compares the declared sizes with the file size while reading
     size = file.seek(0, 2)
     try:
         with zipfile.ZipFile(file) as archive:
@@ -110,7 +113,7 @@ def _check_archive(path: Path, file: BinaryIO) -> None:
     except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
         raise damaged(path, error) from None
     if declared > size:
-        # torch.save never compresses, so what is inside cannot be larger than the file.
+        # torch.save never compresses, so the contents cannot be larger than the file.
         raise ModelError(
             f"{path}: refused: its {size} bytes would unpack to {declared}; a file of torch.save is not compressed, so "
             "this is not a genuine checkpoint"
@@ -123,17 +126,19 @@ def _load(path: Path, file: BinaryIO) -> Any:
     file.seek(0)
     try:
         with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
-            warnings.simplefilter("ignore")  # warns about the pickle protocol; what cannot be read is an error anyway
+            warnings.simplefilter("ignore")  # warns about the pickle protocol; unreadable files raise an error anyway
             return torch.load(file, weights_only=True, map_location="cpu")
     except pickle.UnpicklingError as error:
         lines = str(error).splitlines()
         reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
-        reason = reason.partition(" Please use")[0][:200]  # torch suggests an option that would run the file
+        reason = reason.partition(" Please use")[0][
+            :200
+        ]  # torch's message suggests an option that would run code in the file
         raise ModelError(
             f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
             "authors' file, or save its state_dict alone with torch.save where you trust it"
         ) from None
-    except Exception as error:  # torch has no specific error class for a file that ends early or contradicts itself
+    except Exception as error:  # torch has no specific exception type for a truncated or inconsistent file
         raise damaged(path, error) from None
 
 

@@ -14,11 +14,11 @@ from .model import NetworkModel
 
 
 class TorchClipModel:
-    """Satisfies `ClipModel`.
+    """A multi-frame network; satisfies `ClipModel`.
 
     Args:
-        network: its net takes images (1, 3, H, W) in the order of time, and `index`.
-        window: the frames that it needs.
+        network: network whose net takes images (1, 3, H, W) in temporal order, and `index`.
+        window: frames that the network needs.
     """
 
     def __init__(self, network: NetworkModel, window: Window) -> None:
@@ -41,14 +41,14 @@ class TorchClipModel:
         return self._network.device
 
     def identity(self) -> dict[str, Any]:
-        """See `NetworkModel.identity`; the window is in a run's identity where it is used."""
+        """Return the identity of the network. The window becomes part of a run's identity only where it is used."""
         return self._network.identity()
 
     def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
-        """See `ClipModel.predict_clip`.
+        """Predict a flow as in `ClipModel.predict_clip`.
 
         Raises:
-            UsageError: no pair at `index`.
+            UsageError: there is no pair at `index`.
         """
         if not 0 <= index < len(frames) - 1:
             raise UsageError(f"{len(frames)} frames have no pair at index {index}")
@@ -56,8 +56,8 @@ class TorchClipModel:
 
 
 class TorchStreamModel(TorchClipModel):
-    """A network that works with two frames and improves with those before them. Also satisfies `FlowModel`."""
+    """A multi-frame network that can also run on two frames. Also satisfies `FlowModel`."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`: the first pair of a sequence."""
+        """Predict a flow as in `FlowModel.predict`, treating the pair as the first of a sequence."""
         return self.predict_clip((frame1, frame2), 0)

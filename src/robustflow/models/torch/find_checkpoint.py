@@ -1,4 +1,4 @@
-"""Where a checkpoint is: the given path, or the cache for one that is published under a name."""
+"""Locate a checkpoint: a given path, or the cached download of a published name."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from pathlib import Path
 from ...errors import ModelError, first_line, unknown_name
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file of https://download.pytorch.org/models"}
-"""Where the weights of a library's networks are published, for messages."""
+"""Source of the weights of a library's networks, for messages."""
 
 RANDOM = "random"
-"""Instead of a checkpoint: seeded random weights, for measuring cost and for tests."""
+"""Value of `checkpoint` for seeded random weights, used to measure cost and in tests."""
 
 
 def refuse_missing_file(
     model: str, checkpoint: str | Path | None, published: Collection[str], source: str, *, strict: bool = True
 ) -> None:
-    """Raise if a given checkpoint does not exist. It needs no library, so it is called before their imports.
+    """Raise if a given checkpoint does not exist. It needs no heavy library, so it runs before their imports.
 
     Args:
-        model: for messages.
-        checkpoint: a path, a name among `published`, "random", or None, which passes.
-        published: names of checkpoints that can be fetched.
-        source: which file is meant and where its authors publish it.
-        strict: `published` is complete, so any other name is unknown.
+        model: name of the model, for messages.
+        checkpoint: path, name in `published`, "random", or None, which is always accepted.
+        published: names of checkpoints that can be downloaded.
+        source: description of the file and of where its authors publish it.
+        strict: whether `published` is complete, so that any other name is an error.
 
     Raises:
-        ModelError: no such file.
-        UsageError: a name that is not published.
+        ModelError: the file does not exist.
+        UsageError: the name is not published.
     """
     if checkpoint is None or str(checkpoint) in (RANDOM, *published) or Path(checkpoint).expanduser().exists():
         return
@@ -44,22 +44,24 @@ def refuse_missing_file(
 def find_checkpoint(
     model: str, checkpoint: str | Path | None, published: Mapping[str, str], source: str
 ) -> tuple[Path, str | None]:
-    """The file of a checkpoint, downloaded into PyTorch's cache if it is published by name and not there yet.
+    """Return the file of a checkpoint; published checkpoints are downloaded to PyTorch's cache if they are not there
+    yet.
 
-    A name takes precedence over a file of the same name in the current folder, for which write `./NAME`.
+    A published name takes precedence over a file of the same name in the current folder; write `./NAME` for the file.
 
     Args:
-        model: for messages.
-        checkpoint: a path, or a name among `published`.
-        published: addresses by name; a file name that ends in `-XXXXXXXX.ext` states the beginning of its SHA-256.
-        source: which file is meant and where its authors publish it.
+        model: name of the model, for messages.
+        checkpoint: path, or name in `published`.
+        published: URLs by name; a file name that ends in `-XXXXXXXX.ext` contains the first digits of its SHA-256.
+        source: description of the file and of where its authors publish it.
 
     Returns:
-        The path, and the digits that its SHA-256 must begin with, or None if they are not known.
+        The path, and the first digits of the expected SHA-256, or None if they are not known.
 
     Raises:
-        ModelError: no checkpoint, no such file, or one that cannot be downloaded; it says where to put it.
-        UsageError: a name that is not published.
+        ModelError: there is no checkpoint, the file does not exist, or the download fails; the message says where to
+            put the file.
+        UsageError: the name is not published.
     """
     if checkpoint is None:
         raise needs_checkpoint(model, published, source)
@@ -70,7 +72,7 @@ def find_checkpoint(
 
 
 def needs_checkpoint(model: str, published: Collection[str], source: str) -> ModelError:
-    """The error for a network without weights."""
+    """Return the error for a network without weights."""
     return ModelError(
         f"model '{model}' needs its checkpoint: {_get(published, source)}, and give its path as --checkpoint"
     )
@@ -91,7 +93,9 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
-        except Exception as error:  # no connection, no permission, a wrong hash: each raises a different exception
+        except (
+            Exception
+        ) as error:  # a missing connection, a missing permission and a wrong hash raise different exceptions
             reason = getattr(error, "reason", None) or first_line(error)
             raise ModelError(
                 f"model '{model}': cannot fetch {url} ({reason}); put that file at {path}, or give the path of a copy "
