@@ -1,6 +1,6 @@
-"""How certain a mean is: bootstrap intervals, paired tests, and what can be claimed about a difference.
+"""Uncertainty of means: bootstrap intervals, paired tests, and statements about differences.
 
-`docs/design/uncertainty.md` explains the choice of methods and how well they work.
+`docs/design/uncertainty.md` explains the choice of methods and evaluates them.
 """
 
 from __future__ import annotations

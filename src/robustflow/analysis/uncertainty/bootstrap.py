@@ -5,14 +5,15 @@ t* = (theta* - theta) / se* approximates the unknown distribution of (theta - tr
 
     truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
 
-with q the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below a
-exactly if the interval of level 1 - a excludes 0, up to the granularity of the resamples.
+where q are the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below
+a exactly if the interval of level 1 - a excludes 0, up to the resolution of the resamples.
 
-Errors are skewed, so the two tails of a mean are estimated separately. They are estimated together (quantiles of |t*|,
-a symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
-otherwise; for CREr, a ratio of two means, of which ln(1 + CREr) is studentised and its jackknife standard error taken;
-and for fewer than `FEW` clusters, for which one tail alone would rest on too few distinct resamples. With so few that
-the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
+Errors are skewed, so the two tails of a mean are estimated separately. In three cases they are estimated together
+(quantiles of |t*|, a symmetric interval): for a difference between models, which is nearly symmetric and whose test
+would otherwise reject too often; for CREr, a ratio of two means, where ln(1 + CREr) is studentised with a jackknife
+standard error; and for fewer than `FEW` clusters, where a single tail would contain too few distinct resamples. There
+is no interval if the clusters are so few that resamples without any spread are more frequent than the tail.
+`docs/design/uncertainty.md` reports the coverage.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ FEW = 12
 RESAMPLES = 4999
 LEVEL = 0.95
 _BLOCK = 2**22
-"""Numbers in one block of weights: resamples are drawn in blocks, so memory stays bounded."""
+"""Number of weights in one block. Resamples are drawn in blocks to limit memory use."""
 
 _WIDTH = 512
-"""Number of columns in one product with the weights."""
+"""Maximum number of columns multiplied by the weights at once."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -45,10 +46,10 @@ class Interval:
     """An estimate and its uncertainty.
 
     Attributes:
-        estimate: the statistic of the data.
-        standard_error: of the estimate; None for a single cluster.
-        low, high: ends of the interval; None if there are too few clusters for one.
-        p: two-sided p-value of the statistic being 0; None as for the ends.
+        estimate: value of the statistic on the data.
+        standard_error: standard error of the estimate; None for a single cluster.
+        low, high: ends of the interval; None if there are too few clusters.
+        p: two-sided p-value for the hypothesis that the statistic is 0; None if there are too few clusters.
     """
 
     estimate: float
@@ -68,20 +69,20 @@ def bootstrap(
     symmetric: bool = False,
     relative: Container[Key] = (),
 ) -> dict[Key, Interval]:
-    """Intervals and p-values of several statistics of the same data, from the same resamples.
+    """Compute intervals and p-values of several statistics of the same data from the same resamples.
 
     Args:
-        statistics: of the same clusters.
-        clusters: G.
-        level: of the intervals, between 0 and 1.
-        resamples: how many; the p-value cannot be below 1 / (resamples + 1).
-        seed: the same seed, the same resamples.
-        symmetric: estimate both tails together, as for differences.
-        relative: which of them are increases relative to a mean, as CREr is; of these the logarithm, ln(1 + statistic),
-            is studentised, both tails together.
+        statistics: name -> statistic, all of the same clusters.
+        clusters: number of clusters, G.
+        level: confidence level of the intervals, at least 0.5 and below 1.
+        resamples: number of resamples; the p-value cannot be below 1 / (resamples + 1).
+        seed: random seed; the same seed gives the same resamples.
+        symmetric: whether to estimate both tails together, as for differences.
+        relative: names of the statistics that are increases relative to a mean, such as CREr. For these, ln(1 +
+            statistic) is studentised and both tails are estimated together.
 
     Raises:
-        UsageError: a level or number of resamples out of range.
+        UsageError: if the level or the number of resamples is out of range.
 
     >>> import numpy as np
     >>> from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
@@ -125,14 +126,14 @@ class _Logarithm(NamedTuple):
 
 
 def _logarithm(values: StatisticValues) -> _Logarithm:
-    """ln(1 + statistic) with its standard error, to first order; NaN up to -1."""
+    """Compute ln(1 + statistic) and its standard error to first order; NaN for statistics of at most -1."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return _Logarithm(np.log1p(values.theta), values.standard_error / (1 + values.theta))
 
 
 def _jackknife(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, Array]:
-    """The standard error of each `_logarithm`, from leaving out one cluster after the other: that of the sandwich
-    formula is too small where a few large clusters make up most of a mean."""
+    """Compute the jackknife standard error of each `_logarithm`, leaving out one cluster at a time. The sandwich
+    formula underestimates the standard error if a few large clusters dominate a mean."""
     without: dict[Key, list[Array]] = {key: [] for key in statistics}
     block = max(1, _BLOCK // clusters)
     for start in range(0, clusters if statistics else 0, block):
@@ -144,7 +145,7 @@ def _jackknife(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, 
 
 
 def _exponential(interval: Interval, values: StatisticValues) -> Interval:
-    """The interval of a statistic from that of its `_logarithm`."""
+    """Convert the interval of a `_logarithm` to the interval of the statistic."""
     if interval.low is None or interval.high is None:
         return _without_interval(values)
     ends = float(np.expm1(interval.low)), float(np.expm1(interval.high))
@@ -152,7 +153,7 @@ def _exponential(interval: Interval, values: StatisticValues) -> Interval:
 
 
 def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:
-    """Each statistic's values; the products with the weights are computed for many statistics at once."""
+    """Yield the values of each statistic; the products with the weights are computed for many statistics at once."""
     keys = list(statistics)
     while keys:
         width = 0
@@ -169,7 +170,7 @@ def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tup
 
 
 def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
-    """Whether resamples that draw only a single cluster, which have no spread, are rarer than the tail.
+    """Whether resamples that draw only a single cluster, and so have no spread, are less frequent than the tail.
 
     >>> enough_clusters(3), enough_clusters(4)
     (False, True)
@@ -178,7 +179,7 @@ def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
 
 
 def fewest_clusters(level: float = LEVEL) -> int:
-    """The smallest number of clusters for which there is an interval.
+    """Return the smallest number of clusters for which an interval exists.
 
     >>> fewest_clusters()
     4
@@ -197,7 +198,7 @@ def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
 
 
 def _pivots(estimates: StatisticValues, center: float) -> Array:
-    """t* of each resample: 0 where the resample repeats the data, infinite where it has no spread."""
+    """Compute t* of each resample: 0 where the resample equals the data, infinite where it has no spread."""
     shift, spread = estimates.theta - center, estimates.standard_error
     tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
     with np.errstate(divide="ignore", invalid="ignore"):

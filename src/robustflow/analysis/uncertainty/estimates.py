@@ -1,12 +1,12 @@
 """Means over images and the contribution of each cluster, for many resamples at once.
 
-A cluster is drawn as a whole: a video sequence, or a single image if images are independent. With T_gk the sum and N_gk
-the number of images of cluster g at condition k (a corruption at a severity), w_g how often the cluster was drawn, and
-v_k the weight of a condition (sum 1),
+A cluster is drawn as a whole: a video sequence, or a single image if images are independent. Let T_gk be the sum over
+the images of cluster g at condition k (a corruption at a severity), N_gk the number of these images, w_g the number of
+times that the cluster was drawn, and v_k the weight of condition k (with sum 1). Then
 
     mean_k = sum_g w_g T_gk / sum_g w_g N_gk        theta = sum_k v_k mean_k
 
-is the paper's average, and the influence of cluster g on it is, to first order,
+is the paper's average, and to first order the influence of cluster g on it is
 
     U_g = sum_k v_k (T_gk - mean_k N_gk) / sum_h w_h N_hk .
 
@@ -27,12 +27,12 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """One statistic in B resamples.
+    """The values of one statistic in B resamples.
 
     Attributes:
-        theta: float64 (B,), the statistic; NaN where a resample has no image to measure.
-        influence: float64 (B, G), what each cluster adds to it, to first order.
-        weights: float64 (B, G), how often each cluster was drawn.
+        theta: float64 (B,), value of the statistic; NaN where a resample contains no image.
+        influence: float64 (B, G), first-order contribution of each cluster to `theta`.
+        weights: float64 (B, G), number of times that each cluster was drawn.
     """
 
     theta: Array
@@ -50,7 +50,8 @@ class Estimates:
 
     @property
     def standard_error(self) -> Array:
-        """float64 (B,), of each resample's statistic, by the sandwich formula; NaN for a single cluster."""
+        """float64 (B,), standard error of the statistic in each resample by the sandwich formula; NaN for one
+        cluster."""
         clusters = self.weights.shape[1]
         if clusters < 2:
             return np.full(len(self.theta), np.nan)
@@ -59,14 +60,14 @@ class Estimates:
 
 
 def weighted_means(total: Array, count: Array, share: Array, weights: Array) -> Estimates:
-    """The weighted mean over conditions of the means over images.
+    """Compute the weighted mean over conditions of the means over images.
 
     Args:
-        total: float64 (G, K), sums over the images of a cluster at a condition, 0 where it has none.
-        count: float64 (G, K), how many images those are.
-        share: float64 (K,), the weight of each condition; in a resample without an image at one of them, the others
-            share its weight.
-        weights: float64 (B, G), how often each cluster is drawn in each resample.
+        total: float64 (G, K), sums over the images of a cluster at a condition, 0 where the cluster has no images.
+        count: float64 (G, K), number of these images.
+        share: float64 (K,), weight of each condition; if a resample has no image at a condition, its weight is
+            distributed over the other conditions.
+        weights: float64 (B, G), number of times that each cluster is drawn in each resample.
 
     >>> import numpy as np
     >>> total, once = np.array([[1.0], [2.0], [3.0], [6.0]]), np.ones((1, 4))

@@ -1,4 +1,4 @@
-"""Correction for many comparisons."""
+"""Correct p-values for multiple comparisons."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down adjusted p-values (Holm 1979): reject those below a, and the chance of any false rejection
-    stays below a, whatever the dependence between the tests.
+    """Adjust p-values by Holm's step-down method (Holm 1979). Rejecting all adjusted p-values below a keeps the
+    probability of any false rejection below a, regardless of the dependence between the tests.
 
     >>> [round(p, 3) for p in holm([0.01, 0.04, 0.03])]
     [0.03, 0.06, 0.06]

@@ -39,29 +39,29 @@ def intervals(
     families: bool = False,
     metrics: Sequence[str] = INTERVAL_METRICS,
 ) -> pl.DataFrame:
-    """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
+    """Compute intervals of EPE, CRE, CREr and RCRE, overall and per corruption, and of the clean EPE.
 
-    Images are resampled; if several share a `group` (the pairs of a video), groups are.
+    Images are resampled; if several images share a `group` (such as the pairs of a video), whole groups are resampled.
 
     Args:
-        rows: of one run.
-        level: of the intervals.
-        resamples: of the bootstrap.
-        seed: of the bootstrap.
-        severities: give intervals for each corruption at each severity, too.
-        corruptions: give intervals for each corruption, too; otherwise only for the clean EPE and the averages, in a
-            fraction of the time.
-        families: give intervals for the mean over each family of corruptions, too.
-        metrics: those to compute.
+        rows: rows of one run.
+        level: confidence level of the intervals.
+        resamples: number of bootstrap resamples.
+        seed: random seed of the bootstrap.
+        severities: whether to include intervals for each corruption at each severity.
+        corruptions: whether to include intervals for each corruption; computing only the clean EPE and the averages is
+            much faster.
+        families: whether to include intervals for the mean over each corruption family.
+        metrics: names of the metrics to compute.
 
     Returns:
         Columns metric, corruption (a name, a family, "average" or "clean"), severity (null for the mean over them),
         estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups;
-        for a length, EPE or RCRE, low is not below 0), images, clusters, level. Metrics that need ground truth are left
-        out if there is none.
+        for EPE and RCRE, low is at least 0), images, clusters, level. Metrics that need ground truth are left out if
+        there is none.
 
     Raises:
-        UsageError: a level or number of resamples out of range.
+        UsageError: if the level or the number of resamples is out of range.
     """
     sums = ClusterSums.of(rows)
     keys = [key for key in statistics_of(sums, severities, corruptions, families) if key[0] in metrics]
@@ -83,7 +83,7 @@ def intervals(
 def statistics_of(
     sums: ClusterSums, severities: bool = False, corruptions: bool = True, families: bool = False
 ) -> list[MetricKey]:
-    """(metric, corruption, severity) of every mean that can be made."""
+    """List the (metric, corruption, severity) of every mean that the rows allow."""
     keys: list[MetricKey] = [("epe", CLEAN, None)]
     for metric in INTERVAL_METRICS:
         keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]
@@ -95,5 +95,5 @@ def statistics_of(
 
 
 def _possible(metric: str, low: float | None) -> float | None:
-    """An end of an interval, cut off at 0 for lengths."""
+    """Clip an end of an interval at 0 if the metric is a length."""
     return max(low, 0.0) if low is not None and metric in ("epe", "rcre") else low

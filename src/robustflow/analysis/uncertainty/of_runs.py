@@ -1,4 +1,4 @@
-"""The intervals of a run that pages show, computed once and stored with it."""
+"""The intervals of a run that reports show, computed once and stored with the run."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _Line = tuple[str, str, float, float]
 def interval_ends(
     run: Run, corruptions: bool = True, beside_published: bool = False
 ) -> dict[tuple[str, str], IntervalEnds]:
-    """(metric, corruption, family, "clean" or "average") -> the ends of the 95 % interval, if there is one.
+    """Map (metric, corruption, family, "clean" or "average") to the ends of the 95 % interval, where one exists.
 
     Args:
-        run: whose intervals.
-        corruptions: include each corruption and each family; otherwise only the clean EPE and the averages.
-        beside_published: as for `run_results`: an average may be over fewer corruptions than the run's.
+        run: run to compute the intervals for.
+        corruptions: whether to include each corruption and each family, not only the clean EPE and the averages.
+        beside_published: whether averages are restricted to the paper's corruptions, as in `run_results`.
     """
     fewer = beside_published and more_than_paper(run)
     kind = "paper " if fewer else ""

@@ -1,7 +1,7 @@
-"""Two models on the same samples: differences, intervals, p-values, Holm's correction, and a sentence.
+"""Compare two models on the same samples: differences, intervals, p-values with Holm's correction, and a sentence.
 
-The same image is hard for both models, so the difference is taken image by image before anything is averaged; the test
-is based on its spread.
+An image that is hard for one model is usually hard for the other, so differences are computed per image before
+averaging, and the test is based on the spread of these differences.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ COMPARISON_SCHEMA: dict[str, Any] = {
     "level": pl.Float64,
     "sentence": pl.String,
 }
-"""`difference` is first minus second: below 0 the first is lower. `p_holm` is corrected over `comparisons`."""
+"""`difference` is first minus second, so negative if the first is lower. `p_holm` is corrected for `comparisons`
+tests."""
 
 
 def compare_rows(
@@ -51,21 +52,21 @@ def compare_rows(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Whether two models differ: in clean EPE, and in EPE, CRE, CREr and RCRE, on average and per corruption.
+    """Test whether two models differ in clean EPE and in EPE, CRE, CREr and RCRE, on average and per corruption.
 
-    Only what both runs measured on the same frames and ground truth is compared (`runs.comparable`). p-values are
-    corrected over all lines of one metric.
+    Only measurements on the same frames and ground truth are compared (`runs.comparable`). p-values are corrected over
+    all lines of one metric.
 
     Args:
         first, second: rows of two runs over the same samples.
-        names: of the models, for the sentences.
-        level, resamples, seed: of the bootstrap.
+        names: names of the two models, for the sentences.
+        level, resamples, seed: confidence level, number of resamples and random seed of the bootstrap.
 
     Returns:
-        Columns of `COMPARISON_SCHEMA`.
+        A table with the columns of `COMPARISON_SCHEMA`.
 
     Raises:
-        RunError: nothing in common on the same frames and ground truth.
+        RunError: if the runs have nothing in common on the same frames and ground truth.
     """
     sums = tuple(ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
     differences = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
@@ -89,13 +90,13 @@ def compare_all(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """All pairs of many models compared in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`.
+    """Compare all pairs of models in the average of one metric, corrected over all pairs (`COMPARISON_SCHEMA`).
 
-    Only what all of them measured on the same frames and ground truth is compared, so a model has the same value in all
-    its lines.
+    Only measurements of all models on the same frames and ground truth are compared, so a model has the same value in
+    every line.
 
     Raises:
-        RunError: nothing in common on the same frames and ground truth.
+        RunError: if the runs have nothing in common on the same frames and ground truth.
     """
     key: MetricKey = (metric, AVERAGE, None)
     common, _ = common_rows(list(runs.values()), list(runs))
@@ -139,7 +140,7 @@ def _differences(
 
 
 def _gaps(sums: tuple[ClusterSums, ...]) -> tuple[float | None, float | None]:
-    """Clean EPE and average RCRE of the first minus that of the second, pixels; None where it was not measured."""
+    """Return the differences (first minus second) in clean EPE and average RCRE, in pixels; None if not measured."""
     whole = np.ones((1, len(sums[0].clusters)))
     gaps: list[float | None] = []
     for key in (("epe", CLEAN, None), ("rcre", AVERAGE, None)):

@@ -1,10 +1,10 @@
-"""How many pairs a comparison of two models needs, planned from what was measured.
+"""Power analysis: the number of pairs needed to compare two models, based on existing measurements.
 
-With G clusters (drives or sequences, or single pairs where they are independent) the difference of two means has the
-standard error s / sqrt(G). If the models differ by `effect`, the difference over its estimated standard error follows,
-to first order, the noncentral t distribution with G - 1 degrees of freedom and noncentrality sqrt(G) effect / s. The
-test finds the difference when that exceeds the t distribution's quantile. More pairs mean more clusters like those
-measured: more frames of the same drives say less.
+With G clusters (drives or sequences, or single pairs if these are independent), the difference of two means has the
+standard error s / sqrt(G). If the models differ by `effect`, the difference divided by its estimated standard error
+follows, to first order, the noncentral t distribution with G - 1 degrees of freedom and noncentrality sqrt(G) effect /
+s. The test detects the difference if this ratio exceeds the quantile of the t distribution. The required number of
+pairs assumes additional clusters like those measured; more frames of the same drives add less information.
 """
 
 from __future__ import annotations
@@ -41,18 +41,19 @@ POWER_SCHEMA: dict[str, Any] = {
     "images_needed": pl.Int64,
     "clusters_needed": pl.Int64,
 }
-"""`detectable`: the difference that these clusters find with the wanted power, pixels. `power`: of finding `effect`
-with these clusters. `images_needed` and `clusters_needed`: to find `effect` with the wanted power."""
+"""`detectable` is the difference in pixels that these clusters detect with the requested power, `power` the power to
+detect `effect` with these clusters, and `images_needed` and `clusters_needed` the numbers of images and clusters needed
+to detect `effect` with the requested power."""
 
 
 def power_of(effect: float, deviation: float, clusters: int, level: float = LEVEL) -> float:
-    """The probability that the paired test finds a difference, in either direction.
+    """Compute the probability that the paired test detects a difference, in either direction.
 
     Args:
-        effect: the true difference, pixels.
-        deviation: s above, the standard deviation of a cluster's contribution, pixels.
-        clusters: G, at least 2.
-        level: 1 minus the significance of the test.
+        effect: true difference, pixels.
+        deviation: standard deviation of a cluster's contribution (s in the module's docstring), pixels.
+        clusters: number of clusters (G), at least 2.
+        level: confidence level, 1 minus the significance level of the test.
 
     >>> round(power_of(0.5, 1.0, 34), 3)
     0.808
@@ -70,7 +71,7 @@ def power_of(effect: float, deviation: float, clusters: int, level: float = LEVE
 
 
 def clusters_needed(effect: float, deviation: float, power: float = POWER, level: float = LEVEL) -> int | None:
-    """The fewest clusters with which the test has the wanted power; None if a billion are too few.
+    """Find the smallest number of clusters with which the test has the requested power; None if a billion are too few.
 
     >>> clusters_needed(0.5, 1.0)
     34
@@ -87,7 +88,7 @@ def clusters_needed(effect: float, deviation: float, power: float = POWER, level
 
 
 def detectable(deviation: float, clusters: int, power: float = POWER, level: float = LEVEL) -> float:
-    """The smallest difference, pixels, that the test finds with the wanted power.
+    """Find the smallest difference, in pixels, that the test detects with the requested power.
 
     >>> round(detectable(1.0, 34), 3)
     0.495
@@ -106,20 +107,23 @@ def detectable(deviation: float, clusters: int, power: float = POWER, level: flo
 def plan_pairs(
     runs: Mapping[str, pl.DataFrame], effect: float, *, power: float = POWER, level: float = LEVEL
 ) -> pl.DataFrame:
-    """How many pairs find a difference, for every two models and for the averages of EPE, CRE and RCRE.
+    """Compute the number of pairs needed to detect a difference, for each two models and the averages of EPE, CRE and
+    RCRE.
 
     Args:
-        runs: name -> rows; only what both models of a comparison measured on the same frames and ground truth counts.
-        effect: the difference to be found, pixels.
-        power: the probability of finding it.
-        level: 1 minus the significance of the test.
+        runs: model name -> rows; each comparison uses only measurements on the same frames and ground truth.
+        effect: difference to detect, pixels.
+        power: requested probability of detecting the difference.
+        level: confidence level, 1 minus the significance level of the test.
 
     Returns:
-        Columns of `POWER_SCHEMA`; metrics that were not measured are left out.
+        A table with the columns of `POWER_SCHEMA`; metrics that were not measured are left out.
 
     Raises:
-        UsageError: an effect that is not positive; a power or level that is not a probability; fewer than two runs.
-        RunError: fewer than two clusters, which have no variance; nothing in common.
+        UsageError: if the effect is not positive, the power or level is not a probability, or there are fewer than two
+            runs.
+        RunError: if there are fewer than two clusters, so that no variance can be estimated, or the runs have nothing
+            in common.
     """
     if not (math.isfinite(effect) and effect > 0):
         raise UsageError(f"effect {effect:g}: give a difference in pixels above 0")

@@ -1,4 +1,4 @@
-"""Say in a sentence what can be claimed about a difference."""
+"""Describe in one sentence what can be claimed about a difference."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ def difference_sentence(
     clean_gap: float | None = None,
     flow_gap: float | None = None,
 ) -> str:
-    """Say whether two models differ, by how much, how certain that is, and from how many independent observations it
-    follows.
+    """Describe whether two models differ, by how much, with what certainty, and based on how many independent
+    observations.
 
-    A lower CRE or RCRE is not a merit in itself: a model that ignores its frames has the lowest, and noise in a flow
-    lowers its CRE and raises its RCRE. So the sentence also says which of the two is more accurate, and whose flow
-    changes more where that is the one whose error grows less.
+    A lower CRE or RCRE is not an advantage in itself: a model that ignores its frames has the lowest, and noise in a
+    flow lowers its CRE and raises its RCRE. The sentence therefore also states which model is more accurate, and
+    whether the model with the smaller increase in error has the larger change in flow.
 
     Args:
-        names: of both.
-        metric, corruption: what differs, first minus second.
-        interval, p_holm, comparisons, images, clusters, level: see `robustflow.analysis.uncertainty.paired`.
-        clean_gap, flow_gap: clean EPE and average RCRE of the first minus that of the second, pixels; None where it is
-            unknown.
+        names: names of the two models.
+        metric, corruption: metric and condition that are compared.
+        interval, p_holm, comparisons, images, clusters, level: values of the columns described in
+            `robustflow.analysis.uncertainty.paired`.
+        clean_gap, flow_gap: differences (first minus second) in clean EPE and average RCRE, pixels; None if unknown.
 
     >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
     >>> sentence = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
@@ -70,8 +70,8 @@ def difference_sentence(
 
 
 def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float | None) -> str:
-    """Say what the lower value means; the gaps are the lower model's minus the other's. Only RCRE says how much a flow
-    changes."""
+    """Explain what the lower value means. The gaps are those of the model with the lower value minus those of the other
+    model. Only RCRE measures how much a flow changes."""
     if metric == "epe":
         return f"{lower} is more accurate"
     if metric == "rcre":
@@ -90,7 +90,7 @@ def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float |
 
 
 def p_text(value: float) -> str:
-    """A p-value as written after the letter p; below one thousandth, only that bound.
+    """Format a p-value as written after the letter p; values below 0.001 are written as "< 0.001".
 
     >>> p_text(0.0204), p_text(0.0004)
     ('= 0.020', '< 0.001')

@@ -1,4 +1,4 @@
-"""The possible ranks of several models, and how their order changes between conditions."""
+"""Determine the possible ranks of several models, and how their order changes between conditions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STANDINGS_SCHEMA: dict[str, Any] = {
     "best": pl.Int64,
     "worst": pl.Int64,
 }
-"""`rank` only follows the values; the model is not significantly better than `best` or worse than `worst`."""
+"""`rank` is determined by the values alone; `best` and `worst` are the best and the worst rank that the tests allow."""
 
 STABILITY_SCHEMA: dict[str, Any] = {
     "condition": pl.String,
@@ -27,24 +27,25 @@ STABILITY_SCHEMA: dict[str, Any] = {
     "moved": pl.Int64,
     "tau": pl.Float64,
 }
-"""`moved`: the rank minus that under the first condition. `tau`: Kendall's, of an order with that under the first."""
+"""`moved` is the rank minus the rank under the first condition; `tau` is Kendall's tau between the order under this
+condition and the order under the first."""
 
 
 def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
-    """The ranking of several models with ties: each model's rank, and the ranks that the paired tests allow.
+    """Rank several models with ties: each model's rank, and the range of ranks that the paired tests allow.
 
-    A model that m others beat significantly (Holm's correction over all pairs) has rank m + 1 at best; one that beats m
-    others is at worst m places from the end.
+    A model that is significantly worse than m others (Holm's correction over all pairs) has rank m + 1 at best; a model
+    that is significantly better than m others is at worst m places from the end.
 
     Args:
-        pairs: from `compare_all`, for all pairs of the models.
-        names: the models.
+        pairs: comparisons of all pairs of the models, from `compare_all`.
+        names: names of the models.
 
     Returns:
-        Columns of `STANDINGS_SCHEMA`, best first.
+        A table with the columns of `STANDINGS_SCHEMA`, best model first.
 
     Raises:
-        RunError: two of the models were not compared.
+        RunError: if two of the models were not compared.
 
     >>> pairs = pl.DataFrame({"first": ["a", "a", "b"], "second": ["b", "c", "c"], "value_first": [1.0, 1.0, 1.1],
     ...     "value_second": [1.1, 3.0, 3.0], "difference": [-0.1, -2.0, -1.9], "p_holm": [0.4, 0.01, 0.01],
@@ -68,21 +69,22 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
 
 
 def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
-    """How the order of models changes between conditions: seeds, splits, variants.
+    """Compute how the order of models changes between conditions such as seeds, splits or variants.
 
     Args:
-        scores: condition -> model -> score, smaller is better; the models that are in every condition are ranked.
+        scores: condition -> model -> score (lower is better); models with a score under every condition are ranked.
 
     Returns:
-        Columns of `STABILITY_SCHEMA`, conditions in the order given, models by their rank under the first.
+        A table with the columns of `STABILITY_SCHEMA`, conditions in the given order, models by their rank under the
+        first condition.
 
     Raises:
-        RunError: fewer than two conditions, or than two models in all of them.
+        RunError: if there are fewer than two conditions, or fewer than two models with a score under all of them.
 
     >>> rank_stability({"seed 0": {"a": 1.0, "b": 2.0}, "seed 1": {"a": 3.0, "b": 2.0}})["moved"].to_list()
     [0, 0, 1, -1]
     """
-    from scipy.stats import kendalltau  # takes a second to import, needed only here
+    from scipy.stats import kendalltau  # imported here because the import takes a second
 
     models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
     if len(scores) < 2 or len(models) < 2:

@@ -1,19 +1,20 @@
-"""One statistic of the clusters in many resamples, by matrix products of the weights with a few columns.
+"""Compute a statistic of the clusters in many resamples by multiplying the weights with a few columns.
 
-A statistic is a sum of terms +-A or +-A/C; A and C are the weighted means over conditions (a corruption at a severity)
-of `estimates.weighted_means`. Conditions at which every cluster has the same number of images (all of them, in a
-complete run) share one column: with x_g = sum_k v_k T_gk over such conditions and N_g their images,
+A statistic is a sum of terms +-A or +-A/C, where A and C are weighted means over conditions (a corruption at a
+severity) as in `estimates.weighted_means`. Conditions with the same number of images in every cluster (in a complete
+run, all conditions) share one column. With x_g = sum_k v_k T_gk over such conditions and N_g the number of their
+images,
 
     m = sum_g w_g x_g / sum_g w_g N_g        A = sum of the m of its columns
 
-and with f_j the derivative of the statistic with respect to column j, the influence of cluster g is
+and, with f_j the derivative of the statistic with respect to column j, the influence of cluster g is
 
     U_g = sum_j f_j (x_gj - m_j N_gj) / n_j         n_j = sum_g w_g N_gj
 
 so sum_g w_g U_g^2 is a quadratic form in the columns (x, N), whose coefficients are weights times products of columns.
-No array of resamples by clusters is made for a statistic. Columns are centred by the means of the data, to avoid
-cancellation. A resample that lacks a column altogether is left to the formula of `estimates`, as is a statistic with
-more than `_COLUMNS` of them.
+No array of size resamples x clusters is needed per statistic. Columns are centred by the means of the data to avoid
+cancellation. Resamples without any image in some column, and statistics with more than `_COLUMNS` columns, are computed
+by the formula of `estimates` instead.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _ROUNDING = 1e-13
 
 
 class StatisticValues(Protocol):
-    """A statistic and its standard error in B resamples, float64 (B,) each."""
+    """The values of a statistic and its standard error in B resamples, float64 (B,) each."""
 
     @property
     def theta(self) -> Array: ...
@@ -52,8 +53,8 @@ class Mean:
 
     Attributes:
         total: float64 (G, K), sums over the images of a cluster at a condition.
-        count: float64 (G, K), how many images those are.
-        share: float64 (K,), the weight of each condition, sum 1.
+        count: float64 (G, K), number of these images.
+        share: float64 (K,), weight of each condition, with sum 1.
     """
 
     total: Array
@@ -61,7 +62,7 @@ class Mean:
     share: Array
 
     def columns(self) -> tuple[Array, Array]:
-        """x and N, float64 (G, J): conditions that have the same images are one column."""
+        """Return x and N, float64 (G, J), where conditions with the same image counts share a column."""
         column_of: dict[bytes, int] = {}
         places = [column_of.setdefault(column.tobytes(), len(column_of)) for column in self.count.T]
         placed = np.zeros((len(places), len(column_of)))
@@ -69,13 +70,13 @@ class Mean:
         return self.total @ placed, self.count[:, [places.index(place) for place in range(len(column_of))]]
 
     def estimates(self, weights: Array) -> Estimates:
-        """Estimates with the influence of each cluster, for weights float64 (B, G)."""
+        """Compute the estimates and the influence of each cluster, for weights of float64 (B, G)."""
         return weighted_means(self.total, self.count, self.share, weights)
 
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """`sign` times a mean, or times the ratio of two."""
+    """`sign` times a mean or a ratio of two means."""
 
     mean: Mean
     over: Mean | None = None
@@ -83,11 +84,11 @@ class Term:
 
 
 class Statistic:
-    """A sum of terms; called with weights, float64 (B, G), it gives its values in every resample.
+    """A sum of terms. Calling the statistic with weights, float64 (B, G), returns its values in every resample.
 
     Attributes:
-        columns: float64 (G, P), whose products with the weights `values` makes the values from: products of several
-            statistics can be made in one.
+        columns: float64 (G, P), columns from whose products with the weights `values` computes the statistic. The
+            columns of several statistics can be multiplied at once.
 
     >>> errors = np.array([[1.0], [2.0], [3.0], [6.0]])
     >>> mean = Mean(errors, np.ones((4, 1)), np.ones(1))
@@ -118,12 +119,12 @@ class Statistic:
         return self.values(weights, weights @ self.columns)
 
     def values(self, weights: Array, products: Array) -> StatisticValues:
-        """The values, from weights float64 (B, G) and their products with `columns`, float64 (B, P)."""
+        """Compute the values from the weights, float64 (B, G), and their products with `columns`, float64 (B, P)."""
         count = self._count
         images = products[:, count : 2 * count]
         if not count or not (images > 0).all():
             return self.estimates(weights)
-        means = products[:, :count] / images  # minus the centres
+        means = products[:, :count] / images  # relative to the centres
         slopes = np.zeros_like(means)
         theta = np.zeros(len(weights))
         at = iter(self._slices)
@@ -152,8 +153,8 @@ class Statistic:
         return _ComputedValues(theta, np.sqrt(clusters / (clusters - 1) * squares))
 
     def estimates(self, weights: Array) -> Estimates:
-        """`values` together with the influence of every cluster, float64 (B, G): slower by about the number of
-        clusters."""
+        """Compute `values` together with the influence of every cluster, float64 (B, G), which is slower by a factor of
+        about the number of clusters."""
         total: Estimates | None = None
         for term in self.terms:
             one = term.mean.estimates(weights)

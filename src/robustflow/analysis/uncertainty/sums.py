@@ -1,4 +1,4 @@
-"""Rows of a run as sums per cluster and condition, from which every mean and its resamples are computed."""
+"""Sum a run's rows per cluster and condition, the basis of every mean and its resamples."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class ClusterSums:
     """Per-image errors of one run, added up per cluster.
 
     Attributes:
-        clusters: the names of the groups (`Sample.group`), in order.
+        clusters: names of the groups (`Sample.group`), in order.
         images: number of samples.
         conditions: (corruption, severity) of each column.
         sums: metric ("epe", "cre", "rcre") -> sum over images, float64 (G, K), pixels.
-        counts: the same metrics -> number of images, float64 (G, K).
-        clean_sum, clean_count: of the clean EPE, float64 (G, 1).
+        counts: metric -> number of images, float64 (G, K).
+        clean_sum, clean_count: sum of the clean EPE (pixels) and number of images, float64 (G, 1).
     """
 
     clusters: tuple[str, ...]
@@ -42,8 +42,8 @@ class ClusterSums:
 
     @classmethod
     def of(cls, rows: pl.DataFrame) -> ClusterSums:
-        """Sums of the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without a pixel to measure are
-        left out, as in the run's summary."""
+        """Sum the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without any valid pixel are left out,
+        as in the run's summary."""
         values = image_errors(rows)
         clusters = tuple(values["group"].unique().sort())
         dirty = values.filter(pl.col("corruption") != CLEAN)
@@ -60,19 +60,20 @@ class ClusterSums:
         return cls(clusters, values["sample"].n_unique(), conditions, sums, counts, clean_sum, clean_count)
 
     def corruptions(self) -> list[str]:
-        """The corruptions in the rows, the paper's first and in its order."""
+        """Return the corruptions in the rows, starting with the paper's corruptions in the paper's order."""
         return ordered({name for name, _ in self.conditions})
 
     def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
-        """A mean of the run, as a function of how often each cluster is drawn.
+        """Return a mean of the run as a function of the cluster weights.
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
-            corruption: a corruption, a family of them, "average" over all that were run, or "clean" (only EPE).
-            severity: one of the corruption's, or None for the mean over them.
+            corruption: name of a corruption or corruption family, "average" for all corruptions that were run, or
+                "clean" (EPE only).
+            severity: severity of the corruption, or None for the mean over severities.
 
         Raises:
-            UsageError: a metric or condition that does not exist.
+            UsageError: if the metric or condition does not exist.
         """
         if metric not in INTERVAL_METRICS:
             raise unknown_name("metric", metric, INTERVAL_METRICS)
@@ -88,7 +89,7 @@ class ClusterSums:
         return Statistic([Term(mean, clean if metric == "crer" else None)])
 
     def measured(self, metric: str, corruption: str, severity: int | None = None) -> bool:
-        """Whether there is an image to average over."""
+        """Whether any image was measured for this mean."""
         if corruption == CLEAN:
             return metric == "epe" and bool(self.clean_count.any())
         if metric == "crer":
@@ -96,7 +97,7 @@ class ClusterSums:
         return bool(self._share(metric, corruption, severity).any())
 
     def _share(self, metric: str, corruption: str, severity: int | None) -> Array:
-        """float64 (K,): the weight of each condition in the mean over severities, then corruptions."""
+        """Return the weight of each condition in the mean over severities, then corruptions, as float64 (K,)."""
         share = np.zeros(len(self.conditions))
         has_images = self.counts[metric].sum(axis=0) > 0
         measured = self.corruptions()
@@ -117,9 +118,9 @@ class ClusterSums:
 
 
 def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
-    """One line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe, cre and
-    rcre in pixels, null where nothing could be measured. Both errors of CRE are over the same pixels; RCRE is over all
-    pixels where there is no ground truth."""
+    """Return one line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe,
+    cre and rcre in pixels, null where nothing could be measured. Both errors in CRE are over the same pixels; without
+    ground truth, RCRE is over all pixels."""
     without_truth = pl.col("n_valid").is_null()
     images = rows.select(
         "sample",
@@ -142,7 +143,7 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of each value among clusters and conditions."""
+    """Return the row and column of each value among clusters and conditions."""
     groups = pl.DataFrame({"group": clusters}, schema={"group": pl.String}).with_row_index("_row")
     at = values.select("group", "corruption", "severity").join(groups, on="group", how="left", maintain_order="left")
     at = at.join(columns, on=["corruption", "severity"], how="left", maintain_order="left")

@@ -1,13 +1,13 @@
-"""How much of a score's spread comes from the images, from the seed of the corruptions, and from the severity.
+"""Split the variance of a score into components for images, the corruptions' seed, and severity.
 
-With y_ijk the score of image i with seed j at severity k, averaged over corruptions, and each source's mean square from
-the crossed analysis of variance (one value per cell), the components follow by the method of moments, negative ones set
-to 0 (Searle, Casella and McCulloch 1992, ch. 4). Severity is a choice of the protocol and not a sample, so its
-component is reported but is not part of the error of the mean, for which images and seeds count:
+Let y_ijk be the score of image i with seed j at severity k, averaged over corruptions. The mean squares of the crossed
+analysis of variance (one value per cell) give the components by the method of moments, with negative ones set to 0
+(Searle, Casella and McCulloch 1992, ch. 4). Severities are chosen by the protocol, not sampled, so their component is
+reported but not included in the error of the mean, which depends on images and seeds only:
 
     var(mean) = image / n + seed / s + rest / (n s)
 
-with the rest, image by seed, averaged over severities.
+where the rest is the interaction of image and seed, averaged over severities.
 """
 
 from __future__ import annotations
@@ -29,25 +29,26 @@ VARIANCE_SCHEMA: dict[str, Any] = {
     "share": pl.Float64,
     "error_of_mean": pl.Float64,
 }
-"""`deviation`: the standard deviation that a source causes in the score of one image, pixels. `share`: of the sum of
-the variances, percent. `error_of_mean`: what it adds to the standard error of the mean, pixels; null for severity."""
+"""`deviation` is the standard deviation in pixels that a source causes in the score of one image, `share` its
+percentage of the total variance, and `error_of_mean` its contribution to the standard error of the mean in pixels (null
+for severity)."""
 
 VARIANCE_METRICS = ("epe", "cre", "rcre")
 
 
 def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
-    """The spread of one model's score by image, seed, severity and the rest.
+    """Compute the spread of one model's score due to image, seed, severity and the rest.
 
     Args:
-        runs: seed -> rows of a run with it; only what all of them measured is used.
+        runs: seed -> rows of the run with this seed; only measurements that all runs have in common are used.
         metric: "epe", "cre" or "rcre".
 
     Returns:
-        Columns of `VARIANCE_SCHEMA`; sources image, seed, severity, rest.
+        A table with the columns of `VARIANCE_SCHEMA` and the sources image, seed, severity and rest.
 
     Raises:
-        RunError: fewer than two seeds, or no two images at the same conditions.
-        UsageError: an unknown metric.
+        RunError: if there are fewer than two seeds, or fewer than two images measured under the same conditions.
+        UsageError: if the metric is unknown.
     """
     if metric not in VARIANCE_METRICS:
         raise unknown_name("metric", metric, VARIANCE_METRICS)
@@ -66,7 +67,7 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     square_inter = levels * np.square(inter).sum() / ((images - 1) * (seeds - 1))
     per_image = max(0.0, (square_image - square_inter) / (seeds * levels))
     per_seed = max(0.0, (square_seed - square_inter) / (images * levels))
-    rest_of_mean = square_inter / levels  # for an image's mean over severities, with one seed
+    rest_of_mean = square_inter / levels  # for an image's mean over severities with one seed
     per_level = float(level.var(ddof=1)) if levels > 1 else 0.0
     residual = y - both[:, :, None] - level[None, None, :] + mean
     within = np.square(residual).sum() / max(1, images * seeds * (levels - 1)) if levels > 1 else 0.0
@@ -85,7 +86,7 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
 
 
 def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
-    """float64 (images, seeds, severities): means over the corruptions that all runs have at all severities."""
+    """Average over the corruptions that all runs have at all severities, as float64 (images, seeds, severities)."""
     parts = [
         image_errors(rows).filter(pl.col("corruption") != CLEAN).drop_nulls(metric).with_columns(_seed=pl.lit(index))
         for index, rows in enumerate(runs.values())
