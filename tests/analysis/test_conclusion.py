@@ -75,13 +75,13 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     )
     clean = dis.rows.filter(corruption="clean")
     length = (clean["pred_magnitude_sum"] / clean["n_all"]).mean()
-    assert f"on clean frames it is {length:.2f} px long on average; " in said
+    assert f"on clean frames the flow is {length:.2f} px long on average; " in said
     assert f"clean flow {length:.4g} px long" in str(dis)
-    assert said.startswith(f"Over 3 pairs in 1 sequence, corruption moves the flow of DIS by {dis.summary.rcre:.2f} px")
+    assert said.startswith(f"On 3 pairs in 1 sequence, corruption changes the flow of DIS by {dis.summary.rcre:.2f} px")
     assert f"most under {order[0]} ({max(values.values()):.2f} px)" in said
     assert f"least under {order[1]}" in said
     assert "1 sequence is too few" in said
-    assert "3 or more further ones, of other scenes" in said
+    assert "at least 3 more from different scenes are needed" in said
     assert said.endswith(CAVEAT)
 
 
@@ -89,10 +89,10 @@ def test_several_runs_say_which_changes_least_under_what(runs):
     dis, rgb, _ = runs
     (said,) = conclusions(run_results([dis, rgb]))
     first = min((dis, rgb), key=lambda run: run.summary.rcre)
-    assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px where its clean flow is" in said
+    assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px for a clean flow of" in said
     for name in ("contrast", "gaussian_noise"):
         least = min((dis, rgb), key=lambda run: run.summary.corruptions[name].rcre)
-        part = next(part for part in said.split("; ") if part.startswith(f"{least.name} least under"))
+        part = next(part for part in said.split("; ") if part.startswith(f"{least.name} changes least under"))
         assert "every corruption" in part or name.replace("_", " ").capitalize() in part
 
 
@@ -109,13 +109,13 @@ def test_a_blind_model_is_not_the_one_that_changes_least(runs):
 def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     calm, shaky = _scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.5, 40)
     (said,) = conclusions(run_results([calm]))
-    assert "Over 40 pairs, " in said
+    assert "On 40 pairs, " in said
     assert "95 % interval" in said
-    assert "more pairs of other scenes" in said
+    assert "more pairs from different scenes" in said
     (said,) = conclusions(run_results([calm, shaky]))
-    assert "the lead of DIS over DIS-RGB is more than chance (p < 0.001)" in said
+    assert "the lead of DIS over DIS-RGB is significant (p < 0.001)" in said
     (said,) = conclusions(run_results([_scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.0, 40)]))
-    assert "is more than chance" not in said
+    assert "is significant" not in said
 
 
 def test_nothing_is_measured_against_the_paper(runs):

@@ -133,7 +133,7 @@ def test_a_number_with_a_warning_is_not_correlated(five, monkeypatch):
     )
 
     noise = next(one for one in predictions(five) if one.attack == "random_sign")
-    assert noise.left_out == {"1.0": "its number carries a warning"}
+    assert noise.left_out == {"1.0": "its score has a warning"}
     assert noise.rho is None
 
 

@@ -119,7 +119,7 @@ def test_show_says_what_speaks_against_a_model(robustflow, tmp_path):
     code, out, _ = robustflow("show", tmp_path / "zero")
     assert code == 0
     (line,) = (line for line in out.splitlines() if line.startswith("This says nothing about robustness: "))
-    assert "is not below half of the 34.34 px of zero flow" in line
+    assert "is at least half of the 34.34 px of zero flow" in line
     assert "its flow hardly depends on the frames" in line
 
 

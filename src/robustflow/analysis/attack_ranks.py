@@ -71,7 +71,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
         left_out = {name: unranked[name] for name in of_attack if name in unranked}
         for name, levels in of_attack.items():
             if any(levels[level].warnings for level in shared):
-                left_out.setdefault(name, "its number carries a warning")
+                left_out.setdefault(name, "its score has a warning")
         after = {
             name: math.fsum(getattr(levels[level], metric) for level in shared)
             for name, levels in of_attack.items()

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 CAVEAT = (
-    "RCRE says how far the flow moves, not whether it is wrong: a model that hardly reacts to its frames has the "
-    "lowest, and only frames with ground truth distinguish it from a robust one."
+    "RCRE measures how much the flow changes, not whether it is wrong: a model that hardly reacts to its frames has "
+    "the lowest RCRE, and only frames with ground truth distinguish such a model from a robust one."
 )
 _MOST_COMPARED = 8
 _MOST_NAMED = 3
@@ -59,13 +59,13 @@ def conclusion(results: Sequence[ModelResult]) -> str:
 def _of_one(name: str, run: Run) -> str:
     values = _by_corruption(run)
     order = sorted(values, key=lambda corruption: -values[corruption])
-    moves = f"Over {_evidence(run)}, corruption moves the flow of {name} by {run.summary.rcre:.2f} px on average (RCRE)"
+    moves = f"On {_evidence(run)}, corruption changes the flow of {name} by {run.summary.rcre:.2f} px on average (RCRE)"
     if len(order) > 1:
         most, least = (
             f"{long_label(corruption)} ({values[corruption]:.2f} px)" for corruption in (order[0], order[-1])
         )
         moves += f", most under {plain(most)} and least under {plain(least)}"
-    return f"{moves}; on clean frames it is {_clean_length(run)} long on average; {_surety(run)}."
+    return f"{moves}; on clean frames the flow is {_clean_length(run)} long on average; {_surety(run)}."
 
 
 def _clean_length(run: Run) -> str:
@@ -94,15 +94,14 @@ def _of_several(runs: Mapping[str, Run]) -> str:
             least[holders[0]].append(corruption)
     total = len(values[best])
     first, other = (
-        f"{runs[name].summary.rcre:.2f} px where its clean flow is {_clean_length(runs[name])} long"
-        for name in (best, second)
+        f"{runs[name].summary.rcre:.2f} px for a clean flow of {_clean_length(runs[name])}" for name in (best, second)
     )
     if runs[best].summary.rcre == runs[second].summary.rcre:
-        head = f"{best} and {second} change equally on average (RCRE {runs[best].summary.rcre:.2f} px)"
+        head = f"the flows of {best} and {second} change equally on average (RCRE {runs[best].summary.rcre:.2f} px)"
     else:
-        head = f"{best} changes least on average (RCRE {first}; {second} {other})"
-    parts = [f"{name} least under {_listed(names, total)}" for name, names in least.items() if names]
-    where = f"Over {_evidence(runs[best])}, {head}"
+        head = f"the flow of {best} changes least on average (RCRE {first}; {second} {other})"
+    parts = [f"{name} changes least under {_listed(names, total)}" for name, names in least.items() if names]
+    where = f"On {_evidence(runs[best])}, {head}"
     return f"{'; '.join([where, *parts, _lead(runs, order)])}."
 
 
@@ -113,17 +112,17 @@ def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
     try:
         pairs = compare_all({name: runs[name].rows for name in order[:_MOST_COMPARED]}, "rcre")
     except RunError:
-        return "whether the lead is more than chance cannot be said, because the runs did not measure the same"
+        return "it is unknown whether the lead is due to chance, because the runs have no measurements in common"
     p = next(iter(pairs.filter(first=best, second=second)["p_holm"]), None)
     if p is None:
         return _too_few(runs[best])
     if p < 0.05:
-        return f"the lead of {best} over {second} is more than chance (p {p_text(p)}) for scenes like these"
-    return f"that {best} leads {second} may be chance (p {p_text(p)}), which {_others(runs[best])} would settle"
+        return f"the lead of {best} over {second} is significant (p {p_text(p)}) for scenes like these"
+    return f"the lead of {best} over {second} may be due to chance (p {p_text(p)}); {_others(runs[best])} would help"
 
 
 def enough_to_compare(run: Run) -> bool:
-    """State whether a run has enough independent pairs to generalise a difference to other frames."""
+    """Whether a run has enough independent pairs to generalise a difference to other frames."""
     return enough_clusters(_counts(run)[1])
 
 
@@ -131,8 +130,8 @@ def _too_few(run: Run) -> str:
     _, clusters = _counts(run)
     more = max(1, fewest_clusters() - clusters)
     return (
-        f"{counted(clusters, _unit(run))} {'is' if clusters == 1 else 'are'} too few to say whether it holds for other "
-        f"frames, which {more} or more further {'ones' if more > 1 else 'one'}, of other scenes, would begin to show"
+        f"{counted(clusters, _unit(run))} {'is' if clusters == 1 else 'are'} too few to say whether this holds for "
+        f"other frames; at least {more} more from different scenes {'are' if more > 1 else 'is'} needed"
     )
 
 
@@ -149,11 +148,11 @@ def _unit(run: Run) -> str:
 
 
 def _others(run: Run) -> str:
-    return f"more {_unit(run)}s of other scenes"
+    return f"more {_unit(run)}s from different scenes"
 
 
 def _counts(run: Run) -> tuple[int, int]:
-    """Describe the number of pairs and of independent groups of pairs."""
+    """Return the number of pairs and the number of independent groups of pairs."""
     clean = run.rows.filter(corruption=CLEAN)
     return clean["sample"].n_unique(), clean["group"].n_unique()
 

@@ -140,7 +140,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     unranked = "; ".join(f"{plain(name)}, because {why[name]}" for name in sorted(everywhere & why.keys()))
     if len(everywhere - why.keys()) < 2:
         raise RunError(
-            f"an order of models needs two that can be ranked; not ranked: {unranked}; add runs of another model"
+            f"a ranking needs two models that can be ranked; not ranked: {unranked}; add runs of another model"
         )
     if unranked:
         remark = " ".join(filter(None, (remark, f"Not ranked: {unranked}.")))

@@ -76,17 +76,17 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
     if (missed := missed_motion(rows)) is not None:
         epe, still = missed
         why = (
-            "motion this small cannot tell a sound model from one that predicts none: measure it on larger motion"
+            "motion this small does not distinguish a sound model from zero flow: measure the model on larger motion"
             if still < SMALL_MOTION
-            else "a flow that misses the motion has little to lose"
+            else "a flow that misses the motion can hardly get worse"
         )
-        reasons.append(f"its clean EPE of {epe:.2f} px is not below half of the {still:.2f} px of zero flow ({why})")
+        reasons.append(f"its clean EPE of {epe:.2f} px is at least half of the {still:.2f} px of zero flow ({why})")
     length, moved = clean_flow_length(rows, "image"), _moved(rows)
     if zero_flow_epe(rows) is None and length is not None and length < STILL_BELOW:
-        reasons.append(f"its clean flow is {length:.2f} px long on average, so it cannot be told from zero flow")
+        reasons.append(f"its clean flow is {length:.2f} px long on average, so it is indistinguishable from zero flow")
     if length is not None and moved is not None and moved <= BLIND_BELOW * length:
         reasons.append(
-            f"its flow hardly depends on the frames: corruption moves it by {moved:.3f} px of {length:.2f} px"
+            f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px of its {length:.2f} px"
         )
     return reasons
 

@@ -19,12 +19,12 @@ SETTING_LABELS = {
     "untrained": "Random weights",
 }
 SETTING_EXPLANATIONS = {
-    "knowledge": "learns nothing from data",
-    "OOD": "was trained on nothing of the benchmark's domain",
-    "ID": "was trained on the domain, but on none of the evaluated frames",
+    "knowledge": "is not trained on data",
+    "OOD": "was not trained on data from the benchmark's domain",
+    "ID": "was trained on the domain, but not on the evaluated frames",
     "LEAKED": "was trained on the evaluated frames",
     "own": "the run does not state what its model was trained on",
-    "untrained": "its weights are random, and it is never ranked",
+    "untrained": "has random weights and is never ranked",
 }
 FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
 

@@ -61,7 +61,7 @@ def read_results(path: str | Path) -> list[ModelResult]:
     path = Path(path).expanduser()
     try:
         if path.stat().st_size > _LARGEST_FILE:
-            raise DataError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB; results are one short line per value")
+            raise DataError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB; results have one short line per value")
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"

@@ -7,8 +7,8 @@ from ..runs.run import Run
 from .labels import inside, long_label
 
 PHANTOM = (
-    "Nothing moves in these frames, so EPE is phantom motion: on clean frames bias, under corruption flicker. A model "
-    "that never sees motion has none; its error on moving scenes says what that costs."
+    "Nothing moves in these frames, so EPE measures phantom motion: bias on clean frames, flicker under corruption. "
+    "A model that always predicts zero flow has none; its error on moving scenes shows the cost."
 )
 """The explanation shown with errors on still scenes."""
 
