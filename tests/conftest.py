@@ -1,4 +1,6 @@
-"""Settings of all tests: one thread per process, runs without pictures, one way to find the shared real data."""
+"""Settings shared by all tests: one thread per process, runs without pictures, and the lookup of the
+shared real data.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +22,22 @@ from PIL import Image
 from .shared_data import shared_folder
 
 cv2.setNumThreads(1)
-os.fsync = lambda _: None  # no test needs durable files, and a small run would wait for the disk nineteen times
+os.fsync = lambda _: None  # no test needs durable files, and a small run would wait nineteen times for the disk
 hypothesis.settings.register_profile("untimed", deadline=None)  # a busy machine must not fail a test
 hypothesis.settings.load_profile("untimed")
 
 
 @pytest.fixture
 def shared():
-    """Find a folder of the shared data: `shared("data/kitti2015")`; skips, with the reason, where it is absent."""
+    """Find a folder of the shared data: `shared("data/kitti2015")`; skips with a reason if it is absent."""
     return shared_folder
 
 
 @pytest.fixture(scope="session", autouse=True)
 def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """Runs draw no `report.html`, and blank example panels, and pages lack the embedded pair, but in
-    `with real_pictures():`; a page and two panels take ten times as long as a small run, that pair a hundred times."""
+    """Outside `with real_pictures():`, runs draw no `report.html` and only blank example panels, and pages omit the
+    embedded pair. A page and two panels take ten times as long as a small run, the embedded pair a hundred times.
+    """
     from robustflow import api  # not in the process that only distributes tests
     from robustflow.report.site import embedded
     from robustflow.runner import panel

@@ -1,11 +1,11 @@
-"""The code blocks of the documentation, and how a reader would run them.
+"""The code blocks of the documentation, and their execution as by a reader.
 
-Blocks in `python` and `bash` are run in the order of their page, in a separate folder, unless a comment on the line
-before says otherwise:
+Blocks in `python` and `bash` are run in the order of their page, in a separate folder, unless a comment on the
+preceding line says otherwise:
 
-    <!-- not run: WHY -->      it cannot be
-    <!-- file: NAME -->        it is the content of a file of that name
-    <!-- torch -->             it needs the extra torch; may stand before a comma and one of the others
+    <!-- not run: WHY -->      the block cannot be run
+    <!-- file: NAME -->        the block is the content of a file of that name
+    <!-- torch -->             the block needs the extra torch; may be combined with one of the others by a comma
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _COMMAND = re.compile(r"^(robustflow|pip|python3?|pytest|torchrun|mkdocs|ray|sba
 
 @dataclass(frozen=True)
 class Block:
-    """One fenced block: its language, its text, and what the comment before it says."""
+    """One fenced block: its language, its text, and the preceding comment."""
 
     language: str
     code: str
@@ -46,13 +46,13 @@ class Block:
 
     @property
     def file(self) -> str:
-        """The name of the file that the block is; "" for none."""
+        """The file name of a block that is a file; "" for other blocks."""
         named = re.search(r"file: (\S+)", self.mark)
         return named[1] if named else ""
 
     @property
     def why_not(self) -> str:
-        """Why the block is not run; "" if it is."""
+        """The reason why the block is not run; "" if it is run."""
         reason = re.search(r"not run: (.+)", self.mark)
         return reason[1] if reason else ""
 
@@ -62,7 +62,7 @@ class Block:
 
     @property
     def hidden_command(self) -> bool:
-        """A command in a block that does not say that it is one."""
+        """Whether the block contains a command although it has no language."""
         return not self.language and bool(_COMMAND.match(self.code))
 
 
@@ -72,17 +72,17 @@ def blocks(text: str) -> list[Block]:
 
 
 def pages() -> list[str]:
-    """Every page that is written by hand, relative to docs/."""
+    """Every hand-written page, relative to docs/."""
     return sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 
 
 class Reader:
-    """Follows pages in an empty folder, with two frames and a clip.
+    """Follows pages in an empty folder with two frames and a clip.
 
     Attributes:
-        folder: where they are.
-        runs: the folders of the runs made, in order.
-        printed: what every command and script printed, in order.
+        folder: folder of the frames and the clip.
+        runs: folders of the runs, in order of creation.
+        printed: output of every command and script, in order.
     """
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,7 +104,7 @@ class Reader:
         for block in listed:
             if not block.runs:
                 continue
-            if block.file:  # all parts at once, because Python reads a module only once
+            if block.file:  # all parts at once, because Python imports a module only once
                 whole = "\n\n".join(part.code for part in listed if part.file == block.file)
                 (self.folder / block.file).write_text(whole, encoding="utf-8")
             elif block.language == "python":
@@ -122,7 +122,7 @@ class Reader:
             if not {"--output", "-o"} & set(words):
                 words = [*words, "--output", f"run{len(self.runs)}"]
             self.runs.append(words[words.index("--output" if "--output" in words else "-o") + 1])
-            words = [*words, "--no-examples"]  # their pictures are tested elsewhere, and take seconds
+            words = [*words, "--no-examples"]  # their pictures are tested elsewhere and take seconds
         self._patch.setattr(sys, "argv", words)
         with pytest.raises(SystemExit) as stop:
             main()

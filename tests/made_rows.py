@@ -1,4 +1,4 @@
-"""Rows written by hand, with dependent columns filled in, and runs of such rows."""
+"""Hand-written rows, with dependent columns filled in, and runs of such rows."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ _CLEAN_SUMS = {
 
 
 def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:
-    """The columns of `ROW_SCHEMA`: the clean error's sums are those of the sample's clean row, every pixel with ground
-    truth is predicted, and the digests are of the sample and the condition, where a row does not give them."""
+    """Complete rows to the columns of `ROW_SCHEMA`. Missing clean sums are those of the sample's clean row, every pixel
+    with ground truth counts as predicted, and missing digests follow from the sample and the condition.
+    """
     rows = [dict.fromkeys(ROW_SCHEMA) | row for row in rows]
     clean = {row["sample"]: row for row in rows if row["corruption"] == CLEAN}
     return frame_of(_filled(row, clean.get(row["sample"], {})) for row in rows)
@@ -41,12 +42,12 @@ def _filled(row: dict[str, Any], clean: dict[str, Any]) -> dict[str, Any]:
 
 
 def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model", **identity: Any) -> Run:
-    """A run of imaginary rows: the manifest of `base`, with the model and the parts of the identity that are given.
+    """A run of imaginary rows: the manifest of `base`, with the given model and parts of the identity.
 
     Args:
         base: any run.
-        rows: of the made one; its corruptions and severities count as those that were requested.
-        model: its name, or its whole identity.
+        rows: rows of the new run; their corruptions and severities become the requested ones.
+        model: name of the model, or its whole identity.
     """
     run = Run(base.path)
     change_identity(run, {"name": model} if isinstance(model, str) else model, **identity)
@@ -60,18 +61,18 @@ def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model
         ),
     )
     run.rows = rows
-    run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # other files of the folder are not about these rows
+    run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # other files of the folder do not describe these rows
     return run
 
 
 def change_manifest(run: Run, **fields: Any) -> None:
-    """Replace fields of the manifest that a run holds in memory."""
+    """Replace fields of the manifest that a run keeps in memory."""
     run.manifest = run.manifest.model_copy(update=fields)
     run.__dict__.pop("provenance", None)
 
 
 def change_identity(run: Run, model: dict[str, Any] | None = None, **fields: Any) -> None:
-    """Replace the model's settings, and fields of the identity by their names, with the digest that follows."""
+    """Replace the model's settings, and fields of the identity by their names; updates the digest."""
     identity = changed_identity(run.manifest.identity, model, **fields)
     change_manifest(run, identity=identity, identity_digest=identity.digest())
 
@@ -88,7 +89,7 @@ def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **
 
 
 def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
-    """The values of lines of tables, one per row, in the columns of a results file."""
+    """The values of lines of tables, one row per value, in the columns of a results file."""
     columns = ("benchmark", "sample_set", "setting", "model", "note", "metric", "corruption")
     rows = [
         (line.benchmark, line.frames, line.setting, line.name, line.note, *key, *astuple(value))
@@ -99,5 +100,5 @@ def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
 
 
 def values_of(results: Iterable[ModelResult], metric: str) -> dict[tuple[str, str, str], float]:
-    """(setting, model, condition) -> value of one metric."""
+    """Values of one metric by (setting, model, condition)."""
     return {(line.setting, line.name, of): value for line in results for of, value in line.numbers(metric).items()}

@@ -1,4 +1,4 @@
-"""`report`, `audit` and `compare` on the command line."""
+"""The commands `report`, `audit` and `compare`."""
 
 import csv
 import io
@@ -50,15 +50,16 @@ def test_the_table_row_is_a_line_of_latex_per_run(robustflow, runs):
 
 
 def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
-    """Two runs are too few for any observation: the table is shown on request and left out of all tables. Farneback
-    misses most of the pair's motion and is in none, and a remark says so."""
+    """Two runs are too few for any observation: the table is shown only when requested by name.
+    Farneback misses most of the pair's motion, so it is in no table, and a remark says so.
+    """
     code, out, _ = robustflow("report", *runs, "--published", "--table", "observations,effective", "-f", "markdown")
     assert code == 0
     assert "Left out of trends and correlations: Farneback, because its clean EPE of 25.52 px is at least half" in out
     titles = [line for line in out.splitlines() if line.startswith("###")]
     assert titles == [
         "### The paper's observations: published models",
-        "### The paper's observations: DIS on the demo",  # Farneback is not ranked there
+        "### The paper's observations: DIS on the demo",  # Farneback is not ranked by these metrics
         "### Effective robustness: published models",
     ]
     code, out, _ = robustflow("report", *runs, "--published", "-f", "markdown")
@@ -68,8 +69,9 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
 
 
 def test_only_own_figures_beside_the_published_tables(robustflow, runs):
-    """Only DIS, as Farneback is excluded: no figure needs the paper, no trend is possible, and one class makes no bar
-    chart."""
+    """Farneback is excluded, so only DIS remains: no figure needs the paper, no trend is possible, and one class makes
+    no bar chart.
+    """
     code, out, _ = robustflow(
         "report", *runs, "--published", "--only-own", "-t", "epe", "-f", "csv", "--figures", "figures"
     )
@@ -144,7 +146,7 @@ def test_audit_says_where_nothing_can_be_checked(robustflow, tmp_path):
         "setting,model,metric,corruption,value\nOOD,A,epe,clean,2.0\nOOD,A,epe,fog,3.0\nOOD,A,cre,fog,9.0\n"
     )
     _, out, _ = robustflow("audit", path)
-    assert "\n  OOD A, fog: CRE 9.0" in out  # no source is given, so none is named
+    assert "\n  OOD A, fog: CRE 9.0" in out  # no source is given, so none is mentioned
 
 
 def test_compare(robustflow, runs):
@@ -178,7 +180,7 @@ def test_power_of_what_has_no_variance_is_one_line(robustflow, runs):
 
 
 def test_many_are_compared_in_a_line_each(robustflow, runs):
-    third = (*runs, runs[0])  # the same run twice: distinguished by a number
+    third = (*runs, runs[0])  # the same run twice, distinguished by a number
     code, out, _ = robustflow("compare", *third, "--metric", "epe", "--format", "csv")
     assert code == 0
     first, same, _ = csv.DictReader(io.StringIO(out))

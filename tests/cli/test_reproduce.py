@@ -1,4 +1,4 @@
-"""`reproduce` on the command line."""
+"""The `reproduce` command."""
 
 import csv
 

@@ -1,4 +1,4 @@
-"""A run's model on RobustSpring's frames, with flows in the server's layout."""
+"""A model runs on RobustSpring's frames, and its flows are written in the server's layout."""
 
 import shutil
 from pathlib import Path
@@ -28,7 +28,7 @@ def run(tmp_path_factory):
 
 @pytest.fixture
 def frames(tmp_path):
-    """Two short sequences in both cameras, clean and under two corruptions, as the archives unpack."""
+    """Two short sequences from both cameras, clean and under two corruptions, laid out like the unpacked archives."""
     root = tmp_path / "RobustSpring"
     for condition in ("spring", *_FEW):
         for sequence, count in (("0003", 3), ("0028", 2)):
@@ -42,7 +42,8 @@ def frames(tmp_path):
 def test_what_a_whole_submission_consists_of():
     paths = list(submitted())
     assert len(paths) == len(set(paths)) == 21 * 4 * sum(frames - 1 for frames in SEQUENCES.values())
-    assert sum(SEQUENCES.values()) == 1000  # frames of a camera, as the two thousand images of the test split
+    # as many frames per camera as the two thousand images of the test split need
+    assert sum(SEQUENCES.values()) == 1000
     assert {path.split("/")[0] for path in paths} == {"clean", *CORRUPTIONS}
     assert "zoom_blur/test/0046/flow_BW_right/flow_BW_right_0117.flo5" in paths
     assert "clean/test/0003/flow_FW_left/flow_FW_left_0131.flo5" not in paths
@@ -101,8 +102,9 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
 
 
 def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, run, frames):
-    """`compute_flow_errors` of cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline; of existing
-    flows, some long and some changing much, so that Fl's two bounds and 1px differ."""
+    """`compute_flow_errors` of cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline. The flows
+    include long and strongly changed ones, so that Fl's two bounds and 1px differ.
+    """
     command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission")
     assert robustflow(*command)[0] == 0
     rng = np.random.default_rng(0)

@@ -1,5 +1,6 @@
-"""The working folder may come from anyone: starting a command there neither runs anything in it nor lets it change a
-number or a figure."""
+"""The working folder may come from anyone: a command started there neither executes anything in it nor lets it change a
+number or a figure.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +23,12 @@ from robustflow.safe_path import SAFE_PATH
 from ..app.launch import running_app
 
 SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-"""What an installer writes as the command `robustflow`."""
+"""The `robustflow` script as an installer writes it."""
 
 
 def _python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run Python in a folder."""
-    environment = {name: value for name, value in os.environ.items() if name != SAFE_PATH}  # commands run here set it
+    # commands run here set this variable
+    environment = {name: value for name, value in os.environ.items() if name != SAFE_PATH}
     begin = [sys.executable, *map(str, arguments)]
     return subprocess.run(begin, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
@@ -36,7 +37,7 @@ class Place:
     """A folder with a decoy of every module that could be imported; each records its name when it is run.
 
     Args:
-        root: the parent of the working folder, `here`, and of everything else.
+        root: parent folder of the working folder `here` and of all other folders.
     """
 
     def __init__(self, root: Path) -> None:
@@ -52,15 +53,13 @@ class Place:
                 (self.here / f"{name}.py").write_text(text)
 
     def command(self, *arguments: object) -> subprocess.CompletedProcess[str]:
-        """Run the command in the folder."""
         return self.python(self.script, *arguments)
 
     def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
-        """Run Python in the folder."""
         return _python(self.here, *arguments)
 
     def what_ran(self) -> list[str]:
-        """The names of the decoys that were run since the last call."""
+        """Return the names of the decoys executed since the last call."""
         names = sorted(set(self.marker.read_text().split())) if self.marker.exists() else []
         self.marker.unlink(missing_ok=True)
         return names
@@ -142,7 +141,7 @@ def test_corrupt_and_prepare_in_a_folder_of_decoys_run_none(place, tmp_path):
 
 
 def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkeypatch):
-    monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts, and finds nothing
+    monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts but finds nothing
     fetch = f"from robustflow.corruptions.weather import frost_assets as f; f._download(f.Path({str(tmp_path)!r}))"
     done = place.python("-P", "-c", fetch)
     assert "pip could not fetch" in done.stderr
@@ -222,14 +221,14 @@ def _check_groups(tmp_path, monkeypatch):
     (tmp_path / "shared").chmod(0o770)
     compiled._check_folder.__wrapped__(tmp_path / "shared")
     monkeypatch.setattr(compiled, "_is_private", lambda group: False)
-    compiled._check_folder.__wrapped__(tmp_path / "shared")  # no other command comes this far
+    compiled._check_folder.__wrapped__(tmp_path / "shared")  # no other command reaches this point
     tmp_path.chmod(0o711)
     with pytest.raises(UsageError, match="others can write"):
         compiled._check_folder.__wrapped__(tmp_path / "shared")
 
 
 def _draw(folder: Path) -> tuple[str, str]:
-    """Draw a figure as a command in a folder would; returns its output and messages."""
+    """Draw a figure as a command in the folder would; returns its output and messages."""
     script = (
         "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
         "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"

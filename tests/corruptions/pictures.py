@@ -1,4 +1,4 @@
-"""Textured frames, and depth for them."""
+"""Textured frames with depth."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from robustflow.sample import Camera, SceneDepth
 
 
 def picture(height, width, seed=0):
-    """A textured frame: a coarse pattern with fine noise on it, some of it black and white."""
+    """A textured frame: a coarse pattern with fine noise, partly black and white."""
     rng = np.random.default_rng([seed, height, width])
     coarse = rng.integers(-40, 296, (height // 8 + 1, width // 8 + 1, 3))
     tiled = coarse.repeat(8, axis=0).repeat(8, axis=1)[:height, :width]
@@ -14,7 +14,7 @@ def picture(height, width, seed=0):
 
 
 def scene(height, width, seed=0, moves=(0.1, 0.0, -0.4)):
-    """A wall of blocks from 3 to 60 m away, the same in both frames, before a camera that moves a little."""
+    """A wall of blocks 3 to 60 m away, the same in both frames, in front of a slowly moving camera."""
     rng = np.random.default_rng([seed, height, width, 1])
     blocks = rng.uniform(3, 60, (height // 12 + 1, width // 12 + 1)).astype(np.float32)
     depth = np.ascontiguousarray(blocks.repeat(12, axis=0).repeat(12, axis=1)[:height, :width])
@@ -22,7 +22,7 @@ def scene(height, width, seed=0, moves=(0.1, 0.0, -0.4)):
 
 
 def seen(first, second=None, rotation=None, translation=None, focal=100.0):
-    """Depth of both frames (the same by default), before a camera whose axis is in the middle."""
+    """Depth of both frames (the same by default), with the camera's axis at the image centre."""
     second = first if second is None else second
     height, width = first.shape
     known = np.ones((height, width), bool)

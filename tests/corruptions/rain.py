@@ -1,4 +1,4 @@
-"""A corruption as a user writes it: rain, with a parameter in a second module."""
+"""A corruption written by a user: rain, with a parameter in a second module."""
 
 import textwrap
 

@@ -1,4 +1,4 @@
-"""Line motion against a float64 sum over the taps."""
+"""Linear motion blur compared with a float64 sum over the taps."""
 
 import math
 
@@ -11,7 +11,7 @@ from robustflow.random.rng import Rng
 
 
 def naive(image, radius, sigma, angle):
-    """Tap i is the image shifted back by i pixels along the angle, its edges repeated."""
+    """The sum over taps: tap i is the image shifted back by i pixels along the angle, with replicated borders."""
     taps = 2 * radius + 1
     weights = np.array([math.exp(-(i**2) / (2 * sigma**2)) for i in range(taps)])
     weights /= weights.sum()

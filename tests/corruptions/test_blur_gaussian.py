@@ -1,4 +1,4 @@
-"""Gaussian filtering against SciPy's in float64."""
+"""Gaussian filtering compared with SciPy's in float64."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The shuffle against plain loops that move whole pixels, and the blurs around it."""
+"""The shuffle compared with plain loops over whole pixels, and the blurs before and after it."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from robustflow.random.rng import Rng, hash64
 
 
 def shuffled_by_loops(pixels, rng, reach, iterations, swap):
-    """Pixel by pixel from the bottom right, with the offsets that the stream gives."""
+    """Shuffle pixel by pixel from the bottom right, with offsets from the stream."""
     pixels = pixels.copy()
     height, width = pixels.shape[:2]
     for iteration in range(iterations):

@@ -1,4 +1,4 @@
-"""PSF blur: against the reference implementation's pictures, its own lenses, and stacks from files."""
+"""PSF blur: comparison with the reference implementation's pictures, the shipped lenses, and stacks from files."""
 
 import io
 import json
@@ -81,7 +81,7 @@ def test_means_of_the_channels_stay():
 
 @pytest.fixture
 def stacks(tmp_path, monkeypatch):
-    """A folder with five `.pth` files as the reference code names them, and an empty cache."""
+    """A folder with five `.pth` files named as in the reference code, and an empty cache."""
     torch = pytest.importorskip("torch", reason="needs the extra torch")
     monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "psf"
@@ -199,11 +199,11 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
             for entry in source.namelist():
                 hostile = entry.endswith("data.pkl")
                 target.writestr(entry, pickle.dumps(_Hostile()) if hostile else source.read(entry))
-    elif kind == "bomb":  # 64 MB of zeros in a file of 64 kB
+    elif kind == "bomb":  # a 64 kB file that expands to 64 MB of zeros
         with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("archive/data/1", bytes(64 << 20))
         assert path.stat().st_size < reference_stack.LARGEST
-    elif kind == "count":  # a storage of 4 TB, by its index
+    elif kind == "count":  # a storage of 4 TB according to its index
         torch.save(good[:1, :1, :1, :1].clone(), path)
         with zipfile.ZipFile(path) as source:
             parts = {entry: source.read(entry) for entry in source.namelist()}
@@ -225,12 +225,12 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
     assert "executed" not in capsys.readouterr().out
 
 
-# Against the reference implementation, on its test pair
+# Comparison with the reference implementation on its test pair
 
 
 @pytest.fixture
 def reference(shared):
-    """Statistics of the reference (its defects repaired), and the clean pair."""
+    """Statistics of the reference (with its defects repaired), and the clean pair."""
     folder = shared("corruption-reference")
     statistics = json.loads((folder / "reference.json").read_text())["psf_blur_repaired"]
     return statistics, [read_image(folder / f"clean_{number}.png") for number in (1, 2)]
@@ -243,7 +243,7 @@ def psnr(a, b):
 @pytest.mark.fidelity
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, severity):
-    """CRE of DIS within 15 % of the reference's, of Farneback within 20 %."""
+    """CRE of DIS is within 15 % of the reference's, and that of Farneback within 20 %."""
     statistics, frames = reference
     coded = cv2.imread(str(shared("corruption-reference", "flow_occ.png")), cv2.IMREAD_UNCHANGED)[..., ::-1]
     truth, valid = (coded[..., :2].astype(float) - 32768) / 64, coded[..., 2] > 0
@@ -266,7 +266,9 @@ def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, sever
 @pytest.mark.fidelity
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_strength_is_that_of_the_reference(reference, severity):
-    """Own lenses: PSNR within 1 dB, SSIM-like gradient loss within 30 %, means of the channels within 0.6 levels."""
+    """For the shipped lenses, PSNR is within 1 dB, SSIM-like gradient loss within 30 %, and channel means within 0.6
+    levels.
+    """
     statistics, frames = reference
     wanted = statistics[f"s{severity}"]
     for number, (frame, blurred) in enumerate(zip(frames, corrupt(*frames, "psf_blur", severity), strict=True), 1):
@@ -275,5 +277,5 @@ def test_strength_is_that_of_the_reference(reference, severity):
         dx, dy = np.diff(grey, axis=1)[:-1], np.diff(grey, axis=0)[:, :-1]
         assert np.sqrt(dx**2 + dy**2).mean() == pytest.approx(wanted[f"grad_{number}"], rel=0.3)
         for channel, name in enumerate("rgb"):
-            # the reference cuts half a level off on average, which rounding does not
+            # the reference truncates, which loses half a level on average; rounding does not
             assert blurred[..., channel].mean() == pytest.approx(wanted[f"mean_{name}_{number}"] + 0.5, abs=0.6)

@@ -1,4 +1,4 @@
-"""The calibrated scale: the paths, the table that ships, and what a run does with severities that do not exist."""
+"""The calibrated scale: the paths, the shipped table, and the treatment of severities that do not exist."""
 
 import json
 import sys
@@ -64,7 +64,7 @@ def test_the_papers_severities_lie_on_the_path(name):
 
 @pytest.mark.parametrize("name", calibratable())
 def test_the_shipped_levels_get_stronger_along_the_path(name):
-    """A level's place on the path (nearest of many points) must not fall from one severity to the next."""
+    """A level's position on the path (the nearest of many points) must not decrease from one severity to the next."""
     points = [segment.at(share) for segment in path(name) for share in np.linspace(0, 1, 257)]
     table = np.array([[float(v) for v in flat(p)] for p in points])
     scale = np.ptp(table, axis=0) + 1e-9
@@ -91,7 +91,7 @@ def test_the_shipped_table_covers_every_image_pair_corruption_and_says_how_it_wa
 
 
 def _measured(name, severity):
-    """Mean SSIM of a shipped level on the reference set, by public functions only."""
+    """Mean SSIM of a shipped level on the reference set, computed with public functions only."""
     corruption = load_corruption(name, scale="calibrated")
     values = []
     for key, picture in reference_pictures().items():

@@ -21,7 +21,7 @@ every_corruption = pytest.mark.parametrize("name", NAMES)
 
 
 def corrupted(*args, **options):
-    """Like `corrupt`, with depth; skips if textures or lenses are missing and cannot be fetched."""
+    """Corrupt as `corrupt` does, with depth; skips if textures or lenses are missing and cannot be fetched."""
     try:
         return corrupt(*args, **options, depth=scene(*args[0].shape[:2]))
     except AssetError as error:
@@ -76,14 +76,14 @@ def test_black_and_white_frames(name, value):
 
 
 class _NotToBeUsed:
-    """Takes the place of a generator: any use of it is an error."""
+    """Replaces a generator; any use of it is an error."""
 
     def __getattribute__(self, name):
         raise AssertionError(f"the generator is used: {name}")
 
 
 def draws_nothing(name):
-    """Whether a corruption is the same for every key and seed: neither `draw` nor `apply` touches the generator."""
+    """Return whether a corruption is the same for every key and seed: neither `draw` nor `apply` uses the generator."""
     corruption = load_corruption(name)
     try:
         state = corruption.draw_with_depth(_NotToBeUsed(), 3, (64, 80), scene(64, 80))
@@ -173,7 +173,7 @@ def test_every_name_of_the_paper_is_registered():
 
 
 def test_the_paper_has_seven_temporal_corruptions():
-    """Paper, Sec. 3: object motion blur, over and under exposure, snow, and the three of video."""
+    """Section 3 of the paper lists object motion blur, exposure, snow, and the three video corruptions."""
     temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
     assert temporal == [
         "over_exposure", "under_exposure", "snow", "object_motion_blur", "h264_crf", "h264_abr", "bit_error"

@@ -1,4 +1,4 @@
-"""Every corruption inside the workers of a torch DataLoader, after torch and OpenCV worked with threads in the parent.
+"""Every corruption runs inside the workers of a torch DataLoader after torch and OpenCV used threads in the parent.
 
 A thread pool does not survive a fork: a worker that uses one waits for ever, so each case runs in a separate process
 with a time limit.

@@ -1,4 +1,4 @@
-"""Fog in three dimensions, against Koschmieder's law in float64."""
+"""Fog in three dimensions compared with Koschmieder's law in float64."""
 
 import numpy as np
 import pytest

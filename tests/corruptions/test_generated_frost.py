@@ -1,4 +1,4 @@
-"""Frost without photographs: the textures, and that the README's first command does not use the network."""
+"""Frost without photographs: the textures, and a test that the README's first command does not use the network."""
 
 import hashlib
 import os
@@ -36,12 +36,12 @@ sys.argv = ["robustflow", *sys.argv[1:]]
 from robustflow.cli.main import main
 main()
 """
-"""The command line, where a connection or a call of pip is an error."""
+"""The command line, with every connection or call of pip treated as an error."""
 
 
 @pytest.fixture
 def no_photographs(monkeypatch, tmp_path):
-    """A machine without the photographs: every request for one fails, even if other tests had them."""
+    """Simulate a machine without the photographs: every request for one fails, even if other tests had them."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     photograph.cache_clear()
 
@@ -87,7 +87,7 @@ def test_the_textures_are_the_same_everywhere():
         assert abs(grey.mean() - style.mean) < 3
         assert abs(grey.std() - style.spread) < 1.5
         fineness = np.abs(np.diff(grey, axis=1)).mean()
-        assert 7 < fineness < 21  # of the photographs: 7.4, 7.9, 7.9, 13.2, 17.4
+        assert 7 < fineness < 21  # the photographs' values: 7.4, 7.9, 7.9, 13.2, 17.4
 
 
 def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(no_photographs):

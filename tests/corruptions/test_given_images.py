@@ -1,4 +1,4 @@
-"""`corrupt` takes single images, and images of Pillow, as they are."""
+"""`corrupt` accepts single images and Pillow images without conversion."""
 
 import numpy as np
 import pytest

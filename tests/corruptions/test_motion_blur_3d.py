@@ -1,4 +1,4 @@
-"""Motion blur in three dimensions, against points and planes that are projected in float64."""
+"""Motion blur in three dimensions compared with points and planes that are projected in float64."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def blurred(frame, depth, severity, index=0, seed=0):
 
 
 def moving(first, second=None, by=(0.0, 0.0, 0.0), rotation=None):
-    """Depth before a camera in whose coordinates points move `by` metres between the frames."""
+    """Depth in front of a camera in whose coordinates points move by `by` metres between the frames."""
     rotation = np.eye(3) if rotation is None else rotation
     return seen(first, second, rotation=rotation, translation=np.array(by))
 
@@ -48,7 +48,7 @@ def test_a_plane_that_moves_sideways_is_the_mean_of_shifted_frames(severity, shi
     out = blurred(frame, moving(level((45, 70), metres), by=(0, shift, 0) if vertical else (shift, 0, 0)), severity)
     path = 100 * shift / np.float32(metres) * SHARES[severity - 1]
     count = 1 + int(np.ceil(abs(path)))
-    steps = 8 if count <= 6 else 1  # of a pixel; a place half way between two may go to either side
+    steps = 8 if count <= 6 else 1  # per pixel; a position half-way between two steps may round either way
     ways = path * ((np.arange(count) + 0.5) / count - 0.5)
     axis, size = (0, 45) if vertical else (1, 70)
     total = np.zeros(frame.shape)
@@ -154,8 +154,8 @@ def test_each_frame_is_blurred_through_its_own_lens():
     frame = np.zeros((60, 100, 3), np.uint8)
     frame[30, 20], frame[30, 80] = 255, 255
     lit = [blurred(frame, zoomed, 5, index)[30, :, 0] for index in (0, 1)]
-    assert 10 < lit[0][:40].max() < 80  # beside the middle of frame 1
-    assert lit[1][20] > 200  # in the middle of frame 2
+    assert 10 < lit[0][:40].max() < 80  # next to the centre of frame 1
+    assert lit[1][20] > 200  # at the centre of frame 2
 
 
 def test_shapes_which_move_by_themselves_are_blurred_by_a_drawn_motion():

@@ -1,4 +1,4 @@
-"""Noise: exact distributions, sample by sample from the generator's lanes, independent between frames."""
+"""Noise: exact distributions, each sample from the generator's lanes, independence between frames."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_shot_tables_hold_the_poisson_distributions(photons, floor):
 
 
 def lane(key, sample, bits):
-    """The random bits of a sample, in Python's integers."""
+    """The random bits of a sample, as Python ints."""
     per_word = 64 // bits
     return int(hash64(key, np.uint64(sample // per_word))) >> bits * (sample % per_word) & (1 << bits) - 1
 

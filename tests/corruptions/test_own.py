@@ -1,4 +1,4 @@
-"""A user's own corruption, from a module, a class or an object: checked, named, and identified by its source."""
+"""A user's own corruption, given as a module, a class or an object: checked, named, and identified by its source."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FRAME = np.indices((24, 36)).sum(0)[..., None].repeat(3, 2).astype(np.uint8)
 
 
 class Veil:
-    """One grey for both frames, new with every draw."""
+    """The same random grey value for both frames, different in every draw."""
 
     def __init__(self, top: int = 200) -> None:
         self.top = top
@@ -33,7 +33,7 @@ class Veil:
 
 
 class NearWhite(DepthCorruption):
-    """White where the scene is nearer than the severity in metres; a dot, drawn for the pair, is black."""
+    """White where the scene is nearer than the severity in metres, with a black dot that is drawn once for the pair."""
 
     paper_severities = (1.0, 2.0, 4.0, 8.0, 16.0)
 
@@ -48,7 +48,7 @@ class NearWhite(DepthCorruption):
 
 
 class NearGrey:
-    """The same idea without a base class."""
+    """The same corruption without a base class."""
 
     needs_depth = True
 
@@ -61,7 +61,7 @@ class NearGrey:
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A user's module and one that it imports, in the folder where the command runs."""
+    """A user's module and a module that it imports, in the folder where the command runs."""
     (tmp_path / "rain_module.py").write_text(RAIN)
     (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
     monkeypatch.chdir(tmp_path)

@@ -1,5 +1,6 @@
-"""The numbers of the paper's appendix "Corruption Details", copied by hand, because tests that use the class's own
-parameters would not notice a wrong one."""
+"""The numbers of the paper's appendix "Corruption Details", copied by hand, because a test that used the class's own
+parameters would not detect a wrong one.
+"""
 
 import io
 
@@ -48,7 +49,7 @@ CODE = {
         (0.55, 0.3, 2.5, 0.85, 12, 12, 0.55),
     ),
 }
-"""Parameters that the paper does not give, from the reference code."""
+"""Parameters from the reference code that the paper does not give."""
 
 
 @pytest.mark.parametrize("name", [*PAPER, *CODE])

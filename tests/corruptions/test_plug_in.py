@@ -1,4 +1,6 @@
-"""A corruption of an installed package: found by name, without a line in this one, with its source in the identity."""
+"""A corruption from an installed package is available by name without changes to RobustFlow, and its source is part of
+the identity.
+"""
 
 import os
 import subprocess

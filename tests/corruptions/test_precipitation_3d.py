@@ -1,4 +1,4 @@
-"""Rain and snow in three dimensions: where the particles are, what they hide, and what hides them."""
+"""Rain and snow in three dimensions: positions of the particles, and occlusion by and of them."""
 
 import math
 from dataclasses import replace
@@ -57,7 +57,7 @@ def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, 
     at = first, (first + FRAME_INTERVAL * speed) @ rotation.T + translation
     speeds = speed, speed @ rotation.T
     for index in (0, 1):
-        # the camera goes on as between the frames, so a point goes on along the same step
+        # the camera repeats its motion between the frames, so a point continues along the same step
         step = (at[index] + FRAME_INTERVAL * speeds[index]) @ rotation.T + translation - at[index]
         ends = [at[index] + sign * EXPOSURE / 2 / FRAME_INTERVAL * step for sign in (-1, 1)]
         shown = (at[index][:, 2] >= NEAREST) & (np.minimum(ends[0][:, 2], ends[1][:, 2]) >= NEAREST / 2)
@@ -80,7 +80,7 @@ def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kin
         pixel = projected(at, camera, index)
         inside = ((pixel >= -0.5) & (pixel < [1241.5, 374.5])).all(axis=1) & (at[:, 2] >= NEAREST)
         diameters = np.linspace(0, sizes.largest, 20001)
-        for low, high in ((0.0, 0.5), (0.5, 1.0)):  # as shares of the largest diameter
+        for low, high in ((0.0, 0.5), (0.5, 1.0)):  # relative to the largest diameter
             chosen = (diameters > low * sizes.largest) & (diameters <= high * sizes.largest)
             reach = np.maximum(721.0 * diameters[chosen] * 1e-3 / smallest, NEAREST)
             volume = (reach**3 - NEAREST**3) / 3 * 1242 * 375 / camera.intrinsics(index)[0] ** 2
@@ -125,7 +125,7 @@ def test_particles_are_hidden_pixel_by_pixel(kind):
 
 
 def by_hand(points, diameters, motion=STILL, speed=(0.0, 0.0, 0.0)):
-    """Particles in given places, all of one velocity."""
+    """Particles at given positions, all with the same velocity."""
     first = np.array(points, np.float64)
     velocity = np.tile(np.array(speed), (len(first), 1))
     second = (first + FRAME_INTERVAL * velocity) @ motion.rotation.T + motion.translation
@@ -136,7 +136,7 @@ def by_hand(points, diameters, motion=STILL, speed=(0.0, 0.0, 0.0)):
 
 
 def shares(particles, index=0, depth=None):
-    """What the particles hide of each pixel of 120x160."""
+    """Coverage of each pixel by the particles, for 120x160 pixels."""
     depth = depth or plane(50.0, (120, 160))
     state = Snow3d().draw_scene(Rng.of("hand"), 1, depth)._replace(particles=particles, veil=(0.0, 1.0))
     white = type("White", (Snow3d,), {"colour": (255.0, 255.0, 255.0)})()
@@ -176,7 +176,7 @@ def test_streaks_of_a_camera_that_drives_forward_point_to_where_it_drives():
             np.abs((out[:, 0] * along[:, 1] - out[:, 1] * along[:, 0]) / np.hypot(*out.T) / np.hypot(*along.T)).max()
             < 1e-9
         )
-        assert ((out * along).sum(axis=1) > 0).all()  # outward: they come nearer
+        assert ((out * along).sum(axis=1) > 0).all()  # outward, because they come nearer
 
 
 @both

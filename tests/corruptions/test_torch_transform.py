@@ -1,4 +1,4 @@
-"""The transform on tensors: against the plain one, in structures, batches and the workers of a DataLoader."""
+"""The transform on tensors compared with the plain one: in structures, batches and the workers of a DataLoader."""
 
 import re
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_items_of_a_batch_are_drawn_apart_and_pairs_of_a_batch_together():
     transform = TorchCorruption(["frost"], [4])
     batch = torch.stack([image(3)] * 3)
     first, second = transform(batch, batch, key="b")
-    assert torch.equal(first, second)  # one frost for both frames
+    assert torch.equal(first, second)  # the same frost texture in both frames
     assert not torch.equal(first[0], first[1])
     assert torch.equal(first[2], transform(image(3), key="b/2"))
 
@@ -76,7 +76,7 @@ def test_what_is_not_an_image_is_refused(tensors, says):
 
 
 class Same(Dataset):
-    """One flat image many times: any difference comes from a separate draw."""
+    """One flat image repeated many times: any difference comes from a separate draw."""
 
     def __init__(self, keyed):
         self.keyed = keyed

@@ -47,12 +47,12 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
     assert out.min() >= 0
     assert out.max() <= (255 if image.dtype == np.uint8 else 1)
     np.testing.assert_array_equal(image, before)
-    assert not np.array_equal(out, image) or name.endswith("exposure")  # one frame in two is exposed
+    assert not np.array_equal(out, image) or name.endswith("exposure")  # one of the two frames is exposed
     assert not np.shares_memory(out, image)
 
 
 def test_it_is_the_corruption_of_that_name_and_severity():
-    """Against the corruption itself, with the stream that the module's docstring names."""
+    """The transform equals the corruption called with the stream that the module's docstring names."""
     image, corruption = picture(), load_corruption("fog")
     stream = Rng.of("robustflow transform", 7, "key", "a").spawn("draw")
     expected = corruption.apply(image, corruption.draw(stream, 2, image.shape[:2]), 0)

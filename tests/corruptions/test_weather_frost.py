@@ -1,4 +1,4 @@
-"""Frost: the sources of the textures, and how they are laid over a frame."""
+"""Frost: the sources of the textures, and their blending with a frame."""
 
 import hashlib
 import os
@@ -54,7 +54,7 @@ def wheel_of(folder, path, tamper=None):
 
 @pytest.fixture
 def pip(monkeypatch, invented):
-    """Takes pip's place: writes a wheel of made-up textures into the given folder."""
+    """Replaces pip: writes a wheel of made-up textures into the given folder."""
     calls = []
 
     def download(command, **_):

@@ -1,4 +1,4 @@
-"""Snow against the steps of the reference code in float64, on the same flakes."""
+"""Snow compared with the steps of the reference code in float64, on the same flakes."""
 
 import math
 
@@ -40,7 +40,7 @@ def test_a_frame_is_the_reference_codes_formula(severity, shape):
     grey = (frame @ np.array([0.299, 0.587, 0.114]))[..., None]
     expected = share * frame + (1 - share) * np.maximum(frame, 1.5 * grey + 127.5) + layer + layer[::-1, ::-1]
     error = np.abs(snow.apply(frame, state, 1) - np.minimum(expected, 255))
-    # each of the two layers is rounded, from a sum that is exact to 0.05: close to a half it may go the other way
+    # each of the two layers is rounded from a sum that is exact to 0.05, so values close to a half may round either way
     assert error.max() < 2.6
     assert (error > 0.51).mean() < 2 * 2 * 0.05
 

@@ -1,4 +1,4 @@
-"""Spatter against the steps of the reference code in float64, on the same noise."""
+"""Spatter compared with the steps of the reference code in float64, on the same noise."""
 
 import cv2
 import numpy as np
@@ -37,7 +37,7 @@ def test_a_frame_is_the_reference_codes_result(severity):
     expected = naive(frame, Rng.of("spatter"), spatter.parameter(severity))
     got = spatter.apply(frame, spatter.draw(Rng.of("spatter"), severity, shape), 0)
     assert np.abs(expected - frame).max() > 30
-    # a pixel within float noise of a threshold may fall on its other side
+    # a pixel within float rounding of a threshold may fall on either side of it
     assert (np.abs(got - expected) > 0.51).mean() < 0.005
 
 

@@ -1,4 +1,4 @@
-"""A clip around a pair: one draw, the same bytes for the pair, and frames before it."""
+"""A clip around a pair: one draw, the same bytes for the pair, and the preceding frames."""
 
 import numpy as np
 import pytest

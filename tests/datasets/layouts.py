@@ -30,7 +30,7 @@ def picture(path: Path, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
 
 
 def flow(path: Path, valid: np.ndarray | None = None, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    """Write a flow whose values depend on its path; returns it."""
+    """Write a flow whose values depend on its path; returns the flow."""
     path.parent.mkdir(parents=True, exist_ok=True)
     values = np.resize(_digest(path).astype(np.float32) / 4 - 32, (height, width, 2))
     write_flow(path, values, valid)
@@ -44,7 +44,7 @@ def mask(path: Path, values: np.ndarray) -> None:
 
 
 def kitti(folder: Path, keys: list[str], images: str = "image_2", noc: bool = True, occ: bool = True) -> None:
-    """Pairs in KITTI's layout; the first column is occluded, the last row unknown."""
+    """Pairs in KITTI's layout, with the first column occluded and the last row unknown."""
     known = np.ones((HEIGHT, WIDTH), bool)
     known[-1] = False
     visible = known.copy()
@@ -65,7 +65,7 @@ def refused(name: str, root: Path, match: str, **options: object) -> None:
 
 
 def check(dataset: Dataset, key: str, first: Path, second: Path, truth: Path | None) -> None:
-    """The sample has exactly the contents of these files, and lists them."""
+    """Assert that the sample has exactly the contents of these files and lists them."""
     sample = dataset.load(key)
     np.testing.assert_array_equal(sample.frames[0], read_image(first))
     np.testing.assert_array_equal(sample.frames[1], read_image(second))

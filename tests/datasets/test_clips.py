@@ -15,7 +15,9 @@ from .layouts import HEIGHT, WIDTH, flow, kitti, picture
 
 
 def check(dataset, key, files, place):
-    """The frames of a data set around the pair at `place` of a sequence are those of `files`, in their order."""
+    """Assert that the data set's frames around the pair at index `place` of a sequence are those of
+    `files`, in order.
+    """
     assert isinstance(dataset, Clips)
     assert has_clips(dataset)
     before, after = place, len(files) - place - 2

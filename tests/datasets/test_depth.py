@@ -1,4 +1,4 @@
-"""Depth of samples: completed, carried to frame 2, and read from the files of data sets."""
+"""Depth of samples: completed, warped to frame 2, and read from the files of data sets."""
 
 import io
 
@@ -27,7 +27,7 @@ PAIR = Sample("7", (np.zeros((4, 4, 3), np.uint8),) * 2)
 
 
 def filled_in_plain_python(depth):
-    """The stated method, pixel by pixel."""
+    """Fill holes by the documented method, pixel by pixel."""
     known = np.isfinite(depth) & (depth > 0)
     rows = {}
     for y in np.flatnonzero(known.any(axis=1)):
@@ -99,7 +99,7 @@ def test_shapes_have_the_depth_of_the_layer_that_is_seen_in_both_frames():
         there = np.rint(np.dstack([columns, rows]) + sample.flow).astype(int)
         seen = ~sample.occluded
         follows = depth.maps[1][there[seen][:, 1], there[seen][:, 0]] == depth.maps[0][seen]
-        assert follows.mean() > 0.97  # all but pixels at the edges of layers
+        assert follows.mean() > 0.97  # all pixels except those at the edges of layers
         inside = ((there >= 0) & (there < (128, 96))).all(axis=2)
         hidden = binary_erosion(sample.occluded, iterations=2) & inside
         nearer = depth.maps[1][there[hidden][:, 1], there[hidden][:, 0]] < depth.maps[0][hidden]
@@ -113,7 +113,7 @@ def test_layers_run_from_5_to_100_metres_evenly_in_inverse_depth():
 
 
 def test_motorcycle_moves_by_its_baseline_as_its_disparity_says():
-    """Back-projected, moved by the camera's motion and projected again, each pixel is where the true flow takes it."""
+    """A point back-projected, moved by the camera's motion and projected again lies where the true flow takes it."""
     data = load_dataset("motorcycle")
     sample = data["motorcycle"]
     depth = data.depth(sample)
@@ -138,7 +138,7 @@ def test_motorcycles_second_frame_has_the_depth_of_what_it_shows():
     there = np.rint(columns + sample.flow[sample.valid, 0]).astype(int)
     inside = (there >= 0) & (there < 741)
     second, first = depth.maps[1][rows[inside], there[inside]], depth.maps[0][sample.valid][inside]
-    assert (second <= first).all()  # nothing that is farther than what it covers
+    assert (second <= first).all()  # the surface at the target is never farther
     assert (second == first).mean() > 0.9
     assert depth.measured[1].mean() > 0.8
 
@@ -173,7 +173,7 @@ def metres(shape=(40, 56)):
 
 
 def write_map(path, values):
-    """In the format that the ending says."""
+    """Write the map in the format that the suffix specifies."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".png":
         assert cv2.imwrite(str(path), np.rint(values * 1000).astype(np.uint16))
@@ -248,7 +248,7 @@ def hostile_maps():
 
 
 def npy_bytes(values):
-    """As numpy.save writes them."""
+    """The bytes of an array as numpy.save writes them."""
     buffer = io.BytesIO()
     np.save(buffer, values)
     return buffer.getvalue()

@@ -1,4 +1,6 @@
-"""Depth and cameras from the files of data sets, in their own formats: a scene of planes before a moving camera."""
+"""Depth and cameras from the files of data sets, in their own formats, for a scene of planes in front of a moving
+camera.
+"""
 
 from types import SimpleNamespace
 
@@ -34,7 +36,9 @@ def turned(*angles):
 
 
 def world(rotation, translation, lens=(FOCAL, FOCAL, *CENTRE), second=None):
-    """A tilted plane with a block before it, and its flow: depth of frame 1, depth of its points in frame 2, flow."""
+    """A tilted plane with a block in front of it, and its flow: depth of frame 1, depth of its points in
+    frame 2, flow.
+    """
     rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     depth = 1 / (0.02 + 0.001 * rows + 0.0005 * columns)
     depth[10:25, 20:40] = 6.0
@@ -86,7 +90,7 @@ def test_relative_motion_takes_points_of_the_first_camera_to_the_second():
 
 
 def check_frames(depth, scene, atol=0.02):
-    """The first map is the scene's; the second one that of its points where the flow takes them."""
+    """The first map is the scene's depth; the second is the depth of its points where the flow takes them."""
     measured = depth.measured[0]
     np.testing.assert_allclose(depth.maps[0][measured], scene.depth[measured], rtol=atol)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
@@ -97,12 +101,12 @@ def check_frames(depth, scene, atol=0.02):
 
 
 def kitti(root, scene, baseline=0.54):
-    """A pair of KITTI 2015 with disparity, as its PNG files hold it, and calibration."""
+    """A pair of KITTI 2015 with disparity, as stored in its PNG files, and calibration."""
     training = root / "training"
     for number in (10, 11):
         picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
     known = np.ones((HEIGHT, WIDTH), bool)
-    known[:5] = known[:, ::3] = False  # the sky, and between the lines of the scanner
+    known[:5] = known[:, ::3] = False  # the sky, and the gaps between the scan lines
     (training / "flow_occ").mkdir()
     write_flow(training / "flow_occ" / "000010_10.png", scene.flow, known)
     for name, metres in (("disp_occ_0", scene.depth), ("disp_occ_1", scene.then)):
@@ -119,7 +123,7 @@ def kitti(root, scene, baseline=0.54):
 
 def test_kitti_has_depth_by_disparity_and_calibration_and_a_fitted_camera(tmp_path):
     scene = world(*MOTION)
-    training = kitti(tmp_path, scene, baseline=20.0)  # more than 0.54 m, as 64 pixels resolve little
+    training = kitti(tmp_path, scene, baseline=20.0)  # the real 0.54 m gives too little disparity in 64 pixels
     data = load_dataset("kitti2015", tmp_path)
     sample = data.load("000010")
     depth = data.depth(sample)
@@ -171,7 +175,7 @@ def test_sintel_has_the_depth_and_the_cameras_of_its_files(tmp_path):
     scene = world(*MOTION)
     training = sintel(tmp_path, scene, first, second, zoom=1.25)
     data = load_dataset("sintel", tmp_path)
-    assert data.keys() == ["alley_1/frame_0001"]  # its new folders are no passes
+    assert data.keys() == ["alley_1/frame_0001"]  # its new folders are not rendering passes
     depth = data.depth(data.load("alley_1/frame_0001"))
     np.testing.assert_array_equal(depth.maps[0], scene.depth.astype(np.float32))
     np.testing.assert_array_equal(depth.maps[1], scene.then.astype(np.float32))
@@ -192,8 +196,9 @@ def test_sintel_has_the_depth_and_the_cameras_of_its_files(tmp_path):
 
 
 def ned(rotation, place):
-    """The line of a pose: a quaternion of what turns x forward, y right, z down; from a camera-to-world rotation of x
-    right, y down, z forward."""
+    """One line of a pose file: a quaternion for coordinates with x forward, y right, z down, from a camera-to-world
+    rotation with x right, y down, z forward.
+    """
     axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
     turn = rotation @ axes.T
     w = np.sqrt(max(0, 1 + np.trace(turn))) / 2

@@ -1,4 +1,4 @@
-"""Facts: each built-in data set and benchmark states them once, and unknown names give neutral ones."""
+"""Each built-in data set and benchmark defines its facts once, and unknown names get neutral ones."""
 
 import sys
 

@@ -67,7 +67,7 @@ def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
 
 
 def decoded(path: Path) -> list[np.ndarray]:
-    """Every frame, by plain decoding from the start."""
+    """Decode every frame sequentially from the start."""
     with av.open(str(path)) as container:
         return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
 
@@ -173,7 +173,7 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_playlist_under_another_name_is_not_a_video(tmp_path: Path) -> None:
-    """FFmpeg looks at contents: it would read this text as a list of files, whatever its name."""
+    """FFmpeg detects formats by content: it would read this text as a list of files, whatever the file name."""
     write_video(tmp_path / "secret.mp4", 20, 6)
     (tmp_path / "clip.mp4").write_text("ffconcat version 1.0\nfile secret.mp4\n")
     with av.open(str(tmp_path / "clip.mp4"), options={"safe": "0"}) as container:
@@ -198,7 +198,7 @@ def test_real_videos(shared, start: int) -> None:
 
 def test_a_part_of_a_video(tmp_path: Path) -> None:
     path = tmp_path / "clip.mp4"
-    write_video(path, 50, 6)  # 25 frames a second
+    write_video(path, 50, 6)  # 25 frames per second
     expected = decoded(path)
     for start, stop in ((10, 15), ("0.4s", "0.6s"), ("0:00.4", 15), ("10", "15")):
         dataset = load_dataset("folder", path, start=start, stop=stop)
@@ -213,7 +213,7 @@ def test_a_part_of_a_video(tmp_path: Path) -> None:
 
 
 def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
-    """Times are the frames' own, not a multiple of a rate."""
+    """Times are those of the frames, not multiples of a frame rate."""
     images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
     path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
     assert load_dataset("folder", path, start="0.5s").keys() == ["000003", "000004"]

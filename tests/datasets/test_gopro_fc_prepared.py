@@ -32,7 +32,7 @@ HEIGHT, WIDTH, COUNT = 64, 96, 36
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory) -> Path:
-    """Two pairs of one rendered clip at 960 frames per second."""
+    """Two pairs of one clip rendered at 960 frames per second."""
     folder = tmp_path_factory.mktemp("gopro")
     source = clips.folder(folder / "frames" / "scene", COUNT, HEIGHT, WIDTH)
     settings = Preparation(fps=Fraction(240), interpolator="flow", preset="ultrafast")
@@ -76,7 +76,7 @@ def test_a_flipped_bit_in_a_prepared_folder_is_noticed(prepared, tmp_path, name)
         path.write_bytes(flipped)
         try:
             assert (use() == expected).all()
-            assert path.suffix == ".png"  # in a part of the file that holds no pixel
+            assert path.suffix == ".png"  # in a part of the file that contains no pixel
         except DataError:
             pass
 
@@ -130,7 +130,7 @@ def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
 
 
 def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
-    """All corruptions of clips and one of each other kind; the two-frame model's frames are the same."""
+    """Use all corruptions of clips and one of every other kind; the two-frame model's frames are the same."""
     folder = str(Path(__file__).parent.parent / "runner")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", folder)
@@ -184,7 +184,7 @@ def test_cache_keeps_its_limit_and_evicted_variants_come_back(prepared, tmp_path
         assert all((a == b).all() for a, b in pairs)
         assert len(small.cache.entries()) == 1
     assert len(whole.cache.entries()) == 3
-    assert len(small.clip_records()) == 3  # what happened is remembered
+    assert len(small.clip_records()) == 3  # the error is remembered
 
 
 def test_the_reference_variant_damages_with_5_m(prepared):

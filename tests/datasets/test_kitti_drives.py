@@ -1,4 +1,4 @@
-"""The table of drives against the facts in the kit's documentation."""
+"""The table of drives compared with the facts in the development kit's documentation."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ KEYS = [f"{number:06d}" for number in range(200)]
 def test_the_table_is_that_of_the_development_kit():
     known = drives("kitti2015")
     assert (len(known), len(set(known.values()))) == (142, 29)
-    assert known["000010"] == "2011_09_26_drive_0009"  # the example of the kit's own readme
+    assert known["000010"] == "2011_09_26_drive_0009"  # the example in the development kit's readme
     assert {key for key, drive in known.items() if drive.endswith("26_drive_0009")} == set(KEYS[7:13])
     assert (known["000002"], known["000199"]) == ("2011_09_26_drive_0005", "2011_10_03_drive_0047")
     assert list(known.values()) == sorted(known.values()), "pairs are numbered in the order of drives"

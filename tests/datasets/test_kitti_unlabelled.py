@@ -29,17 +29,18 @@ def multiview(tmp_path) -> Path:
 
 @pytest.fixture
 def raw(tmp_path) -> Path:
-    for drive in ("2011_09_26_drive_0009_sync", "2011_09_26_drive_0099_sync"):  # 0009 holds pairs of KITTI 2015
+    # drive 0009 contains pairs of KITTI 2015
+    for drive in ("2011_09_26_drive_0009_sync", "2011_09_26_drive_0099_sync"):
         for camera in ("image_02", "image_03"):
-            for frame in (0, 1, 2, 4, 5):  # 3 is missing, as frames of some drives are
+            for frame in (0, 1, 2, 4, 5):  # frame 3 is missing, as happens in some drives
                 picture(tmp_path / "2011_09_26" / drive / camera / "data" / f"{frame:010d}.png")
     return tmp_path
 
 
 def test_a_scene_gives_15_pairs_of_a_camera(multiview):
     for options, scenes in (
-        ({"part": "training", "camera": "both"}, 4),  # ARFlow: both cameras of the training scenes
-        ({"part": "all", "camera": "left"}, 4),  # UPFlow: the left camera of all scenes
+        ({"part": "training", "camera": "both"}, 4),  # ARFlow uses both cameras of the training scenes
+        ({"part": "all", "camera": "left"}, 4),  # UPFlow uses the left camera of all scenes
         ({}, 8),
     ):
         dataset = load_dataset("kitti_multiview", multiview, **options)
@@ -72,7 +73,7 @@ def test_drives_of_evaluated_pairs_are_left_out(raw):
     every = load_dataset("kitti_raw", raw, drives="all", camera="both")
     assert len(every.keys()) == 12
     assert not every.leaves_out_evaluated
-    assert load_dataset("kitti_raw", raw / "2011_09_26").keys() == apart.keys()  # a day is enough
+    assert load_dataset("kitti_raw", raw / "2011_09_26").keys() == apart.keys()  # one day is enough
 
 
 def test_a_list_of_pairs(raw, tmp_path):

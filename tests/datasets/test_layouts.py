@@ -1,4 +1,4 @@
-"""Readers of data sets other than KITTI on small folders: which files belong together, and what is refused."""
+"""Readers of data sets other than KITTI on small folders: the files that belong together, and refused input."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def sintel(root: Path, maps: bool = True) -> Path:
         for number in (1, 2, 3):
             picture(folder / "clean" / scene / f"frame_{number:04d}.png")
             picture(folder / "final" / scene / f"frame_{number:04d}.png")
-            if maps:  # the last frame has an invalid map too, but no flow
+            if maps:  # the last frame also has an invalid map, but no flow
                 mask(folder / "invalid" / scene / f"frame_{number:04d}.png", ~hidden[::-1])
         for number in (1, 2):
             flow(folder / "flow" / scene / f"frame_{number:04d}.flo")
@@ -209,7 +209,7 @@ def test_tartanair(tmp_path: Path, inner: bool) -> None:
 
 
 def test_the_subset_of_flyingthings3d(tmp_path: Path) -> None:
-    for number in (0, 1, 2, 3, 4):  # 0 to 2 and 3 to 4 are scenes
+    for number in (0, 1, 2, 3, 4):  # frames 0 to 2 and 3 to 4 are scenes
         picture(tmp_path / "train/image_final/right" / f"{number:07d}.png")
     for number in (0, 1, 3):
         flow(tmp_path / "train/flow/right/into_future" / f"{number:07d}.flo")

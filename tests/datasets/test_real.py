@@ -1,4 +1,4 @@
-"""The readers on real data give the statistics that its manifest lists."""
+"""The readers applied to real data give the statistics that the data's manifest lists."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def sample_of(row: Row) -> Sample:
 
 
 def inside(flow: np.ndarray) -> np.ndarray:
-    """Pixels whose target lies inside the second frame."""
+    """Mask of the pixels whose target lies inside the second frame."""
     height, width = flow.shape[:2]
     y, x = np.mgrid[:height, :width]
     x, y = x + flow[..., 0].astype(float), y + flow[..., 1].astype(float)
@@ -62,7 +62,7 @@ def inside(flow: np.ndarray) -> np.ndarray:
 
 
 def difference(sample: Sample, use: np.ndarray, flow: np.ndarray) -> float:
-    """Mean |frame 1 - frame 2 at the flow's target| over RGB, bilinear in float64, the border repeated."""
+    """Mean |frame 1 - frame 2 at the flow's target| over RGB, bilinear in float64, with replicated borders."""
     height, width = sample.shape
     y, x = np.nonzero(use)
     first = sample.frames[0][y, x].astype(float)
@@ -84,7 +84,7 @@ def test_statistics_of_the_manifest(row: Row) -> None:
     flow, valid = sample.flow, sample.valid
     if row.truth.startswith("flow_noc") and sample.occluded is not None:
         noc = MANIFEST.parent / row.folder / "training" / row.truth.split(" ")[0]
-        flow, valid = read_flow(noc)  # KITTI 2012 has different values there than in occ
+        flow, valid = read_flow(noc)  # KITTI 2012 has values in noc that differ from those in occ
         np.testing.assert_array_equal(valid & sample.valid, sample.valid & ~sample.occluded)
     magnitude = np.hypot(*np.moveaxis(flow[valid].astype(float), -1, 0))
     assert valid.mean() == pytest.approx(row.valid, abs=0.00051)

@@ -1,4 +1,4 @@
-"""RobustSpring's corrupted frames as a benchmark: which pairs, from which files, under which names."""
+"""RobustSpring's corrupted frames as a benchmark: its pairs, files and names."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FOG, RAIN = "robustspring_fog", "robustspring_rain"
 
 @pytest.fixture
 def root(tmp_path) -> Path:
-    """Two short sequences in both cameras, clean and under two corruptions, as the archives unpack."""
+    """Two short sequences from both cameras, clean and under two corruptions, laid out like the unpacked archives."""
     root = tmp_path / "RobustSpring"
     for condition in ("spring", "fog", "rain"):
         for sequence, count in (("0003", 3), ("0028", 2)):
@@ -128,7 +128,7 @@ def test_names_cannot_be_taken_for_this_projects():
 
 
 def _apart(root: Path, where: str) -> dict[str, str]:
-    """Move Spring's own frames elsewhere; the data options that this needs."""
+    """Move Spring's own frames to a different folder; returns the data options that this requires."""
     target = root.parent / where
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.move(root / "spring", target)

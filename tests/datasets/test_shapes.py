@@ -1,4 +1,4 @@
-"""Flying shapes: exact flow, occlusion against brute force, the same bytes everywhere."""
+"""Flying shapes: exact flow, occlusion compared with brute force, the same bytes everywhere."""
 
 import hashlib
 import pickle
@@ -30,12 +30,12 @@ def scene(number):
 
 
 def row_times(which, readout, points):
-    """When the rows of points are taken."""
+    """Times at which the rows of points are read out."""
     return which + readout * ((points[:, 1] + 0.5) / SHAPE[0] - 0.5)
 
 
 def insets(scene, points, times):
-    """How far inside each layer points are at their times, (layers, points)."""
+    """Distance of points from the border of each layer at their times, (layers, points), positive inside."""
     return np.array(
         [
             [inset(outline, *from_time(motion, t, *point)) for point, t in zip(points, times, strict=True)]
@@ -63,7 +63,7 @@ def test_the_flow_leads_to_the_same_colour_to_rounding(number, readout):
     difference = np.abs(colours_at(drawn, points, 0, readout) - colours_at(drawn, targets, 1, readout)).max(axis=1)
     here = insets(drawn, points, row_times(0, readout, points))
     there = insets(drawn, targets, row_times(1, readout, targets))
-    sharp = (np.minimum(np.abs(here), np.abs(there)) > 0.6).all(axis=0)  # no border of any layer within reach
+    sharp = (np.minimum(np.abs(here), np.abs(there)) > 0.6).all(axis=0)  # no border of any layer nearby
     assert (sharp & ~occluded).mean() > 0.4
     assert difference[sharp & ~occluded].max() < 1e-7
     assert np.abs(flow).max() > 1
@@ -71,9 +71,10 @@ def test_the_flow_leads_to_the_same_colour_to_rounding(number, readout):
 
 @pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (2, 0.0), (0, 1.0)])
 def test_occlusion_against_points_carried_along(number, readout):
-    """Points in and around every layer, four a pixel along each axis, are moved to frame 2; those among the points of a
-    layer above are covered. The inverse of a motion has no part in it, and the row that reads a point is found by
-    iteration."""
+    """Points in and around every layer, four per pixel along each axis, are moved to frame 2; a point is covered if it
+    lies among the points of a layer above. The test does not use the inverse of a motion, and finds the row that reads
+    a point by iteration.
+    """
     drawn = scene(number)
     rng = np.random.default_rng(number)
     points = rng.uniform(0, 1, (400, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
@@ -105,7 +106,7 @@ def test_occlusion_against_points_carried_along(number, readout):
 
 @pytest.mark.parametrize("readout", [0.2, 1.0])
 def test_a_rolling_shutter_shows_the_same_point_of_the_scene_at_both_ends_of_its_flow(readout):
-    """To 1e-9 pixels, by the inverse of the motion at the times of the two rows."""
+    """The flow is correct to 1e-9 pixels, by the inverse of the motion at the times of the two rows."""
     drawn = scene(5)
     points = np.random.default_rng(5).uniform(0, 1, (500, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
     flow, occluded = flow_at(drawn, points, readout)

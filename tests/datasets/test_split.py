@@ -28,7 +28,7 @@ def test_80_and_120_whatever_the_order(order: list[str], seed: int) -> None:
 
 
 def test_the_seed_matters_and_the_default_is_fixed() -> None:
-    """Golden: the first pairs of the project's split, on which published numbers rest."""
+    """Golden values: the first pairs of the project's split, on which published numbers are based."""
     assert kitti_split(KEYS, 1) != kitti_split(KEYS, 2)
     assert kitti_split(KEYS) == kitti_split(KEYS, KITTI_SPLIT_SEED)
     first = [int(key) for key in kitti_split(KEYS).evaluation[:8]]
@@ -41,7 +41,9 @@ def test_fewer_than_200_pairs_are_all_evaluated(count: int) -> None:
 
 
 def test_no_drive_is_on_both_sides_of_the_drive_disjoint_split() -> None:
-    """The default split fails this: 45 of its 56 evaluated pairs with a known drive share it with a training pair."""
+    """The default split would fail this: 45 of its 56 evaluated pairs with a known drive share it with a
+    training pair.
+    """
     for seed in range(5):
         evaluation, training = drive_disjoint_split(KEYS, seed)
         assert (len(evaluation), len(training)) == (80, 120)
@@ -53,7 +55,7 @@ def test_no_drive_is_on_both_sides_of_the_drive_disjoint_split() -> None:
 
 
 def test_the_drive_disjoint_split_is_fixed() -> None:
-    """Golden: its first pairs."""
+    """Golden values: the first pairs of the split."""
     assert [int(key) for key in drive_disjoint_split(KEYS).evaluation[:8]] == [0, 1, 4, 5, 6, 22, 23, 24]
     some = KEYS[::3]
     assert drive_disjoint_split(some).evaluation == [k for k in some if k in drive_disjoint_split(KEYS).evaluation]
@@ -83,7 +85,7 @@ def test_zeros_and_ones(tmp_path: Path) -> None:
     path.write_text("0\n1\n1\n")
     assert read_split(path, ["a", "b", "c"]) == ["b", "c"]
     path.write_text("0 \n1\n")
-    assert read_split(path, ["0", "1", "2"]) == ["0", "1"]  # keys that look like marks are keys
+    assert read_split(path, ["0", "1", "2"]) == ["0", "1"]  # keys that look like special marks are ordinary keys
 
 
 @pytest.mark.parametrize(

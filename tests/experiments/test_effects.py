@@ -1,4 +1,4 @@
-"""Differences between ways of training: their intervals cover as claimed, and only planned comparisons are made."""
+"""Differences between training methods: their intervals cover as claimed, and only planned comparisons are made."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_an_interval_covers_the_true_difference_as_often_as_it_says_on_skewed_pa
         result = interval(noise, resamples=300)
         assert result is not None
         below, above, rejected = below + (result.low > 0), above + (result.high < 0), rejected + (result.p < 0.05)
-    # 95 % of 300 trials has a standard error of 1.3 %
+    # the standard error of a rate of 95 % in 300 trials is 1.3 %
     assert 0.93 < 1 - (below + above) / trials < 0.995
     assert rejected / trials < 0.07
     assert max(below, above) / trials < 0.055
@@ -52,7 +52,7 @@ def test_few_pairs_or_seeds_have_no_interval():
 
 
 def made_runs(seeds: int, changes: dict[str, float], clean: float = 1.0) -> dict[tuple[str, str, int], Any]:
-    """Runs whose errors under noise and weather differ from plain training's by `changes` of an arm."""
+    """Runs whose errors under noise and weather differ from plain training's by the `changes` of each arm."""
     rng = np.random.default_rng(0)
     runs: dict[tuple[str, str, int], Any] = {}
     for seed in range(seeds):
@@ -84,7 +84,7 @@ def test_findings_report_the_change_that_was_put_in_and_nothing_where_none_was()
 
 def test_a_seed_with_a_network_that_learned_nothing_or_is_missing_is_left_out_whole():
     given = made_runs(5, {})
-    given["all", "shapes", 1] = made_runs(1, {}, clean=2.1)["all", "shapes", 0]  # zero flow's error is 4 px
+    given["all", "shapes", 1] = made_runs(1, {}, clean=2.1)["all", "shapes", 0]  # zero flow has an error of 4 px
     del given["no_weather", "shapes", 3]
     assert left_out(given, "shapes") == {
         1: "all: clean EPE 2.10 px, zero flow's 4.00 px",

@@ -1,4 +1,4 @@
-"""Prints the worst deviation of every corruption after the tests."""
+"""Print the worst deviation of every corruption after the tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference folder: its frames, pictures and numbers."""
+"""The reference folder with its frames, pictures and numbers."""
 
 import json
 from functools import cache
@@ -19,13 +19,15 @@ OUR_NAMES = {"brightness": "high_light"}
 
 @cache
 def table():
-    """reference.json, or None where the shared data is absent."""
+    """The contents of reference.json, or None if the shared data is absent."""
     path = FOLDER / "reference.json"
     return json.loads(path.read_text()) if path.exists() else None
 
 
 def cases(group, every=1):
-    """(name, key) of every n-th entry per corruption of a group, as parameters; a skipped one without a table."""
+    """Test parameters (name, key) of every n-th entry per corruption of a group; a single skipped one if there is no
+    table.
+    """
     if table() is None:
         reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that holds it"
         return [pytest.param("none", "s0", marks=pytest.mark.skip(reason=reason))]
@@ -51,13 +53,13 @@ def clean_flows():
 
 @cache
 def truth():
-    """(flow, valid) of the pair, from the KITTI encoding."""
+    """Ground truth of the pair as (flow, valid), decoded from KITTI's format."""
     raw = cv2.imread(str(FOLDER / "flow_occ.png"), cv2.IMREAD_UNCHANGED)
     return (raw[..., 2:0:-1].astype(np.float64) - 32768) / 64, raw[..., 0] > 0
 
 
 def ours(name):
-    """Our corruption of that name, as the reference code does it."""
+    """Our corruption of that name, configured like the reference code."""
     return load_corruption(OUR_NAMES.get(name, name), "reference")
 
 

@@ -2,7 +2,7 @@
 
 Definitions are those of the reference folder's README: PSNR and SSIM against the clean frame, per-channel mean and
 standard deviation, mean gradient, share of black and white samples, correlation of the residuals of the two frames,
-and what two classical flow methods make of the pair.
+and the flow of two classical methods on the pair.
 """
 
 import cv2
@@ -42,7 +42,7 @@ def mean_gradient(frame):
 
 
 def image_stats(clean, corrupted):
-    """Statistics of a pair without flow: names as in the reference's table; None where one is undefined."""
+    """Statistics of a pair without flow, named as in the reference's table; None for undefined ones."""
     out, residuals = {}, []
     for number, (before, after) in enumerate(zip(clean, corrupted, strict=True), start=1):
         residual = after.astype(np.float64) - before
@@ -73,13 +73,13 @@ def flows(frames):
 
 
 def epe(flow, truth, where):
-    """Mean end-point error over the pixels `where`."""
+    """Mean end-point error over the pixels of the mask `where`."""
     difference = (flow.astype(np.float64) - truth)[where]
     return float(np.hypot(difference[:, 0], difference[:, 1]).mean())
 
 
 def flow_stats(corrupted, clean_flows, truth, valid):
-    """CRE (error gained) and RCRE (flow changed, on valid pixels and on all) of every method."""
+    """CRE (increase of the error) and RCRE (change of the flow, on valid pixels and on all) of every method."""
     everywhere = np.ones(valid.shape, bool)
     out = {}
     for name, flow in flows(corrupted).items():

@@ -1,4 +1,4 @@
-"""Every picture of every corruption without random choices (or only that of the frame), pixel by pixel."""
+"""Compare every picture of the corruptions without random choices (or with only that of the frame) pixel by pixel."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from . import reference
 pytestmark = pytest.mark.fidelity
 
 EXACT = ("jpeg_compression", "pixelate")
-"""Corruptions without a tolerance; all others may differ by one grey level, the rounding of the reference."""
+"""Corruptions without a tolerance; the others may differ by one grey level, the reference's rounding error."""
 
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("deterministic"))
@@ -35,8 +35,9 @@ def test_pictures(name, key, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("deterministic"))
 def test_whole_frames(name, key):
-    """Outside the crop, too: means and standard deviations differ by no more than one grey level at every pixel would
-    cause."""
+    """The rest of the image agrees too: means and standard deviations differ by no more than a one-level change of
+    every pixel would cause.
+    """
     level, _, exposed = key.partition("_idx")
 
     def expose(state):

@@ -1,8 +1,9 @@
-"""Random corruptions: the mean of every statistic over our seeds against the reference's over its sixteen seeds.
+"""Random corruptions: the mean of every statistic over our seeds is compared with the reference's over its sixteen
+seeds.
 
-The test is the one that the reference folder suggests: means may differ by four standard errors and a floor. Exceptions
-are those that it names and gives the cause of: glass blur's share of white samples (the reference floors 254.999..)
-and half a grey level on its standard deviations.
+The test follows the reference folder's suggestion: means may differ by four standard errors plus a floor. Exceptions
+are those explained there: glass blur's share of white samples (the reference floors 254.999..) and half a grey level on
+its standard deviations.
 """
 
 import numpy as np
@@ -20,7 +21,7 @@ QUICK_SEEDS, SEEDS = 5, 16
 
 
 def tolerance_floor(name, statistic):
-    """Floor of a statistic's tolerance; None if it is not compared."""
+    """Floor of a statistic's tolerance; None if the statistic is not compared."""
     kind = statistic.split("_")[0]
     if name == "glass_blur" and kind == "frac255":
         return None
@@ -54,7 +55,7 @@ def compare(name, key, seeds, measure, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("random", every=4))
 def test_image_statistics(name, key, record_property):
-    """Quick: a third of the seeds, no flow, the weakest and the strongest severity."""
+    """Quick version: a third of the seeds, no flow, only the weakest and the strongest severity."""
     compare(name, key, QUICK_SEEDS, lambda pair: image_stats(reference.clean(), pair), record_property)
 
 

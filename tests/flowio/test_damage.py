@@ -1,5 +1,6 @@
-"""Files that are cut short, claim a wrong size, or are something else are refused in one line, before anything is
-allocated."""
+"""Files that are truncated, claim a wrong size, or have a different format are refused in one line, before memory is
+allocated.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ def test_cut_at_every_byte(tmp_path: Path, suffix: str) -> None:
     write_flow(path, FLOW, np.eye(4, 5, dtype=bool))
     whole = path.read_bytes()
     cut = tmp_path / f"cut{suffix}"
-    step = 37 if suffix == ".flo5" else 1  # an HDF5 file is thousands of bytes, most of them empty
+    step = 37 if suffix == ".flo5" else 1  # an HDF5 file has thousands of bytes, most of them empty
     for length in [*range(0, len(whole), step), len(whole) - 1]:
         cut.write_bytes(whole[:length])
         refused(cut)

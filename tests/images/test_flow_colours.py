@@ -1,4 +1,6 @@
-"""The colour wheel of Baker et al.: its published properties, and a loop that follows their description."""
+"""The colour wheel of Baker et al.: its published properties, and comparison with a loop that follows their
+description.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,7 @@ def test_every_vector_has_the_papers_colour(u, v, radius):
     got = flow_colours(np.array([[[u, v]]], np.float32), radius)[0, 0].astype(int)
     expected = np.array(_naive_colour(u + 0.0, v + 0.0, radius))
     length = math.hypot(u, v) / radius
-    if abs(length - 1) > 1e-9:  # where full colour ends, one rounding decides
+    if abs(length - 1) > 1e-9:  # where full colour ends, one rounding makes the difference
         assert np.abs(got - expected).max() <= 1
 
 

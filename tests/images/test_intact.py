@@ -31,7 +31,7 @@ def chunk(name: bytes, content: bytes) -> bytes:
 
 
 def png_of(rows: bytes, header: bytes) -> bytes:
-    """A PNG with right check sums whatever its rows are."""
+    """A PNG with correct checksums for any rows."""
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
@@ -58,7 +58,7 @@ def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
 def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
-    """Pillow reads all of those that keep their markers, with wrong pixels."""
+    """Pillow reads every file whose markers are intact, with wrong pixels."""
     path, whole = tmp_path / "a.jpg", encoded("JPEG", quality=90, **options)
     path.write_bytes(whole)
     assert read_image(path).shape == PICTURE.shape
@@ -75,13 +75,13 @@ def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
 
 
 def test_a_jpeg_with_something_behind_it_is_a_jpeg(tmp_path: Path) -> None:
-    """Cameras put previews and videos there."""
+    """Cameras store previews and videos after the image."""
     (tmp_path / "a.jpg").write_bytes(encoded("JPEG") + b"\0trailer" * 50)
     assert read_image(tmp_path / "a.jpg").shape == PICTURE.shape
 
 
 def test_jpegs_that_others_wrote_are_read() -> None:
-    """Pictures of installed packages, from many cameras and programs."""
+    """Pictures from installed packages, made by many cameras and programs."""
     import matplotlib
     import skimage
 

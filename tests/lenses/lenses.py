@@ -24,7 +24,7 @@ def lens_of(rows: list[tuple[float, float, str, float]], stop: int, conics: dict
 
 
 def cooke_triplet() -> Lens:
-    """A Cooke triplet of 50 mm, f/5, the stop behind the second element."""
+    """A Cooke triplet of 50 mm, f/5, with the stop behind the second element."""
     return lens_of(
         [
             (22.01359, 3.25896, "N-SK16", 9.5),
@@ -40,7 +40,9 @@ def cooke_triplet() -> Lens:
 
 
 def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
-    """A lens without spherical aberration at a wavelength: hyperboloid (k = -n^2) behind; and its focus."""
+    """A lens without spherical aberration at one wavelength, with a hyperboloid (k = -n^2) as its rear surface; and its
+    focus.
+    """
     n = refractive_index("N-BK7", wavelength)
     radius = -20.0
     focus = radius / (1.0 - n)
@@ -49,7 +51,7 @@ def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
 
 
 def thin_lens(shape: float, focal_length: float, wavelength: float) -> Lens:
-    """A lens of N-BK7 of almost no thickness: shape factor q = (r2 + r1) / (r2 - r1), the stop in contact."""
+    """A lens of N-BK7 of almost zero thickness, with shape factor q = (r2 + r1) / (r2 - r1) and the stop in contact."""
     n = refractive_index("N-BK7", wavelength)
     strength = 1.0 / (2.0 * focal_length * (n - 1.0))
     first, second = strength * (shape + 1.0), strength * (shape - 1.0)

@@ -1,4 +1,4 @@
-"""Figures show what they should, and are written as the requested files."""
+"""Figures show the expected elements, and are written as the requested files."""
 
 import numpy as np
 import pytest

@@ -1,11 +1,11 @@
-"""Refractive indices against the catalogue's own n_d and V_d."""
+"""Refractive indices compared with the catalogue's own n_d and V_d."""
 
 import pytest
 
 from robustflow.errors import UsageError
 from robustflow.lenses.glass import SELLMEIER, abbe_number, refractive_index
 
-# Schott data sheets: n_d and V_d as printed there.
+# n_d and V_d as printed in the Schott data sheets.
 CATALOGUE = {
     "N-FK51A": (1.48656, 84.47),
     "N-BK7": (1.51680, 64.17),

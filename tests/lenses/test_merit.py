@@ -1,4 +1,4 @@
-"""The merit function's statistics against those of rendered PSFs, and its residuals against their definitions."""
+"""The merit function's statistics compared with those of rendered PSFs, and its residuals with their definitions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_frequencies_double():
 
 @pytest.mark.parametrize("severity", [2, 4, 5])
 def test_ray_statistics_are_those_of_the_rendered_psf(severity):
-    """Rays through the formulas, and the same rays as a picture through a Fourier sum, agree."""
+    """Rays evaluated by the formulas agree with the same rays as a picture evaluated by a Fourier sum."""
     lens, field = shipped_lens(severity), shipped_field(severity)
     tangential, sagittal = modulation(field, FREQUENCIES)
     radius = moments(field)
@@ -43,7 +43,7 @@ def test_ray_statistics_are_those_of_the_rendered_psf(severity):
         sx, sy, weight = (np.stack([colour[part] for colour in rays]) for part in range(3))
         t, re, s, rms, mean = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5)), np.empty(3), np.empty(3)
         blur_statistics(sx, sy, weight, t, re, s, rms, mean)
-        # at the highest frequency the pixels' sampling aliases, which rays do not show
+        # at the highest frequency the pixel sampling aliases, which rays do not show
         for frequency, tolerance in enumerate((0.02, 0.02, 0.02, 0.03, 0.06)):
             assert t[:, frequency] == pytest.approx(tangential[row, :, frequency], abs=tolerance)
             assert s[:, frequency] == pytest.approx(sagittal[row, :, frequency], abs=tolerance)
@@ -72,7 +72,7 @@ def _singlet(bend: float):
 
 
 def test_thin_glass_and_short_gaps_cost():
-    """Violating a single limit adds residuals; a lens that can be made adds none."""
+    """Violating a single limit adds residuals; a manufacturable lens adds none."""
     _, goal = goal_of(2)
     structure, free = _singlet(1.2)
     index = structure.indices(SAMPLES)
@@ -92,7 +92,7 @@ def test_thin_glass_and_short_gaps_cost():
 def test_a_lens_that_cannot_be_built_is_reported():
     _, goal = goal_of(2)
     structure, free = _singlet(0.0)
-    free[:2] = 0.0  # a plane plate focuses nowhere
+    free[:2] = 0.0  # a plane plate has no focus
     index = structure.indices(SAMPLES)
     out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
     assert not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, Limits(), out)

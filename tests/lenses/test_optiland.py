@@ -1,4 +1,6 @@
-"""Our tracer against optiland, an independent one: the shipped lenses and three textbook ones (extra `optics-test`)."""
+"""Our tracer compared with optiland, an independent one: the shipped lenses and three textbook ones (extra
+`optics-test`).
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,7 @@ def test_rays_meet_every_surface_where_optiland_says(name):
     )  # fmt: skip
     for wavelength in (0.46, 0.54, 0.64):
         for f, tangent in enumerate(fields):
-            # rays that fill the stop: between the aimed bottom and top, and as far out as the aimed side
+            # rays that fill the stop: between the aimed bottom and top, and as wide as the aimed side ray
             across, along = rng.uniform(-0.7, 0.7, (2, 40))
             x = x_aimed[9 + f] * across
             y = y_aimed[f] + np.where(along > 0, y_aimed[3 + f] - y_aimed[f], y_aimed[f] - y_aimed[6 + f]) * along

@@ -1,4 +1,4 @@
-"""First-order properties against rays close to the axis, and against textbook numbers."""
+"""First-order properties compared with rays close to the axis, and with textbook numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prescriptions as files."""
+"""Reading and writing lens prescriptions as files."""
 
 import json
 

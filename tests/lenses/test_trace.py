@@ -1,4 +1,4 @@
-"""The tracer against closed forms, and what must hold for any rays."""
+"""The tracer compared with closed forms, and properties of all rays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def bundle(heights, tangent=0.0, across=0.0) -> Rays:
 
 
 def test_one_sphere_refracts_as_snell_says():
-    """A meridional ray through one sphere, by angles: sin(i) = h / R, then Snell, then a straight line."""
+    """A meridional ray through one sphere, by angles: sin(i) = h / R, then Snell's law, then a straight line."""
     n, radius, depth, height = refractive_index("N-BK7", WAVELENGTH), 30.0, 40.0, 7.0
     lens = lens_of([(0.0, 0.0, "air", 9.0), (radius, depth, "N-BK7", 20.0), (0.0, 10.0, "air", 20.0)], stop=0)
     path, _ = trace_path(lens, bundle(height), WAVELENGTH)
@@ -48,7 +48,8 @@ def test_a_plano_hyperbolic_lens_has_no_spherical_aberration():
 
 @pytest.mark.parametrize("shape", [-2.0, -1.0, 0.0, 0.7, 1.0, 2.0])
 def test_spherical_aberration_of_a_thin_lens(shape):
-    """Third order, object at infinity (Jenkins & White, "Fundamentals of Optics", eq. 9m):
+    """Third-order aberration, object at infinity (Jenkins & White, "Fundamentals of Optics", eq. 9m): 1/s_h - 1/s_p =
+    h^2 / (8 f^3) / (n (n - 1)) [(n+2)/(n-1) q^2 - 4(n+1) q + (3n+2)(n-1) + n^3/(n-1)]
 
     1/s_h - 1/s_p = h^2 / (8 f^3) / (n (n - 1)) [(n+2)/(n-1) q^2 - 4(n+1) q + (3n+2)(n-1) + n^3/(n-1)]
     """

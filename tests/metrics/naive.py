@@ -4,7 +4,7 @@ import math
 
 
 def distance(a, b):
-    """|a - b| of two (u, v), or None where one is not finite."""
+    """|a - b| of two vectors (u, v), or None if one is not finite."""
     numbers = [float(value) for value in (*a, *b)]
     if not all(math.isfinite(value) for value in numbers):
         return None
@@ -13,7 +13,7 @@ def distance(a, b):
 
 
 def pixels(array):
-    """(y, x) of every pixel in row order."""
+    """Coordinates (y, x) of every pixel in row order."""
     return [(y, x) for y in range(array.shape[0]) for x in range(array.shape[1])]
 
 
@@ -28,7 +28,7 @@ def is_fl(error, truth):
 
 
 def edges(flow, valid):
-    """Motion edges, comparing every pixel with the next valid one to its right and below."""
+    """Motion edges, found by comparing every pixel with the next valid one to its right and below."""
     found = set()
     for y, x in pixels(valid):
         if not valid[y, x]:
@@ -52,7 +52,7 @@ def edge_distance(y, x, found):
 
 
 def regions_of(y, x, flow, occluded, found):
-    """Names of the regions a valid pixel lies in."""
+    """Names of the regions that contain a valid pixel."""
     length = distance(flow[y, x], (0, 0))
     away = edge_distance(y, x, found)
     names = {"s0_10" if length < 10 else "s10_40" if length < 40 else "s40"}
@@ -63,7 +63,7 @@ def regions_of(y, x, flow, occluded, found):
 
 
 def row(pred, clean, flow, valid, occluded):
-    """All sums and counts of a row, in row order of the pixels; None for regions that do not exist."""
+    """All sums and counts of a row, accumulated in row order of the pixels; None for regions that do not exist."""
     columns = ("n_valid", "fl_count", "px1_count", "px3_count", "px5_count", "n_all", "n_invalid")
     out = dict.fromkeys(columns, 0)
     out |= dict.fromkeys(

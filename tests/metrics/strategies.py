@@ -1,4 +1,4 @@
-"""Random flows, masks and samples; values that lie on the metrics' thresholds are drawn often."""
+"""Random flows, masks and samples; values on the metrics' thresholds are drawn often."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -23,13 +23,13 @@ def masks(shape):
 
 @st.composite
 def cases(draw, finite=True):
-    """(prediction, clean prediction, sample with ground truth)."""
+    """A prediction, a clean prediction, and a sample with ground truth."""
     shape = draw(shapes)
     frame = np.zeros((*shape, 3), np.uint8)
     occluded = draw(st.none() | masks(shape))
     sample = Sample("s", (frame, frame), draw(flows(shape)), draw(masks(shape)), occluded)
     pred, clean = draw(flows(shape, finite)), draw(flows(shape, finite))
-    if draw(st.booleans()):  # Errors of the size of the thresholds, on motion of any length.
+    if draw(st.booleans()):  # Errors close to the thresholds, on motion of any length.
         with np.errstate(invalid="ignore"):
             pred, clean = sample.flow + pred % 8, sample.flow + clean % 8
     return pred, clean, sample

@@ -1,4 +1,4 @@
-"""Sparsification, AUSE and the forward-backward check against definitions written out, theory and properties."""
+"""Sparsification, AUSE and the forward-backward check compared with written-out definitions, theory and properties."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from robustflow.errors import DataError
 from robustflow.metrics import ause, confidence_correlation, error_at, forward_backward, sparsification
 
 pixels = st.lists(st.tuples(st.integers(0, 20), st.integers(-4, 4)), min_size=1, max_size=40)
-"""Errors in quarters of a pixel, and confidences of which many are equal."""
+"""Errors in quarters of a pixel, and confidences with many ties."""
 
 
 def naive_curve(errors, keys):
-    """The mean over all orders within a tie, in exact fractions: every pixel of a tie carries the tie's mean error."""
+    """The mean over all orders within a tie, in exact fractions: every pixel of a tie has the tie's mean error."""
     mean = {key: [e for e, k in zip(errors, keys, strict=True) if k == key] for key in keys}
     ordered = [Fraction(sum(mean[key]), len(mean[key])) for key in sorted(keys)]
     return [
@@ -67,12 +67,13 @@ def test_rank_correlation_equals_scipy(case):
 
 
 def test_a_random_confidence_scores_what_theory_gives():
-    """In a random order every remainder has the mean error, so the area is that mean minus the oracle's mean height;
-    for errors uniform in 0..1, of which the oracle keeps the smallest share p with mean p / 2, that is 1/2 - 1/4."""
+    """In a random order every remainder has the mean error, so the area is that mean minus the oracle's mean height.
+    For errors uniform in 0..1, of which the oracle keeps the smallest share p with mean p / 2, it is 1/2 - 1/4.
+    """
     rng = np.random.default_rng(0)
     errors = (np.arange(100_000) + 0.5) / 100_000
     expected = errors.mean() - sparsification(errors, -errors).by_error.mean()
-    assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps from the left end of each
+    assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps, each with the value at its left end
     assert ause(errors, np.zeros_like(errors)) == pytest.approx(expected, abs=1e-12), "constant: the mean over orders"
     scores = [ause(errors, rng.random(errors.size)) for _ in range(20)]
     assert np.mean(scores) == pytest.approx(expected, abs=4 * np.std(scores, ddof=1) / math.sqrt(20))

@@ -33,7 +33,7 @@ def test_what_is_invalid_has_no_say(data):
 
 
 def _step(jump, background, gap=1):
-    """One row, two motions `gap` pixels apart."""
+    """One row with two motions, `gap` pixels apart."""
     flow = np.zeros((1, 20, 2), np.float32)
     flow[..., 0] = background
     flow[:, 10:, 0] += jump

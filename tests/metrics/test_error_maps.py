@@ -107,7 +107,7 @@ def test_mean_error_of_a_constant_offset_is_its_length(data):
 
 
 def test_lucas_kanade_estimate_of_kitti_2012(shared):
-    """Known figure of this published estimate against its noc map: EPE 10.6271 px."""
+    """The known EPE of this published estimate on its noc map is 10.6271 px."""
     folder = shared("data/kitti2012_colour_noc_only")
     (estimate,) = (folder / "LKflow").glob("*.png")
     flow, _ = read_flow(estimate)

@@ -1,4 +1,4 @@
-"""Metrics of plain arrays: against plain loops, whatever the library, dtype and mask they come in."""
+"""Metrics of plain arrays compared with plain loops, for every library, dtype and mask."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One pass gives the bytes that a pass for each sum gave."""
+"""One pass gives the same bytes as a separate pass for each sum."""
 
 import math
 
