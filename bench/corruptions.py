@@ -1,11 +1,14 @@
-"""How many milliseconds each corruption takes per pair, beside `imagecorruptions-imaug` in the same run.
+"""Measure the milliseconds per pair of each corruption, beside `imagecorruptions` and the reference code.
 
     python bench/corruptions.py [--size 375x1242] [--images A.png B.png] [--threads 2]
+    python bench/corruptions.py --reference CLONE --reference-python PYTHON
 
-One thread, processor time. Every figure is the mean over the five severities of the best of several rounds (each
-draws and applies to both frames); ours and theirs take turns. The other package is timed where it is installed and
-has the same corruption. It brings a second OpenCV, which would overwrite ours, so install it without its dependencies
-(ours will do): `pip install --no-deps imagecorruptions-imaug`.
+One thread, CPU time. Every figure is the mean over the five severities of the best of several rounds, each of which
+draws and applies the corruption to both frames; the implementations alternate.
+
+`imagecorruptions-imaug` is timed where it is installed. It brings a second OpenCV, which would overwrite ours, so
+install it without its dependencies: `pip install --no-deps imagecorruptions-imaug`. The reference code is a clone of
+the repository of the paper's authors; PYTHON is that of an environment with the (older) packages that the code needs.
 
 Corruptions that need depth get that of the embedded pair, resized like it; for other images a road: the ground 1.65 m
 below the camera, which drives forward by 1 m.
@@ -23,9 +26,13 @@ os.environ.update(
 
 import argparse
 import importlib
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -74,18 +81,30 @@ def load_depth(images: list[Path] | None, shape: tuple[int, int]) -> SceneDepth:
     return SceneDepth((first, second), (known, known), Camera(focal, centre, old.rotation, old.translation))
 
 
-def best_of(jobs: list[Callable[[], Any]], seconds: float) -> list[float]:
-    """Best processor milliseconds of each job; they take turns for at least `seconds` and three rounds."""
-    for job in jobs:
-        job()  # compiles, fills caches
-    best, rounds, end = [float("inf")] * len(jobs), 0, time.perf_counter() + seconds
+def best_of(jobs: list[Callable[[], float | None]], seconds: float) -> list[float | None]:
+    """Return the best milliseconds of each job, which alternate for at least `seconds` and three rounds.
+
+    A job returns its milliseconds, or None if it cannot run, and is then not called again.
+    """
+    best = [None if job() is None else float("inf") for job in jobs]  # this call compiles and fills caches
+    rounds, end = 0, time.perf_counter() + seconds
     while rounds < 3 or time.perf_counter() < end:
         for i, job in enumerate(jobs):
-            start = time.process_time()
-            job()
-            best[i] = min(best[i], 1e3 * (time.process_time() - start))
+            if (known := best[i]) is not None and (taken := job()) is not None:
+                best[i] = min(known, taken)
         rounds += 1
     return best
+
+
+def timed(call: Callable[[], Any]) -> Callable[[], float]:
+    """Return a job that measures the CPU milliseconds of a call."""
+
+    def job() -> float:
+        start = time.process_time()
+        call()
+        return 1e3 * (time.process_time() - start)
+
+    return job
 
 
 def other_package() -> Any:
@@ -96,46 +115,90 @@ def other_package() -> Any:
         return None
 
 
-def measure(name: str, pair: Pair, depth: SceneDepth, theirs: Any, seconds: float) -> tuple[float, float | None]:
-    """Mean over severities of ms per pair, ours and theirs (None where they do not have it)."""
-    their_name = THEIR_NAMES.get(name, name)
-    if theirs is not None and their_name not in theirs.get_corruption_names("all"):
-        theirs = None
+class Reference:
+    """The reference code in a process with its own Python, which measures its own CPU time."""
+
+    def __init__(self, clone: Path, python: str, pair: Pair) -> None:
+        self.folder = tempfile.TemporaryDirectory()
+        frames = Path(self.folder.name, "pair.npy")
+        np.save(frames, np.stack(pair))
+        command = [python, str(Path(__file__).resolve().with_name("reference_corruptions.py")), str(frames)]
+        self.process = subprocess.Popen(command, cwd=clone, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def milliseconds(self, name: str, severity: int) -> float | None:
+        """Time one corruption of the pair; None if the reference code does not have it."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(f"{name} {severity}\n")
+        self.process.stdin.flush()
+        answer = self.process.stdout.readline().strip()
+        if not answer:
+            raise SystemExit("the reference code ended; see its messages above")
+        return None if answer == "-" else float(answer)
+
+
+Rivals = dict[str, Callable[[str, int], float | None]]
+"""Other implementations by name: the milliseconds of a corruption at a severity, None where it is missing."""
+
+
+def rivals(pair: Pair, reference: Reference | None) -> Rivals:
+    """Return the other implementations that can be measured here."""
+    found: Rivals = {}
+    package = other_package()
+    if package is None:
+        print("imagecorruptions is not installed (pip install --no-deps imagecorruptions-imaug): no comparison")
+    else:
+        names = package.get_corruption_names("all")
+
+        def of_package(name: str, severity: int) -> float | None:
+            if name not in names:
+                return None
+            return timed(lambda: [package.corrupt(frame, severity, name) for frame in pair])()
+
+        found["imagecorruptions"] = of_package
+    if reference is not None:
+        other_names = {"motion_blur": "camera_motion_blur"}
+        found["reference"] = lambda name, severity: reference.milliseconds(other_names.get(name, name), severity)
+    return found
+
+
+def measure(name: str, pair: Pair, depth: SceneDepth, others: Rivals, seconds: float) -> list[float | None]:
+    """Mean over severities of ms per pair, ours first; None where another implementation lacks the corruption."""
     rows = []
     for severity in SEVERITIES:
-        jobs: list[Callable[[], Any]] = [lambda s=severity: corrupt(*pair, name, s, depth=depth)]  # type: ignore[misc]
-        if theirs is not None:
-            jobs.append(lambda s=severity: [theirs.corrupt(frame, s, their_name) for frame in pair])  # type: ignore[misc]
+        jobs: list[Callable[[], float | None]] = [timed(partial(corrupt, *pair, name, severity, depth=depth))]
+        jobs += [partial(other, THEIR_NAMES.get(name, name), severity) for other in others.values()]
         rows.append(best_of(jobs, seconds / len(SEVERITIES)))
-    means = np.mean(rows, axis=0)
-    return float(means[0]), float(means[1]) if len(means) > 1 else None
+    columns = zip(*rows, strict=True)
+    return [None if None in column else float(np.mean(column)) for column in columns]  # type: ignore[arg-type]
 
 
-def table(names: list[str], pair: Pair, depth: SceneDepth, seconds: float) -> None:
-    theirs = other_package()
-    copy = best_of([lambda: [frame.copy() for frame in pair]], 0.2)[0]
+def table(names: list[str], pair: Pair, depth: SceneDepth, others: Rivals, seconds: float) -> None:
+    copy = best_of([timed(lambda: [frame.copy() for frame in pair])], 0.2)[0]
+    assert copy is not None
     height, width = pair[0].shape[:2]
     print(f"ms per pair, {height}x{width}, one thread, mean over severities; copying the pair takes {copy:.2f} ms")
-    if theirs is None:
-        print("imagecorruptions is not installed (pip install --no-deps imagecorruptions-imaug): no comparison")
-    print(f"{'corruption':20} {'ours':>8} {'copies':>8} {'imagecorruptions':>17} {'ratio':>7}")
-    sums = {"psf_blur": 0.0, "others": 0.0, "shared, ours": 0.0, "shared, theirs": 0.0}
+    print(f"{'corruption':20} {'ours':>8} {'copies':>8}" + "".join(f" {other:>17} {'ratio':>7}" for other in others))
+    everything, shared = 0.0, {other: [0.0, 0.0] for other in others}
     for name in names:
         try:
-            ours, their = measure(name, pair, depth, theirs, seconds)
+            ours, *theirs = measure(name, pair, depth, others, seconds)
         except AssetError as error:
             print(f"{name:20} left out: {error}")
             continue
-        sums["psf_blur" if name == "psf_blur" else "others"] += ours
-        if their is not None:
-            sums["shared, ours"] += ours
-            sums["shared, theirs"] += their
-        text = f"{their:17.1f} {their / ours:7.1f}" if their is not None else f"{'-':>17} {'-':>7}"
-        print(f"{name:20} {ours:8.2f} {ours / copy:8.1f} {text}", flush=True)
-    print(f"{'sum without psf_blur':20} {sums['others']:8.2f} {sums['others'] / copy:8.1f}")
-    if sums["shared, ours"]:
-        ours, their = sums["shared, ours"], sums["shared, theirs"]
-        print(f"{'sum of those in both':20} {ours:8.2f} {ours / copy:8.1f} {their:17.1f} {their / ours:7.1f}")
+        assert ours is not None
+        everything += ours if name != "psf_blur" else 0
+        text = ""
+        for other, value in zip(others, theirs, strict=True):
+            text += f" {'-':>17} {'-':>7}" if value is None else f" {value:17.1f} {value / ours:7.1f}"
+            if value is not None:
+                shared[other][0] += ours
+                shared[other][1] += value
+        print(f"{name:20} {ours:8.2f} {ours / copy:8.1f}{text}", flush=True)
+    print(f"{'sum without psf_blur':20} {everything:8.2f} {everything / copy:8.1f}")
+    for other, (ours, value) in shared.items():
+        if ours:
+            print(f"shared with {other}: {ours:.1f} and {value:.1f} ms, {value / ours:.1f} times")
 
 
 _PAIR: Pair | None = None
@@ -191,6 +254,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1.0, help="time for each corruption (at least 3 rounds)")
     parser.add_argument("--threads", type=int, help="measure scaling to this many threads and processes instead")
     parser.add_argument("--rounds", type=int, default=4, help="with --threads: times every severity is computed")
+    parser.add_argument("--reference", type=Path, metavar="CLONE", help="a clone of the code of the paper's authors")
+    parser.add_argument("--reference-python", default=sys.executable, metavar="PYTHON", help="the Python that runs it")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     pair = load_pair(options.images, options.size)
@@ -198,7 +263,9 @@ def main() -> None:
         names = [name for name in options.corruptions if name != "psf_blur" and name not in FURTHER["depth"]]
         scaling(names, pair, options.threads, options.rounds)
     else:
-        table(options.corruptions, pair, load_depth(options.images, pair[0].shape[:2]), options.seconds)
+        reference = Reference(options.reference, options.reference_python, pair) if options.reference else None
+        depth = load_depth(options.images, pair[0].shape[:2])
+        table(options.corruptions, pair, depth, rivals(pair, reference), options.seconds)
 
 
 if __name__ == "__main__":

@@ -197,8 +197,9 @@ def test_a_changed_summary_is_found(run, tmp_path):
 def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
     folder = _copy(run.path, tmp_path)
     summary = json.loads((folder / "summary.json").read_text())
-    (folder / "summary.json").write_text(json.dumps(summary | {"version": summary["version"] - 1}))
-    with pytest.raises(RunError, match=r"of version 2, .* reads 3; write it again from .* robustflow show"):
+    now = summary["version"]
+    (folder / "summary.json").write_text(json.dumps(summary | {"version": now - 1}))
+    with pytest.raises(RunError, match=f"of version {now - 1}, .* reads {now}; write it again from .* robustflow show"):
         audit(folder)
 
 

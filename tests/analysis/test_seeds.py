@@ -128,7 +128,7 @@ def test_seeds_on_the_command_line(tmp_path):
         assert made.exit_code == 0, made.output
         assert f"{['DIS', 'Farneback', 'Tiny'][len(folders) // 2]} (seed 1)" in made.output
         assert "2 seeds" in made.output
-        assert "Mean ± standard deviation over the seeds 0 and 1." in made.output
+        assert "mean ± standard deviation over the seeds 0 and 1" in made.output
         assert "robustflow compare" not in made.output  # a single pair cannot be compared
         folders += [str(tmp_path / model / f"seed{number}") for number in (0, 1)]
     alone = cli.invoke(app, ["run", "--model", "dis", *common, "--seed", "1", "--output", str(tmp_path / "alone")])

@@ -1,0 +1,36 @@
+"""Time the corruptions of the benchmark's authors, as `bench/corruptions.py --reference` asks for it.
+
+Runs in the folder of a clone of their code, with a Python that has what it imports. Reads "NAME SEVERITY" from standard
+input, line by line, and answers each line with the processor milliseconds for the pair in PAIR.npy, or with "-" if
+their code does not have the corruption or fails.
+"""
+
+import io
+import os
+import sys
+import time
+from contextlib import redirect_stdout
+
+import numpy as np
+
+
+def main() -> None:
+    sys.path.insert(0, os.getcwd())
+    from utils.image_corruptions import get_corruption  # type: ignore[import-not-found]
+
+    pair = np.load(sys.argv[1])
+    for line in sys.stdin:
+        name, severity = line.split()
+        try:
+            with redirect_stdout(io.StringIO()):
+                start = time.process_time()
+                get_corruption(name, int(severity))(*pair)
+                answer = f"{1e3 * (time.process_time() - start):.3f}"
+        except Exception as error:  # one corruption that their code cannot compute here must not end the others
+            print(f"{name} at severity {severity}: {error}", file=sys.stderr)
+            answer = "-"
+        print(answer, flush=True)
+
+
+if __name__ == "__main__":
+    main()
