@@ -1,4 +1,4 @@
-"""Where samples come from: one reader per data set, for the layout in which it is distributed."""
+"""Data sets: one reader for each, which reads the layout in which the data set is distributed."""
 
 from .base import Dataset, FromClips, PreCorrupted
 from .facts import DatasetFacts

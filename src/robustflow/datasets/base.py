@@ -1,4 +1,4 @@
-"""What a data set is: named samples, and the files they come from."""
+"""Protocols for data sets: named samples, and the files that contain them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Dataset(Protocol):
     Implementations must be picklable, and hold no sample in memory between calls.
 
     Attributes:
-        name: the name it is registered under.
+        name: registered name of the data set.
         has_flow: whether every sample comes with ground truth.
     """
 
@@ -25,60 +25,60 @@ class Dataset(Protocol):
     has_flow: bool
 
     def keys(self) -> list[str]:
-        """All keys, in an order that is the same on every machine."""
+        """Return all keys, in the same order on every machine."""
 
     def load(self, key: str) -> Sample:
         """Read one sample.
 
         Raises:
-            DataError: a file is damaged or does not fit the others.
-            UsageError: no such key.
+            DataError: a file is damaged or inconsistent with the rest of the sample.
+            UsageError: the key does not exist.
         """
 
     def files(self, key: str) -> list[Path]:
-        """The files `load(key)` reads, to tell whether a sample is still the same."""
+        """Return the files that `load(key)` reads, which are hashed to detect a changed sample."""
 
 
 @runtime_checkable
 class PreCorrupted(Protocol):
-    """A data set that is distributed with its frames already corrupted."""
+    """A data set that is distributed with corrupted frames."""
 
     def has_corrupted(self, corruption: str) -> bool:
-        """Whether it holds this corruption, at one severity or more."""
+        """Return whether the data set contains this corruption at one or more severities."""
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """The corrupted frames of a sample, RGB uint8 (H, W, 3).
+        """Return the corrupted frames of a sample, RGB uint8 (H, W, 3).
 
         Raises:
-            DataError: they are missing or damaged.
+            DataError: the frames are missing or damaged.
         """
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
-        """The files `corrupted` reads."""
+        """Return the files that `corrupted` reads."""
 
 
 @runtime_checkable
 class Depths(Protocol):
-    """Where the depth of samples comes from: a data set that has it, or maps of the user's."""
+    """Source of the depth of samples: a data set with depth, or the user's depth maps."""
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """The depth of a sample that was loaded.
+        """Return the depth of a loaded sample.
 
         Raises:
-            DataError: a file is missing, damaged, or does not fit the frames.
+            DataError: a file is missing, damaged, or does not match the frames.
         """
 
     def depth_files(self, key: str) -> list[Path]:
-        """The files that `depth` reads.
+        """Return the files that `depth` reads.
 
         Raises:
-            DataError: one is missing.
-            UsageError: there is no depth here.
+            DataError: a file is missing.
+            UsageError: the data set has no depth.
         """
 
 
 def no_depth(corruption: str, dataset: str) -> UsageError:
-    """The error for a corruption that needs depth on a data set that has none."""
+    """Return the error for a corruption that needs depth on a data set without depth."""
     return UsageError(
         f"{corruption} needs the depth of the scene, which '{dataset}' does not have: choose a data set that has it "
         "('robustflow list datasets'), or give your own maps with --depth DIR"
@@ -87,24 +87,26 @@ def no_depth(corruption: str, dataset: str) -> UsageError:
 
 @runtime_checkable
 class Clips(Protocol):
-    """A data set whose pairs come from sequences: it also has the frames around a pair, for multi-frame models.
+    """A data set whose pairs come from sequences, and which therefore also provides the frames around a pair, for
+    multi-frame models.
 
-    Frames are numbered by offsets from frame 1 of the pair, in steps of the pair: frame 1 is 0, frame 2 is 1, the frame
-    before the pair -1, the one after it 2. If frame 2 comes before frame 1 in time, the offsets run backwards, too.
+    Frames are numbered by their offset from frame 1 of the pair, in units of the pair's frame distance: frame 1 has
+    offset 0, frame 2 offset 1, the frame before the pair -1, and the frame after it 2. If frame 2 precedes frame 1 in
+    time, the offsets also run backwards.
     """
 
     def around(self, key: str, reach: int) -> range:
-        """The existing offsets, at most `reach` before and after the pair, including 0 and 1."""
+        """Return the available offsets, at most `reach` before and after the pair, including 0 and 1."""
 
     def frame(self, key: str, offset: int) -> Frame:
-        """One of these frames, RGB uint8 (H, W, 3).
+        """Return the frame at an offset, RGB uint8 (H, W, 3).
 
         Raises:
-            DataError: it is damaged, or of another size than the pair.
+            DataError: the frame is damaged, or differs in size from the pair.
         """
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
-        """The files that `frame` reads, each once."""
+        """Return the files that `frame` reads, without duplicates."""
 
 
 @runtime_checkable
@@ -112,11 +114,11 @@ class CorruptedClips(Clips, PreCorrupted, Protocol):
     """A `PreCorrupted` data set that also has the frames around a pair, corrupted in the same way."""
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
-        """Like `frame`, but corrupted; offsets 0 and 1 give what `corrupted` gives."""
+        """Return the corrupted frame at an offset; offsets 0 and 1 are the frames that `corrupted` returns."""
 
 
 def has_clips(dataset: Dataset) -> bool:
-    """Whether at least one pair of a data set has a frame before or after it."""
+    """Return whether at least one pair of a data set has a frame before or after it."""
     if not isinstance(dataset, Clips):
         return False
     keys = dataset.keys()
@@ -125,11 +127,11 @@ def has_clips(dataset: Dataset) -> bool:
 
 @runtime_checkable
 class FromClips(Protocol):
-    """A `PreCorrupted` data set that makes its frames from whole clips on demand."""
+    """A `PreCorrupted` data set that generates its frames from whole clips on demand."""
 
     def with_variant(self, variant: str) -> Dataset:
-        """The same data with a different variant of the corruptions' parameters."""
+        """Return the same data with a different variant of the corruption parameters."""
 
     def clip_records(self) -> list[dict[str, Any]]:
-        """The effects of each corruption on a clip so far (bytes changed, frames lost, "warnings"), for the
+        """Return the recorded effects of each corruption on a clip (bytes changed, frames lost, "warnings"), for the
         manifest."""

@@ -1,8 +1,10 @@
-"""The camera's motion between two frames: from its place in both, or from the depth of the first and the true flow.
+"""Compute the camera motion between two frames, from both camera poses or from the depth of the first frame and the
+true flow.
 
-The latter is robust least squares on the distances in pixels between where a motion takes the points and where the
-flow says they are: Gauss-Newton with weights (c^2 / (c^2 + r^2))^2, c falling from 64 px to 1 px, so that what moves by
-itself loses its weight. Only the four operations and the square root, in a fixed order: the same bits on every machine.
+The second method is a robust least-squares fit to the reprojection error in pixels against the true flow: Gauss-Newton
+with weights (c^2 / (c^2 + r^2))^2, where c falls from 64 px to 1 px, so that independently moving objects lose their
+weight. It only uses the four basic operations and the square root, in a fixed order, so that the result is
+bit-identical on every machine.
 """
 
 from __future__ import annotations
@@ -17,19 +19,19 @@ from ..compiled import njit
 from ..sample import Camera, Flow, Mask
 
 _MOST, _LEAST = 20_000, 50
-"""Points that are used at most, and needed at least."""
+"""Maximum number of points used, and minimum number required."""
 _SCALES = (*(64.0 / 2**step for step in range(7)), *(1.0,) * 12)
-"""c of each step, pixels."""
+"""The value of c in each step, in pixels."""
 
 
 Matrix = npt.NDArray[np.float64]
 
 
 def relative_motion(first: Matrix, second: Matrix) -> tuple[Matrix, Matrix]:
-    """Rotation (3, 3) and translation (3,) between two frames, see `Camera`.
+    """Return the rotation (3, 3) and translation (3,) between two frames, see `Camera`.
 
     Args:
-        first, second: float64 (3, 4), which take the world to the camera of each frame.
+        first, second: world-to-camera matrices of the two frames, float64 (3, 4).
 
     >>> first, second = np.eye(3, 4), np.eye(3, 4)
     >>> first[0, 3], second[0, 3] = 2.0, 5.0
@@ -46,13 +48,14 @@ def relative_motion(first: Matrix, second: Matrix) -> tuple[Matrix, Matrix]:
 
 
 def with_motion(camera: Camera, depth: npt.NDArray[Any], flow: Flow, known: Mask) -> Camera:
-    """A camera with the motion that explains most of the flow; as it is where too few points are known.
+    """Return a camera with the motion that explains most of the flow, or the camera unchanged if too few points are
+    known.
 
     Args:
-        camera: of both frames.
-        depth: (H, W), metres, of frame 1.
-        flow: float32 (H, W, 2), pixels.
-        known: bool (H, W), where both are.
+        camera: camera of both frames.
+        depth: depth map of frame 1, (H, W), in metres.
+        flow: true flow, float32 (H, W, 2), in pixels.
+        known: boolean mask (H, W) of the pixels with known depth and flow.
 
     >>> rows, columns = np.mgrid[:24, :32]
     >>> depth = 4.0 + (7 * rows + 5 * columns) % 13
@@ -79,7 +82,7 @@ def with_motion(camera: Camera, depth: npt.NDArray[Any], flow: Flow, known: Mask
 
 @njit(cache=True, nogil=True)
 def _fit(points: Any, targets: Any, lens: Any, scales: Any, rotation: Any, translation: Any) -> Any:
-    """Fill in the motion; False if it is not determined."""
+    """Write the motion into the output arrays; return False if the motion is not determined."""
     fx, fy, cx, cy = lens
     normal = np.empty((6, 7))
     row = np.empty((2, 6))
@@ -97,7 +100,7 @@ def _fit(points: Any, targets: Any, lens: Any, scales: Any, rotation: Any, trans
             miss_u, miss_v = targets[i, 0] - (fx * u + cx), targets[i, 1] - (fy * v + cy)
             share = scale * scale / (scale * scale + miss_u * miss_u + miss_v * miss_v)
             weight = share * share
-            # columns: a small rotation about x, y, z of the turned point, then the translation
+            # columns: a small rotation of the rotated point about x, y, z, then the translation
             gx, gy = fx / pz, fy / pz
             row[0, 0], row[0, 1], row[0, 2] = -gx * u * y, gx * (z + u * x), -gx * y
             row[0, 3], row[0, 4], row[0, 5] = gx, 0.0, -gx * u
@@ -121,7 +124,8 @@ def _fit(points: Any, targets: Any, lens: Any, scales: Any, rotation: Any, trans
 
 @njit(cache=True, nogil=True)
 def _solve(system: Any) -> Any:
-    """Solve a symmetric positive system (6, 7) in place, the solution in its last column; False if it is singular."""
+    """Solve a symmetric positive definite system (6, 7) in place, with the solution in its last column; return False if
+    the system is singular."""
     largest = 0.0
     for m in range(6):
         largest = max(largest, system[m, m])
@@ -140,7 +144,7 @@ def _solve(system: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _turn(rotation: Any, wx: Any, wy: Any, wz: Any) -> None:
-    """Turn by a small rotation vector: Cayley's map, which is a rotation without sines."""
+    """Rotate by a small rotation vector with the Cayley map, which gives an exact rotation without sines."""
     a, b, c = 0.5 * wx, 0.5 * wy, 0.5 * wz
     gain = 2.0 / (1.0 + a * a + b * b + c * c)
     step = np.empty((3, 3))

@@ -1,8 +1,8 @@
-"""The frames around a pair, for multi-frame models: which exist, how they are read, corrupted by the pair's own draw,
-and put in order.
+"""The frames around a pair, for multi-frame models: find and read them, corrupt them with the pair's random draw, and
+put them in order.
 
-Within a run they come after the pair, so that everything that uses a pair (metrics, digests, pictures) sees the pair
-that a two-frame model gets, byte for byte.
+Within a run these frames follow the pair, so that everything that uses a pair (metrics, digests, pictures) sees the
+same bytes as with a two-frame model.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
-    """The window of a multi-frame model on a data set; None for a model that is given pairs.
+    """Return the window of a multi-frame model on a data set, or None for a two-frame model.
 
     Raises:
         UsageError: the model needs more than two frames, but the data set has only pairs.
-        ModelError: its window is not valid.
+        ModelError: the model's window is invalid.
     """
     if not isinstance(model, ClipModel):
         return None
@@ -43,7 +43,8 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
 
 
 def _with_clips() -> str:
-    """The data sets whose pairs have further frames around them, in words; those that always have them come first."""
+    """Return the names of the data sets with additional frames around their pairs as text, starting with those that
+    always have them."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}
     with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
     ordered = sorted(with_clips.items(), key=lambda entry: entry[1] != "always")
@@ -51,9 +52,9 @@ def _with_clips() -> str:
 
 
 class ContextFrames:
-    """The frames of a window, on one data set.
+    """The frames of a model's window on one data set.
 
-    Frames travel as (frame 1, frame 2, those around them by ascending offset).
+    Frames are passed as (frame 1, frame 2, surrounding frames by ascending offset).
     """
 
     def __init__(self, dataset: Clips, window: Window) -> None:
@@ -61,19 +62,19 @@ class ContextFrames:
         self._window = window
 
     def offsets(self, key: str) -> tuple[int, ...]:
-        """The offsets of the frames that the model is given, in its order; an offset may occur twice."""
+        """Return the offsets of the model's input frames, in the model's order; an offset may occur twice."""
         return self._window.offsets(self._dataset.around(key, self._window.reach))
 
     def files(self, key: str) -> list[Path]:
-        """The files of the frames around a pair."""
+        """Return the files of the frames around a pair."""
         numbers = self._numbers(key)[2:]
         return self._dataset.frame_files(key, numbers) if numbers else []
 
     def add(self, sample: Sample) -> Sample:
-        """The sample, with the frames around its pair added after the pair.
+        """Return the sample with the frames around its pair appended.
 
         Raises:
-            DataError: one of them cannot be read, or differs in size.
+            DataError: a frame cannot be read, or differs in size.
         """
         around = {number: self._dataset.frame(sample.key, number) for number in self._numbers(sample.key)[2:]}
         for number, frame in around.items():
@@ -88,7 +89,7 @@ class ContextFrames:
     def corrupt(
         self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
     ) -> tuple[Frame, ...]:
-        """The frames of a sample from `add`, corrupted as one clip."""
+        """Return the frames of a sample from `add`, corrupted as one clip."""
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
         clip = corrupt_clip(
@@ -104,15 +105,15 @@ class ContextFrames:
         return tuple(corrupted[number] for number in numbers)
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """The frames that come already corrupted from the data set."""
+        """Return the frames that the data set provides in corrupted form."""
         assert isinstance(self._dataset, CorruptedClips)
         return tuple(self._dataset.corrupted_frame(key, number, corruption, severity) for number in self._numbers(key))
 
     def in_order(self, key: str, frames: Sequence[Frame]) -> tuple[Frame, ...]:
-        """The frames that the model is given, from those of a sample."""
+        """Select the model's input frames from the frames of a sample."""
         by_number = dict(zip(self._numbers(key), frames, strict=True))
         return tuple(by_number[offset] for offset in self.offsets(key))
 
     def _numbers(self, key: str) -> tuple[int, ...]:
-        """The offsets of the frames of a sample, in their order."""
+        """Return the offsets of the frames of a sample, in the sample's order."""
         return (0, 1, *sorted(set(self.offsets(key)) - {0, 1}))

@@ -1,9 +1,9 @@
-"""Depth maps of a pair, from what was measured: completed, carried to the second frame, and checked.
+"""Depth maps of a pair: fill in missing measurements, transfer depth to the second frame, and check the result.
 
-Where a map was not measured it takes the depth of the background beside it, as KITTI's development kit fills disparity:
-along each row the farther of the nearest measured pixels to the left and to the right; where a row has none, down each
-column the farther of the nearest rows above and below. Beyond the outermost measured pixel there is only one of the
-two.
+Missing depth is filled in from the neighbouring background, as KITTI's development kit fills disparity: along each row,
+with the larger depth of the nearest measured pixels to the left and right; in rows without measurements, along each
+column, with the larger depth of the nearest rows above and below. Beyond the outermost measured pixel, the only
+neighbour is used.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from ..errors import DataError, first_line
 from ..sample import Camera, DepthMap, Flow, Mask, Sample, SceneDepth
 
 _NEAREST, _FARTHEST = 0.1, 10_000.0
-"""Metres: a median depth outside them is probably in another unit."""
+"""Plausible range of the median depth, in metres; a median outside it suggests the wrong unit."""
 
 
 def scene_depth(
     first: npt.NDArray[Any], second: npt.NDArray[Any], camera: Camera, source: str | Path, sample: Sample
 ) -> SceneDepth:
-    """The depth of a pair from two maps, which are completed.
+    """Return the depth of a pair from two maps, with holes filled in.
 
     Args:
-        first, second: (H, W) in metres; zero, NaN and infinite where nothing was measured.
-        camera: of both.
-        source: where they come from, for messages.
-        sample: whose frames they belong to.
+        first, second: depth maps (H, W), in metres; zero, NaN or infinite at pixels without a measurement.
+        camera: camera of both frames.
+        source: origin of the maps, for messages.
+        sample: sample to which the maps belong.
 
     Raises:
-        DataError: another size than the frames, a negative depth, or nothing measured.
+        DataError: a map differs in size from the frames, contains a negative depth, or has no measured pixel.
     """
     what = f"{source}, sample '{sample.key}'"
     maps, masks = [], []
@@ -62,7 +62,7 @@ def check_size(values: npt.NDArray[Any], shape: tuple[int, int], what: str) -> N
 
 
 def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float64]:
-    """`scale` / disparity in metres, float64; 0 where there is no disparity above 0.
+    """Return `scale` / disparity, float64, in metres; 0 where the disparity is not positive.
 
     >>> depth_of(np.array([[2.0, 0.0, np.nan, -1.0]]), 10.0).tolist()
     [[5.0, 0.0, 0.0, 0.0]]
@@ -74,10 +74,10 @@ def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float6
 
 
 def present(files: list[Path], title: str, parts: str) -> list[Path]:
-    """These files, which the depth of a data set is read from.
+    """Return the files from which a data set's depth is read.
 
     Raises:
-        DataError: one is missing; `parts` of the data set have it.
+        DataError: a file is missing; the message names `parts`, the parts of the data set that contain it.
     """
     for path in files:
         if not path.is_file():
@@ -89,10 +89,10 @@ def present(files: list[Path], title: str, parts: str) -> list[Path]:
 
 
 def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
-    """Lines of `columns` finite numbers, as camera files have them: float64 (N, columns).
+    """Read lines of `columns` finite numbers from a camera file, float64 (N, columns).
 
     Raises:
-        DataError: no such file, or other contents.
+        DataError: the file does not exist or has different contents.
     """
     try:
         lines = path.read_text(encoding="ascii").splitlines()
@@ -106,14 +106,14 @@ def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
 
 
 def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[DepthMap, Mask]:
-    """A map without holes, float32 (H, W), and where it was measured.
+    """Return a map without holes, float32 (H, W), and the mask of measured pixels.
 
     Args:
-        values: (H, W), metres; zero, NaN and infinite where nothing was measured.
-        what: its name in messages.
+        values: depth map (H, W), in metres; zero, NaN or infinite at pixels without a measurement.
+        what: name of the map in messages.
 
     Raises:
-        DataError: a negative depth, or nothing measured.
+        DataError: a depth is negative, or no pixel was measured.
 
     >>> completed(np.array([[0.0, 3.0, np.nan, 5.0], [0.0, 0.0, 0.0, 0.0]]))[0].tolist()
     [[3.0, 3.0, 5.0, 5.0], [3.0, 3.0, 5.0, 5.0]]
@@ -131,15 +131,16 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
 
 
 def carried(depth: npt.NDArray[Any], flow: Flow, known: Mask) -> DepthMap:
-    """The depth map of frame 2, from values at the pixels of frame 1.
+    """Return the depth map of frame 2, computed from values at the pixels of frame 1.
 
     Args:
-        depth: (H, W), metres: the depth in frame 2 of what frame 1 shows.
-        flow: float32 (H, W, 2), where it is in frame 2.
-        known: bool (H, W), where both are.
+        depth: depth in frame 2 of the points visible in frame 1, (H, W), in metres.
+        flow: flow from frame 1 to frame 2, float32 (H, W, 2), in pixels.
+        known: boolean mask (H, W) of the pixels with known depth and flow.
 
     Returns:
-        float32 (H, W) with holes of zero; each point at the nearest pixel, and the nearest point of those that meet.
+        The depth map, float32 (H, W), in metres, with zeros in holes. Each point is assigned to the nearest pixel; if
+        several points fall on a pixel, the closest to the camera is kept.
 
     >>> flow = np.zeros((1, 3, 2), np.float32)
     >>> flow[0, :, 0] = 1, 0, 5

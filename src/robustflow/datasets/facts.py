@@ -1,4 +1,4 @@
-"""What a reader of a result needs to know about a data set: validated data on its class."""
+"""Facts about a data set that a reader of results needs, as validated data on its class."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..validated import Frozen
 GroundTruth = Literal["dense", "sparse", "none"]
 
 NON_COMMERCIAL = "non-commercial research only, see the distributor's terms"
-"""The licence of distributors who do not state a standard one."""
+"""The licence text for distributors who do not state a standard licence."""
 
 FC_PAPER = "Yi et al., Benchmarking the Robustness of Optical Flow Estimation to Corruptions"
 
@@ -21,23 +21,23 @@ class DatasetFacts(Frozen):
     """The description of a data set.
 
     Attributes:
-        title: its authors' name for it.
-        description: one sentence.
+        title: official name of the data set.
+        description: one-sentence description.
         ground_truth: "dense", "sparse" (a laser scanner, some pixels) or "none".
-        pairs: how many pairs the complete data set has when it is opened without options; None if that varies.
-        clips: whether there are frames before and after its pairs, for multi-frame models: "always", "never", or a
+        pairs: number of pairs of the complete data set when opened without options; None if the number varies.
+        clips: availability of frames before and after the pairs, for multi-frame models: "always", "never", or a
             condition.
-        depth: where the depth of its pairs comes from, for corruptions in three dimensions: "none", or in some words.
-        licence: the terms its distributors state; check them before use.
+        depth: source of the depth of the pairs, for 3-D corruptions: "none" or a short description.
+        licence: licence terms stated by the distributors; check them before use.
         citation: authors, title, venue, year.
-        layout: the folders that its root must hold.
-        training_set: the name of the training set that holds these frames, see `robustflow.models.provenance`; "" if
-            none does, or, without `same_domain`, no model can state whether it was trained on them.
-        same_domain: training sets of the same domain, which hold other frames.
-        benchmark: the benchmark that reads these files; "" if the data set is evaluated under its own name.
-        corruptions: those that its frames come with, each only at severity 1, if they are evaluated under its own
-            name; see `robustflow.corruptions.on_disk`. () if frames are corrupted here.
-        folder_options: the options that name a further folder, and so are no part of what a run measured.
+        layout: folders that the root must contain.
+        training_set: name of the training set that contains these frames, see `robustflow.models.provenance`; "" if
+            there is none. If `same_domain` is also empty, no model can declare whether it was trained on these frames.
+        same_domain: names of training sets of the same domain that contain different frames.
+        benchmark: name of the benchmark that reads these files; "" if the data set is evaluated under its own name.
+        corruptions: corruptions that are distributed with the frames, each only at severity 1, if the data set is
+            evaluated under its own name; see `robustflow.corruptions.on_disk`. () if this package corrupts the frames.
+        folder_options: names of options that specify an additional folder, which are not part of a run's identity.
 
     >>> DatasetFacts(title="Alley", ground_truth="none").clips
     'never'
@@ -63,7 +63,7 @@ T = TypeVar("T", bound=Callable[..., object])
 
 
 def described(facts: DatasetFacts) -> Callable[[T], T]:
-    """Decorator that attaches facts to a function that opens a data set; a class has them as the attribute `facts`."""
+    """Attach facts to a function that opens a data set (a decorator); a class has them as its attribute `facts`."""
 
     def attach(function: T) -> T:
         function.facts = facts  # type: ignore[attr-defined]
@@ -73,7 +73,7 @@ def described(facts: DatasetFacts) -> Callable[[T], T]:
 
 
 def facts_of(target: object, name: str) -> DatasetFacts:
-    """The facts of a data set's class or function; only a title for one that states none.
+    """Return the facts of a data set's class or function, or facts with only a title if none are declared.
 
     >>> facts_of(object(), "alley").title
     'alley'

@@ -1,7 +1,7 @@
 """FlyingChairs: 22,872 synthetic pairs with dense ground truth.
 
-    data/00001_img1.ppm  00001_img2.ppm  00001_flow.flo
-    FlyingChairs_train_val.txt (or chairs_split.txt), beside or in data/: line i says 1 (train) or 2 (val) of pair i
+    data/00001_img1.ppm  00001_img2.ppm  00001_flow.flo FlyingChairs_train_val.txt (or chairs_split.txt), beside or in
+    data/: line i is 1 (train) or 2 (val) for pair i
 
 Source: Dosovitskiy et al., ICCV 2015.
 """
@@ -19,13 +19,13 @@ _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
 
 
 class FlyingChairs(PairDataset):
-    """FlyingChairs. `root` holds `data/`, or is that folder.
+    """The FlyingChairs data set. `root` is `data/` or its parent folder.
 
     Args:
-        split: "all", or "train" or "val" by the official list, which must then exist.
+        split: split to read: "all", or "train" or "val" according to the official list, which must then exist.
 
     Raises:
-        DataError: another layout, a file of a pair is missing, or no usable split file.
+        DataError: the layout is different, a file of a pair is missing, or there is no usable split file.
     """
 
     name = "flyingchairs"

@@ -3,9 +3,9 @@
     frames_cleanpass/TRAIN/A/0000/left/0006.png ...     (frames_finalpass; .webp in the smaller download)
     optical_flow/TRAIN/A/0000/into_future/left/OpticalFlowIntoFuture_0006_L.pfm ...
 
-Or its subset, as its authors give it for optical flow, without the most extreme scenes:
+Or the authors' subset for optical flow, without the most extreme scenes:
 
-    train/image_clean/left/0000000.png ...          (image_final; val for the test scenes)
+    train/image_clean/left/0000000.png ...          (or image_final; val for the test scenes)
     train/flow/left/into_future/0000000.flo ...     none at the end of a scene
 
 Source: Mayer et al., CVPR 2016.
@@ -22,17 +22,17 @@ from .pairs import PairDataset, PairFiles
 
 
 class FlyingThings3D(PairDataset):
-    """FlyingThings3D. `root` holds `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`; or the subset's
-    `train/` and `val/`.
+    """The FlyingThings3D data set. `root` contains `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`; or
+    `train/` and `val/` of the subset.
 
     Args:
-        render_pass: "clean" or "final".
-        split: "TRAIN" or "TEST".
-        side: "left" or "right" camera.
-        direction: "future" or "past".
+        render_pass: rendering pass: "clean" or "final".
+        split: split to read: "TRAIN" or "TEST".
+        side: camera: "left" or "right".
+        direction: temporal direction of the flow: "future" or "past".
 
     Raises:
-        DataError: another layout, a frame missing within a scene, or a frame without its flow.
+        DataError: the layout is different, a frame is missing within a scene, or a frame has no flow.
     """
 
     name = "flyingthings3d"

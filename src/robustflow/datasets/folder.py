@@ -1,4 +1,4 @@
-"""Your own frames: a folder of pictures, a folder of such folders, or a video. No ground truth.
+"""Your own frames, without ground truth: a folder of pictures, a folder of such folders, or a video.
 
 Consecutive pictures in natural order ("frame2" before "frame10") are pairs. Pictures directly in the folder are used;
 its subfolders only if there are none.
@@ -28,23 +28,23 @@ FACTS = DatasetFacts(
 )
 
 OWN_FRAMES = "folder"
-"""The name of this data set."""
+"""Registered name of this data set."""
 
 ALONE = "frames"
-"""The group of pictures directly in the folder; the folder's own name does not matter."""
+"""Group of the pictures directly in the folder, independent of the folder's name."""
 
 
 class FrameFolder(PairDataset):
     """Pairs from a folder of frames, or from every folder of frames inside one.
 
     Args:
-        root: the folder.
-        step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
-        start, stop: the part of each sequence to use, by the positions of its frames, from 0; `stop` is exclusive.
+        root: path of the folder.
+        step: distance between the two frames of a pair, in frames; every frame that has a partner starts a pair.
+        start, stop: range of frames of each sequence to use, as positions from 0; `stop` is exclusive.
 
     Raises:
-        DataError: no frames, fewer than `step` + 1 in a sequence, frames of different size in a sequence, or two files
-            that differ only in their extension.
+        DataError: there are no frames, a sequence has fewer than `step` + 1 frames or frames of different sizes, or two
+            file names differ only in their extension.
     """
 
     name = OWN_FRAMES
@@ -63,7 +63,7 @@ class FrameFolder(PairDataset):
             at_step = pairs_at_step(frames, step, root / group)
             _check(root / group, frames)
             for first, second in at_step:
-                # Consecutive pairs are not independent, whatever the folder: statistics treat them as one group.
+                # Consecutive pairs are not independent; statistics treat them as one group.
                 key, sequence = (f"{group}/{first.stem}", group) if group else (first.stem, ALONE)
                 pairs[key] = PairFiles((first, second), group=sequence)
         if not pairs:
@@ -76,11 +76,11 @@ class FrameFolder(PairDataset):
 
 @described(FACTS)
 def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: Position = None) -> FrameFolder | Video:
-    """The data set `folder`: a video file, or a folder of frames or of folders of frames; or a part of it, from `start`
-    to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
+    """Open the data set `folder`: a video file, a folder of frames, or a folder of such folders, optionally restricted
+    to the range from `start` to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
 
     Raises:
-        DataError: the path does not exist, or is neither of these.
+        DataError: the path does not exist, or is neither a video nor a folder of frames.
     """
     path = Path(root).expanduser()
     if path.is_file():
@@ -95,7 +95,7 @@ def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: P
 
 
 def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
-    """A sort key in which numbers inside names count as numbers.
+    """Return a sort key that compares digits inside names as numbers.
 
     >>> sorted(["frame10.png", "frame9.png", "Frame1.png"], key=natural_order)
     ['Frame1.png', 'frame9.png', 'frame10.png']

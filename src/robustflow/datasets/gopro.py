@@ -20,15 +20,15 @@ _KINDS = ("sharp", "blur", "blur_gamma")
 
 
 class GoPro(PairDataset):
-    """GoPro. `root` holds `train/` and `test/`, or sequences.
+    """The GoPro data set. `root` contains `train/` and `test/`, or sequences.
 
     Args:
-        split: "all", "train" or "test".
-        images: "sharp", "blur" or "blur_gamma", for sequences that have these folders.
-        step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
+        split: split to read: "all", "train" or "test".
+        images: folder of frames to read, "sharp", "blur" or "blur_gamma", for sequences that have these folders.
+        step: distance between the two frames of a pair, in frames; every frame that has a partner starts a pair.
 
     Raises:
-        DataError: another layout, a frame missing within a sequence, or a sequence too short for `step`.
+        DataError: the layout is different, a frame is missing within a sequence, or a sequence is too short for `step`.
     """
 
     name = "gopro"

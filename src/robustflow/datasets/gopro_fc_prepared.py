@@ -1,7 +1,8 @@
-"""GoPro-FC as prepared: pairs of key frames of clips, and the corruptions that need the whole clip.
+"""The prepared GoPro-FC: pairs of key frames of clips, and the corruptions that need the whole clip.
 
-Image corruptions are made on the fly as elsewhere. Object motion blur, rolling shutter and the three video corruptions
-are made from the clip (see `robustflow.video.open_clip`): for the runner, these frames come already corrupted.
+Image corruptions are computed on the fly as for every data set. Object motion blur, rolling shutter and the three video
+corruptions are generated from the clip (see `robustflow.video.open_clip`); the runner receives these frames already
+corrupted.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ VARIANTS = "variants"
 
 
 class GoProFCPrepared(Samples):
-    """A folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: further frames
-    are further key frames of the clip, and of its corrupted stream.
+    """Data set for a folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: the
+    frames around a pair are key frames of the clip or of its corrupted stream.
 
     Args:
-        root: the prepared folder.
-        variant: of the corruptions' parameters, see `robustflow.corruptions.base`.
-        cache: where transcoded variants are stored; by default in the prepared folder, or, if that is read-only, in the
-            user's cache folder.
+        root: path of the prepared folder.
+        variant: variant of the corruption parameters, see `robustflow.corruptions.base`.
+        cache: folder for transcoded variants; by default the prepared folder, or the user's cache folder if the
+            prepared folder is read-only.
 
     Raises:
-        DataError: not a prepared folder, or an unfinished one.
+        DataError: the folder was not prepared, or the preparation is unfinished.
     """
 
     name = "gopro_fc_prepared"
@@ -71,17 +72,17 @@ class GoProFCPrepared(Samples):
         return self.__dict__ | {"_open": None}
 
     def keys(self) -> list[str]:
-        """`<clip>/<master index of the first frame>`."""
+        """Return the keys, `<clip>/<master index of the first frame>`."""
         return list(self._pairs)
 
     def load(self, key: str) -> Sample:
-        """A pair of adjacent key frames; the clip is its group."""
+        """Return a pair of adjacent key frames, with the clip as its group."""
         clip, first, second = self._pair(key)
         frames = (read_image(clip.key_frame_path(first)), read_image(clip.key_frame_path(second)))
         return Sample(key, frames, group=clip.name)
 
     def files(self, key: str) -> list[Path]:
-        """The two key frames."""
+        """Return the files of the two key frames."""
         clip, first, second = self._pair(key)
         return [clip.key_frame_path(first), clip.key_frame_path(second)]
 
@@ -103,13 +104,14 @@ class GoProFCPrepared(Samples):
         return [clip.key_frame_path(index) for clip, index in key_frames]
 
     def has_corrupted(self, corruption: str) -> bool:
-        """True for the five that need the clip."""
+        """Return True for the five corruptions that need the clip."""
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`; made on first use, which for a video corruption takes a pass over the clip.
+        """See `PreCorrupted.corrupted`. The frames are generated on first use, which for a video corruption takes a
+        pass over the clip.
 
-        A `UserWarning` is issued at that point if bit errors changed nothing or cost frames.
+        At that point a `UserWarning` is issued if bit errors had no effect or caused lost frames.
         """
         first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
         return first, second
@@ -123,28 +125,30 @@ class GoProFCPrepared(Samples):
         return self._open.corrupted(index, corruption, parameter)
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
-        """The clip's master: everything is made from it."""
+        """Return the clip's master file, from which all frames are generated."""
         return [self._pair(key)[0].master.path]
 
     def with_variant(self, variant: str) -> GoProFCPrepared:
-        """The same data with the parameters of a variant ("reference": 5 M for the worst bit errors)."""
+        """Return the same data with the parameters of a variant ("reference": 5 M for the worst bit errors)."""
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:
-        """What determines the frames: masters, key frames and how they were made. For a run's manifest and identity."""
+        """Return the inputs that determine the frames (masters, key frames and their preparation), for a run's manifest
+        and identity."""
         return {
             clip.name: clip.manifest.model_dump(include={"master_sha256", "fps", "step", "factor", "interpolator"})
             for clip in self.clips
         }
 
     def clip_records(self) -> list[dict[str, Any]]:
-        """See `FromClips.clip_records`: one record per clip, video corruption and severity made so far."""
+        """See `FromClips.clip_records`: one record per clip, video corruption and severity generated so far."""
         settings = [(name, parameter) for name in FAMILIES["video"] for parameter in self._parameters[name]]
         paths = [record_of_variant(clip, self.cache, *setting) for clip in self.clips for setting in settings]
         return [read_record(path) for path in paths if path.is_file()]
 
     def _key_frame(self, key: str, offset: int) -> tuple[PreparedClip, int]:
-        """The clip of a sample and the master index of the key frame at an offset from the pair's first."""
+        """Return the clip of a sample and the master index of the key frame at an offset from the pair's first
+        frame."""
         clip, first, _ = self._pair(key)
         frames = clip.manifest.key_frames
         return clip, frames[frames.index(first) + offset]

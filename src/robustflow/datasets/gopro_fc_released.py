@@ -1,4 +1,4 @@
-"""GoPro-FC as released: pairs of key frames, one folder per corruption and severity, read as they are.
+"""The released GoPro-FC: pairs of key frames, one folder per corruption and severity, read unchanged.
 
 clean/GOPR0374_11_02/000032_0.png  000032_1.png        fog_3/GOPR0374_11_02/000032_0.png  000032_1.png
 """
@@ -17,10 +17,10 @@ class GoProFCReleased(ReleasedPairs):
     """The released benchmark: clean pairs, and the corrupted frames of each. Implements `PreCorrupted`.
 
     Args:
-        root: the folder that holds `clean/` and the corruptions.
+        root: path of the folder with `clean/` and the corruptions.
 
     Raises:
-        DataError: another layout, or a frame of a clean pair is missing.
+        DataError: the layout is different, or a frame of a clean pair is missing.
     """
 
     name = "gopro_fc_released"

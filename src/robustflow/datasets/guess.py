@@ -1,4 +1,4 @@
-"""Which data set a folder looks like, for the error that refuses it as another one."""
+"""Guess the data set in a folder, for the message when a folder does not match the requested data set."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _MARKS = {
     "flyingthings3d": ("frames_cleanpass", "frames_finalpass", "train/image_clean"),
     "gopro-fc": ("gopro_fc.json",),
 }
-"""For each benchmark, what only its folder contains."""
+"""For each benchmark, paths that exist only in its folder."""
 
 
 def benchmark_of_folder(root: Path) -> str | None:
-    """The benchmark that fits a folder by its layout; None if none does.
+    """Return the benchmark whose layout matches a folder, or None.
 
     >>> from tempfile import mkdtemp
     >>> root = Path(mkdtemp())

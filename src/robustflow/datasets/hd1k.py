@@ -1,7 +1,7 @@
 """HD1K: 36 driving sequences with ground truth and uncertainties, 2560x1080, flow in KITTI's format.
 
     hd1k_input/image_2/000000_0000.png ...      sequence_frame
-    hd1k_flow_gt/flow_occ/000000_0000.png ...   one per frame; the last of a sequence has no second frame
+    hd1k_flow_gt/flow_occ/000000_0000.png ...   one per frame; the last frame of a sequence has no second frame
 
 Source: Kondermann et al., CVPR Workshops 2016.
 """
@@ -18,10 +18,10 @@ from .pairs import PairDataset, PairFiles
 
 
 class HD1K(PairDataset):
-    """HD1K. `root` holds `hd1k_input/` and `hd1k_flow_gt/`.
+    """The HD1K data set. `root` contains `hd1k_input/` and `hd1k_flow_gt/`.
 
     Raises:
-        DataError: another layout, a frame missing within a sequence, or a flow map without its frame.
+        DataError: the layout is different, a frame is missing within a sequence, or a flow map has no frame.
     """
 
     name = "hd1k"

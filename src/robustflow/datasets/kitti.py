@@ -3,18 +3,18 @@
     training/image_2/000010_10.png  000010_11.png     (2012: colored_0, or image_0 in grey)
     training/flow_occ/000010_10.png                   all pixels, including those that leave the view
     training/flow_noc/000010_10.png                   non-occluded pixels only
-    training/disp_occ_0/000010_10.png  disp_occ_1     2015, for its depth: disparity in both frames, 256ths of a pixel,
-    training/calib_cam_to_cam/000010.txt              at the pixels of frame 1; and the cameras
+    training/disp_occ_0/000010_10.png  disp_occ_1     2015, for depth: disparity in both frames, in 1/256 pixel,
+    training/calib_cam_to_cam/000010.txt              at the pixels of frame 1; camera calibration
 
-`flow_occ` is the ground truth, and a pixel with flow in it but none in `flow_noc` is occluded. A folder that holds only
-`flow_noc` is read with that as ground truth and without occlusion maps, and says so (`non_occluded`): errors on visible
-pixels are smaller. The two are never mixed within a run, and KITTI-FC is not measured without `flow_occ`. If a map
-of `flow_noc` is missing for one of `flow_occ`, the pair has no occlusion map. (In 2015 both maps hold the same vectors.
-In 2012 they differ by up to a few pixels, as they were filled in separately.)
+`flow_occ` is the ground truth; a pixel that has flow in `flow_occ` but not in `flow_noc` is occluded. If a folder
+contains only `flow_noc`, these maps are the ground truth, there are no occlusion maps, and `non_occluded` is set,
+because errors on visible pixels are smaller. The two kinds of ground truth are never mixed within a run, and KITTI-FC
+requires `flow_occ`. If only the `flow_noc` map of a pair is missing, the pair has no occlusion map. (In 2015 both maps
+hold the same vectors. In 2012 they differ by up to a few pixels, as they were filled in separately.)
 
-The group of a pair is the drive it was taken from (`kitti_drives.py`). The multi-view extension adds 000010_00.png to
-000010_20.png of each pair; if they are in the same folder, samples have clips around them, for multi-frame models.
-Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
+The group of a pair is the drive in which it was recorded (`kitti_drives.py`). The multi-view extension adds
+000010_00.png to 000010_20.png of each pair; if they are in the same folder, multi-frame models get the frames around
+each pair. Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ _OCC, _NOC = "flow_occ", "flow_noc"
 
 
 class KittiPairs(PairDataset):
-    """Ground truth in KITTI's form: `PairFiles.flow` is occ or noc, `PairFiles.occlusion` the noc map of an occ map."""
+    """Pairs with ground truth in KITTI's format: `PairFiles.flow` is the occ or noc map, and `PairFiles.occlusion` the
+    noc map that belongs to an occ map."""
 
     def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         super().__init__(pairs, where)
@@ -48,7 +49,7 @@ class KittiPairs(PairDataset):
         self.non_occluded = any(pair.flow is not None and pair.flow.parent.name == _NOC for pair in pairs.values())
 
     def truth(self, pair: PairFiles) -> Truth | None:
-        """Flow from occ; the pixels that noc leaves out are occluded."""
+        """Read flow from the occ map; pixels that are missing in the noc map are occluded."""
         if pair.flow is None:
             return None
         flow, valid = read_flow(pair.flow)
@@ -60,15 +61,15 @@ class KittiPairs(PairDataset):
         return Truth(flow, valid, valid & ~visible)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
-        """Which of the two maps the flow comes from."""
+        """Return which of the two maps the flow comes from."""
         return {"ground_truth": pair.flow.parent.name.removeprefix("flow_")} if pair.flow else {}
 
 
 class KittiSequences(KittiPairs):
-    """Pairs among the frames of the multi-view extension, if those exist."""
+    """KITTI pairs, with the frames of the multi-view extension around them if available."""
 
     def steps(self) -> Iterator[tuple[Path, Path]]:
-        """All consecutive frames of a pair's sequence."""
+        """Return all consecutive frames of a pair's sequence."""
         for folder in {pair.frames[0].parent for pair in self._pairs.values()}:
             sequences: dict[str, dict[int, Path]] = {}
             for path in folder.iterdir():
@@ -79,10 +80,10 @@ class KittiSequences(KittiPairs):
 
 
 class Kitti2015(KittiSequences):
-    """KITTI 2015. `root` holds `training/`, or is that folder.
+    """The KITTI 2015 data set. `root` is `training/` or its parent folder.
 
     Raises:
-        DataError: another layout, or a file of a pair is missing.
+        DataError: the layout is different, or a file of a pair is missing.
     """
 
     name = "kitti2015"
@@ -105,9 +106,9 @@ class Kitti2015(KittiSequences):
         super().__init__(kitti_pairs(folder, "image_2", self.name), folder)
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: f B / disparity, with f and B of the rectified colour cameras. `disp_occ_1` has the
-        disparity in frame 2 of the pixels of frame 1, which the true flow moves there. The motion of the camera is
-        fitted to depth and flow (`camera_motion`)."""
+        """See `Depths.depth`. Depth is f B / disparity, with f and B of the rectified colour cameras. `disp_occ_1`
+        contains the disparity in frame 2 at the pixels of frame 1; the true flow gives their positions in frame 2. The
+        camera motion is fitted to depth and flow (`camera_motion`)."""
         first, second, calibration = self.depth_files(sample.key)
         camera, scale = _calibration(calibration)
         now, then = (depth_of(read_depth_png(path), 256 * scale) for path in (first, second))
@@ -128,13 +129,13 @@ class Kitti2015(KittiSequences):
 
 
 class Kitti2012(KittiSequences):
-    """KITTI 2012. `root` holds `training/`, or is that folder.
+    """The KITTI 2012 data set. `root` is `training/` or its parent folder.
 
     Args:
-        images: "colour" (colored_0), "grey" (image_0), or "auto": colour where the folder exists.
+        images: frames to read: "colour" (colored_0), "grey" (image_0), or "auto" for colour if its folder exists.
 
     Raises:
-        DataError: another layout, or a file of a pair is missing.
+        DataError: the layout is different, or a file of a pair is missing.
     """
 
     name = "kitti2012"
@@ -161,12 +162,12 @@ class Kitti2012(KittiSequences):
 
 
 def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]:
-    """The pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
+    """Return the pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
 
-    Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc_released").
+    The groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc_released").
 
     Raises:
-        DataError: no ground truth folder, or a file of a pair is missing.
+        DataError: the ground-truth folder or a file of a pair is missing.
     """
     occ, noc = (folder / kind if (folder / kind).is_dir() else None for kind in (_OCC, _NOC))
     truth = occ or noc
@@ -197,7 +198,8 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]
 
 
 def _calibration(path: Path) -> tuple[Camera, float]:
-    """The left colour camera, and focal length times baseline to the right one, pixels times metres."""
+    """Return the left colour camera, and the focal length times the baseline to the right camera, in pixels times
+    metres."""
     try:
         lines = path.read_text(encoding="ascii").splitlines()
         entries = {name: values for name, _, values in (line.partition(":") for line in lines)}

@@ -1,18 +1,17 @@
-"""Which drive each pair of KITTI's training sets was taken from: pairs of one drive are not independent.
+"""The drive in which each pair of KITTI's training sets was recorded; pairs of the same drive are not independent.
 
     data/kitti2015_drives.csv   pair, drive, frame of the raw data: 142 of the 200 pairs, 29 drives
     data/kitti2012_drives.csv   89 of the 194 pairs, 16 drives
 
-The numbers of 2015 are those of `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR
-2015), whose lines are empty where the drive is not in the public raw data. For 2012 there is no official table; ours
-holds the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from
-training.
+The numbers for 2015 are from `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR
+2015), whose lines are empty if the drive is not in the public raw data. For 2012 there is no official table; ours lists
+the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from training.
 
-**Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and a drive is in the raw data
-entirely or not at all. So a run of numbers without a drive lies between two drives and shares none with them; how many
-drives it consists of is not known. All pairs of such a run form one group, so that more pairs are treated as related
-than are, never fewer. The pairs of 2012 are numbered at random and neighbours say nothing, so all pairs without a drive
-form one group; intervals on 2012 are still too narrow (`docs/design/uncertainty.md`).
+**Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and the raw data contain either all of
+a drive or nothing. A run of pairs without a drive therefore does not share a drive with the pairs before and after it,
+although the number of drives in it is unknown. All pairs of such a run form one group, which can only treat too many
+pairs as related, never too few. The pairs of 2012 are numbered at random, so neighbours carry no information and all
+pairs without a drive form one group; confidence intervals on 2012 are still too narrow (`docs/design/uncertainty.md`).
 """
 
 from __future__ import annotations
@@ -28,14 +27,14 @@ _TABLES = {
     "kitti_fc_released": ("kitti2015", 200),
     "kitti2012": ("kitti2012", 194),
 }
-"""Data set -> the table of its pairs, and the number of pairs. The released KITTI-FC keeps the numbering of 2015."""
+"""Table of pairs and number of pairs for each data set. The released KITTI-FC keeps the numbering of 2015."""
 
 _NUMBERED_BY_DRIVE = ("kitti2015",)
 
 
 @cache
 def drives(dataset: str) -> Mapping[str, str]:
-    """Pair -> drive, for the pairs whose drive is known; empty for a data set other than KITTI's.
+    """Return the drive of each pair whose drive is known; empty for data sets other than KITTI's.
 
     >>> drives("kitti2015")["000010"], len(drives("kitti2015")), len(set(drives("kitti2015").values()))
     ('2011_09_26_drive_0009', 142, 29)
@@ -48,7 +47,7 @@ def drives(dataset: str) -> Mapping[str, str]:
 
 @cache
 def drive_groups(dataset: str) -> Mapping[str, str]:
-    """Pair -> group: its drive, or a substitute; empty for a data set other than KITTI's.
+    """Return the group of each pair: its drive or a substitute; empty for data sets other than KITTI's.
 
     >>> groups = drive_groups("kitti2015")
     >>> groups["000007"], groups["000004"], groups["000156"]
@@ -71,7 +70,7 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
 
 
 def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti2015") -> list[str]:
-    """The pairs of `first` whose drive is known and also has a pair in `second`, in the order of `first`.
+    """Return the pairs of `first` whose drive is known and also has a pair in `second`, in the order of `first`.
 
     >>> related(["000007", "000002", "000000"], ["000012", "000001"])
     ['000007']

@@ -1,4 +1,4 @@
-"""KITTI-FC as released: KITTI 2015 already corrupted, one folder per corruption and severity.
+"""The released KITTI-FC: corrupted frames of KITTI 2015, one folder per corruption and severity.
 
 clean/val/image_2/000003_10.png  000003_11.png       clean/val/flow_occ/000003_10.png
 fog_3/val/image_2/000003_10.png  000003_11.png       (the same under training/)
@@ -18,11 +18,11 @@ class KittiFCReleased(KittiPairs, ReleasedPairs):
     """The released benchmark: clean samples, and the corrupted frames of each. Implements `PreCorrupted`.
 
     Args:
-        root: the folder that holds `clean/` and the corruptions.
-        split: "val" (80 pairs, what the paper evaluates) or "training" (120).
+        root: path of the folder with `clean/` and the corruptions.
+        split: split to read: "val" (the paper's 80 evaluation pairs) or "training" (120 pairs).
 
     Raises:
-        DataError: another layout, or a file of a clean pair is missing.
+        DataError: the layout is different, or a file of a clean pair is missing.
     """
 
     name = "kitti_fc_released"

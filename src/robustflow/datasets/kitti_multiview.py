@@ -1,10 +1,10 @@
-"""KITTI 2015's multi-view extension: 21 frames of each scene, without ground truth, for training without labels.
+"""KITTI 2015's multi-view extension: 21 frames of each scene without ground truth, for unsupervised training.
 
     training/image_2/000000_00.png ... 000000_20.png    left camera; image_3 right; 200 scenes
     testing/image_2/...                                 200 more
 
-Frames 10 and 11 are the pair that is evaluated. As ARFlow and UPFlow do, no pair here has a frame from 09 to 12, so a
-scene gives 15 pairs per camera. Source: Menze and Geiger, CVPR 2015.
+Frames 10 and 11 are the evaluated pair. As in ARFlow and UPFlow, frames 09 to 12 are excluded, which leaves 15 pairs
+per scene and camera. Source: Menze and Geiger, CVPR 2015.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles
 
 EVALUATED = range(9, 13)
-"""Frames in no pair: the evaluated ones and their neighbours."""
+"""Excluded frames: the evaluated frames and their neighbours."""
 _CAMERAS = {"left": ("image_2",), "right": ("image_3",), "both": ("image_2", "image_3")}
 _PARTS = {"training": ("training",), "testing": ("testing",), "all": ("training", "testing")}
 
 
 class KittiMultiview(PairDataset):
-    """The multi-view extension. `root` holds `training/` and `testing/`.
+    """The multi-view extension of KITTI 2015. `root` contains `training/` and `testing/`.
 
     Args:
-        part: "training", "testing" or "all".
-        camera: "left", "right" or "both".
+        part: part to read: "training", "testing" or "all".
+        camera: camera to read: "left", "right" or "both".
 
     Raises:
-        DataError: another layout, or a folder with only frames 10 and 11.
+        DataError: the layout is different, or a folder contains only frames 10 and 11.
     """
 
     name = "kitti_multiview"

@@ -1,9 +1,9 @@
-"""KITTI's raw data: the drives that the flow benchmarks were cut from, rectified frames at 10 Hz, no flow.
+"""KITTI's raw data: the drives from which the flow benchmarks were taken; rectified frames at 10 Hz, without flow.
 
     2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ...    left colour camera; image_03 right
 
-Drives from which pairs of KITTI 2015 or 2012 are known to be taken are left out, unless all are requested. Source:
-Geiger, Lenz, Stiller and Urtasun, IJRR 2013.
+Drives that are known to contain pairs of KITTI 2015 or 2012 are left out, unless all are requested. Source: Geiger,
+Lenz, Stiller and Urtasun, IJRR 2013.
 """
 
 from __future__ import annotations
@@ -23,17 +23,16 @@ _EXPECTED = "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png 
 
 
 class KittiRaw(PairDataset):
-    """KITTI raw. `root` holds folders of days, which hold drives; or is such a folder of a day.
+    """The KITTI raw data set. `root` contains one folder of drives per day, or is such a folder.
 
     Args:
-        camera: "left", "right" or "both".
-        drives: "apart" leaves out the drives of KITTI 2015's and 2012's training pairs, as far as they are known; "all"
-            keeps them.
-        listing: a text file with the names of two frames in each line, relative to the root; these are then the pairs.
-            ARFlow's authors publish such a list.
+        camera: camera to read: "left", "right" or "both".
+        drives: "apart" to leave out the known drives of KITTI 2015's and 2012's training pairs, or "all" to keep them.
+        listing: path of a text file that lists the pairs, two frame names per line, relative to the root. ARFlow's
+            authors publish such a list.
 
     Raises:
-        DataError: another layout, or a listed frame that is missing.
+        DataError: the layout is different, or a listed frame is missing.
     """
 
     name = "kitti_raw"

@@ -1,6 +1,6 @@
 """Middlebury flow: eight scenes with dense ground truth.
 
-    other-data/RubberWhale/frame10.png  frame11.png     (frame07 to frame14 where a scene has eight frames)
+    other-data/RubberWhale/frame10.png  frame11.png     (frame07 to frame14 for scenes with eight frames)
     other-gt-flow/RubberWhale/flow10.flo
 
 Scenes of `other-data` whose ground truth was never released (Beanbags, DogDance, MiniCooper, Walking) are not samples.
@@ -18,10 +18,10 @@ from .pairs import PairDataset, PairFiles
 
 
 class Middlebury(PairDataset):
-    """Middlebury. `root` holds `other-data/` and `other-gt-flow/`.
+    """The Middlebury data set. `root` contains `other-data/` and `other-gt-flow/`.
 
     Raises:
-        DataError: another layout, or a file of a scene is missing.
+        DataError: the layout is different, or a file of a scene is missing.
     """
 
     name = "middlebury"
@@ -46,6 +46,6 @@ class Middlebury(PairDataset):
         super().__init__(pairs, folder)
 
     def steps(self) -> Iterator[tuple[Path, Path]]:
-        """All consecutive frames of a scene; most scenes have eight."""
+        """Return all consecutive frames of a scene; most scenes have eight."""
         for pair in self._pairs.values():
             yield from following(numbered(pair.frames[0].parent, r"frame(\d\d)\.png"))

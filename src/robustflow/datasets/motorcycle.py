@@ -1,8 +1,8 @@
 """A real pair with dense ground truth that ships with scikit-image: Middlebury 2014's Motorcycle, 741x500.
 
 A rectified stereo pair is optical flow without vertical motion: flow = (-disparity, 0) from the left to the right
-image, unknown where the disparity is not finite. Its depth is f B / (disparity + 31.086 px) with f = 994.978 px and
-B = 193.001 mm, as calibrated; in the right image it is that of the left one, moved by the disparity. Source:
+image, unknown where the disparity is not finite. The depth is f B / (disparity + 31.086 px) with the calibrated f =
+994.978 px and B = 193.001 mm; the depth of the right image is the left image's depth shifted by the disparity. Source:
 Scharstein et al., GCPR 2014.
 """
 
@@ -23,14 +23,14 @@ from .samples import Samples
 _FOCAL, _CENTRE = 994.978, (311.193, 254.877)
 _BASELINE = 0.193001
 _OFFSET = 31.086
-"""Pixels by which the principal points of the two images differ in x."""
+"""Difference between the x coordinates of the two principal points, in pixels."""
 
 
 class Motorcycle(Samples):
-    """The pair, under the key "motorcycle". Needs no root and no download.
+    """The data set with the single key "motorcycle". It needs neither a root folder nor a download.
 
     Raises:
-        AssetError: the installed scikit-image lacks its pictures.
+        AssetError: the pictures are missing from the installed scikit-image.
 
     >>> sample = Motorcycle().load("motorcycle")
     >>> sample.shape, float(sample.valid.mean().round(3)), bool((sample.flow[..., 1] == 0).all())
@@ -75,7 +75,7 @@ class Motorcycle(Samples):
         return Sample(key, (read_image(self._files[0]), read_image(self._files[1])), *self._truth())
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. The motion of the camera is the baseline, to the right."""
+        """See `Depths.depth`. The camera motion is the baseline, to the right."""
         flow, valid = self._truth()
         depth = np.zeros(valid.shape, np.float32)
         depth[valid] = _FOCAL * _BASELINE / (_OFFSET - flow[valid, 0].astype(np.float64))
