@@ -1,4 +1,4 @@
-"""A user's own data set: `module.path:Attribute`, opened, checked, and identified by the hash of its source."""
+"""Open a user-defined data set, `module.path:Attribute`, check it, and identify it by the hash of its source."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 
 
 def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
-    """The data set that a user names as `module.path:Attribute`, checked by its first sample.
+    """Open the data set that a user names as `module.path:Attribute`, and check its first sample.
 
     Args:
-        target: a class or function that takes `options` and returns a `Dataset`; or a `Dataset`.
-        options: keyword options (`-D root=/data`).
+        target: reference to a class or function that takes `options` and returns a `Dataset`, or to a `Dataset`.
+        options: keyword options of the data set (`-D root=/data`).
 
     Raises:
-        UsageError: it cannot be imported or opened, or is not a data set.
+        UsageError: the target cannot be imported or opened, or is not a data set.
     """
     made = import_target(target, "data set")
     if inspect.isclass(made) or inspect.isroutine(made):
@@ -38,13 +38,13 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
 
 
 def check_members(dataset: Any, what: str) -> None:
-    """Raise if something is not a `Dataset`: members, keys, and the first sample.
+    """Raise if an object is not a valid `Dataset`: check its members, keys, and first sample.
 
     Args:
-        what: its name in messages.
+        what: name of the object in messages.
 
     Raises:
-        UsageError: what is wrong.
+        UsageError: the check failed.
     """
     for member in ("name", "has_flow", "keys", "load", "files"):
         if not hasattr(dataset, member):
@@ -60,10 +60,10 @@ def check_members(dataset: Any, what: str) -> None:
 
 
 def check_sample(dataset: Any, key: str, what: str) -> Sample:
-    """One sample, checked against what the data set declares.
+    """Load one sample and check it against the data set's declarations.
 
     Raises:
-        UsageError: what is wrong.
+        UsageError: the check failed.
     """
     sample = called(what, f"load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
@@ -80,13 +80,13 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
 
 
 def own_source(target: str, made: object) -> str:
-    """A hash, 16 hexadecimal digits, of the source of what a user named: of its class, and of the module it was named
-    in."""
+    """Return a hash, 16 hexadecimal digits, of the source of a user's object: its class, and the module in the
+    target."""
     return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
 
 
 def called(what: str, call: str, function: Any) -> Any:
-    """What the user's function returns; what it raises becomes a UsageError."""
+    """Call the user's function and return its result; convert its exceptions to a UsageError."""
     try:
         return function()
     except RobustFlowError:

@@ -1,7 +1,7 @@
-"""The user's own depth maps for a data set: `--depth DIR`.
+"""User-provided depth maps for a data set: `--depth DIR`.
 
-A frame `clip/frame_0001.png` has its map at `DIR/clip/frame_0001` or `DIR/frame_0001`, ending in .png (16 bits, grey,
-millimetres), .npy or .pfm (metres); zero, NaN and infinite where nothing was measured.
+The map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension .png (16-bit
+grey, millimetres), .npy or .pfm (metres). Pixels without a measurement are zero, NaN or infinite.
 """
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ from .still import SharesFrames
 
 _READERS = {".png": read_depth_png, ".npy": read_depth_npy, ".pfm": read_depth_pfm}
 _FOLDERS = 3
-"""The most folders above a frame that may be repeated in DIR."""
+"""Maximum number of parent folders of a frame that may be repeated in DIR."""
 
 
 class OwnDepth:
-    """Maps for the frames of a data set. Implements `Depths`.
+    """Depth maps for the frames of a data set. Implements `Depths`.
 
     Args:
-        folder: of the maps.
-        dataset: of the frames, which must be files.
-        focal: the focal length in pixels; by default the width of the frames, a horizontal field of view of 53 degrees.
+        folder: path of the folder with the maps.
+        dataset: the data set, whose frames must be files.
+        focal: focal length, in pixels; by default the width of the frames, which corresponds to a horizontal field of
+            view of 53 degrees.
 
     Raises:
-        UsageError: no such folder, or a focal length that is not positive.
+        UsageError: the folder does not exist, or the focal length is not positive.
     """
 
     def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
@@ -47,7 +48,7 @@ class OwnDepth:
         self._focal = focal
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. The principal point is the middle of the frame; the motion of the camera is unknown."""
+        """See `Depths.depth`. The principal point is the centre of the frame; the camera motion is unknown."""
         height, width = sample.shape
         focal = float(width) if self._focal is None else float(self._focal)
         first, second = (_read(path) for path in self._maps(sample.key))
@@ -60,7 +61,7 @@ class OwnDepth:
 
     @cached_property
     def digest(self) -> str:
-        """16 hexadecimal digits that identify the maps of all samples, and the focal length."""
+        """Return a hash, 16 hexadecimal digits, of the maps of all samples and the focal length."""
         whole = hashlib.blake2b(repr(self._focal).encode(), digest_size=8)
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):
@@ -89,7 +90,7 @@ class OwnDepth:
 
     @cached_property
     def _owners(self) -> dict[Path, Path]:
-        """The first frame that each map is for."""
+        """Return the first frame that uses each map."""
         owners: dict[Path, Path] = {}
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):

@@ -1,5 +1,5 @@
-"""A data set of image pairs in files, which are located when it is opened, so that a missing file is noticed before a
-run starts."""
+"""A data set of image pairs in files. The files are located when the data set is opened, so that a missing file is
+reported before a run starts."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class PairFiles:
     """The files of one sample.
 
     Attributes:
-        frames: the two pictures.
-        flow: the ground truth, or None.
-        occlusion: a map of occluded pixels, in the data set's own form, or None.
-        invalid: a map of the pixels without ground truth, if that is a separate file, or None.
-        group: the sequence; empty if samples are independent.
+        frames: paths of the two frames.
+        flow: path of the ground-truth flow, or None.
+        occlusion: path of a map of occluded pixels, in the data set's format, or None.
+        invalid: path of a map of the pixels without ground truth, if it is a separate file, or None.
+        group: name of the sequence; empty if samples are independent.
     """
 
     frames: tuple[Path, Path]
@@ -37,7 +37,7 @@ class PairFiles:
     group: str = ""
 
     def files(self) -> list[Path]:
-        """All files of the pair."""
+        """Return all files of the pair."""
         maps = (self.flow, self.occlusion, self.invalid)
         return [*self.frames, *(path for path in maps if path is not None)]
 
@@ -51,7 +51,8 @@ class Truth(NamedTuple):
 
 
 class PairDataset(Samples):
-    """Samples from `PairFiles`; a reader finds the pairs, and overrides how its ground truth is read if that differs.
+    """Base class for data sets of `PairFiles`. A reader locates the pairs, and overrides the reading of ground truth if
+    necessary.
 
     Implements `Dataset` and `Clips`.
     """
@@ -59,7 +60,7 @@ class PairDataset(Samples):
     name: str = "folder"
     has_flow: bool = True
     non_occluded: bool = False
-    """Whether the ground truth lacks the pixels that are hidden in frame 2, against the data set's own rule."""
+    """Whether the ground truth excludes pixels that are occluded in frame 2, contrary to the data set's convention."""
 
     def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         if not pairs:
@@ -91,7 +92,7 @@ class PairDataset(Samples):
         return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
 
     def pair(self, key: str) -> PairFiles:
-        """The files of a sample; raises a UsageError for an unknown key."""
+        """Return the files of a sample; raise a UsageError for an unknown key."""
         if key not in self._pairs:
             close = get_close_matches(key, self._pairs, n=1, cutoff=0.5) or [next(iter(self._pairs))]
             raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{close[0]}'")
@@ -121,34 +122,34 @@ class PairDataset(Samples):
         return self.pair(key).frames
 
     def steps(self) -> Iterable[tuple[Path, Path]]:
-        """Consecutive frames; override if there are more than those of the pairs."""
+        """Return consecutive frames; override if there are frames outside the pairs."""
         return (pair.frames for pair in self._pairs.values())
 
     @cached_property
     def _steps(self) -> tuple[dict[Path, Path], dict[Path, Path]]:
-        """The frame after each frame, and the one before each."""
+        """Return the next frame of each frame, and the previous frame of each frame."""
         steps = list(self.steps())
         return dict(steps), {second: first for first, second in steps}
 
     def truth(self, pair: PairFiles) -> Truth | None:
-        """The ground truth of a pair; override if more than a flow file is read."""
+        """Read the ground truth of a pair; override if it is not just a flow file."""
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
-        """The ground truth that networks are trained on: only the flow file, without maps of hidden or unreliable
-        pixels, as in the original code; override if the flow needs more than its file."""
+        """Read the ground truth for training: only the flow file, without maps of occluded or unreliable pixels, as in
+        the original code; override if the flow requires more than one file."""
         return PairDataset.truth(self, pair)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
-        """The entries of `Sample.meta` about the ground truth."""
+        """Return the entries of `Sample.meta` about the ground truth."""
         return {}
 
 
 def pairs_at_step(frames: Sequence[Path], step: int, where: Path) -> list[tuple[Path, Path]]:
-    """Each frame with the one `step` further on; the last `step` frames begin no pair.
+    """Pair each frame with the frame `step` positions later; the last `step` frames do not start a pair.
 
     Raises:
-        DataError: too few frames for a single pair.
+        DataError: there are too few frames for a single pair.
     """
     if len(frames) <= step:
         raise too_few_frames(len(frames), step, where)
@@ -156,7 +157,7 @@ def pairs_at_step(frames: Sequence[Path], step: int, where: Path) -> list[tuple[
 
 
 def too_few_frames(count: int, step: int, where: Path) -> DataError:
-    """The error for a sequence without a single pair."""
+    """Return the error for a sequence without a single pair."""
     return DataError(f"{where}: {counted(count, 'frame')}, but pairs at a step of {step} need {step + 1} or more")
 
 
@@ -164,7 +165,7 @@ def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
     """Read the frames of a pair.
 
     Raises:
-        DataError: they differ in size; both files are named.
+        DataError: the frames differ in size; the message names both files.
     """
     frames = tuple(read_image(path) for path in paths)
     for path, frame in zip(paths, frames, strict=True):
@@ -177,7 +178,7 @@ def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
 
 
 def _walk(step: Mapping[Path, Path], frame: Path, most: int) -> list[Path]:
-    """Up to `most` frames after `frame`, in the direction of `step`."""
+    """Return up to `most` frames after `frame`, in the direction of `step`."""
     neighbours: list[Path] = []
     while len(neighbours) < most and frame in step:
         frame = step[frame]

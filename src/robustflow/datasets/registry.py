@@ -1,4 +1,4 @@
-"""Every data set by name, without importing any of them; `load_dataset` opens one."""
+"""Registry of data sets by name, imported on first use; `load_dataset` opens one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .base import Dataset
 from .facts import DatasetFacts, facts_of
 
 DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
-"""Targets take the root (if they have one) and keyword options, and return a `Dataset`."""
+"""Registered data sets: callables that take the root (if required) and keyword options, and return a `Dataset`."""
 
 _TARGETS = {
     "motorcycle": "motorcycle:Motorcycle",
@@ -44,13 +44,13 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     """Open a data set.
 
     Args:
-        name: a name of `DATASETS`.
-        root: its folder; None for a data set that needs none.
-        options: further options of the data set (`step=2`, `render_pass="final"`).
+        name: name in `DATASETS`.
+        root: path of the data set's folder; None for a data set without a folder.
+        options: keyword options of the data set (`step=2`, `render_pass="final"`).
 
     Raises:
-        UsageError: an unknown name or option, a missing root, or one that is not needed.
-        DataError: the files are missing or not as expected.
+        UsageError: a name or option is unknown, or a root is missing or not supported.
+        DataError: files are missing or not as expected.
 
     >>> load_dataset("motorcycle").keys()
     ['motorcycle']
@@ -72,7 +72,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
 
 def needs_folder(name: str) -> bool:
-    """Whether a data set is read from a user's folder.
+    """Return whether a data set is read from a user's folder.
 
     >>> needs_folder("sintel"), needs_folder("shapes")
     (True, False)
@@ -81,8 +81,8 @@ def needs_folder(name: str) -> bool:
 
 
 def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Make the folders among the options of a data set absolute, that of the user's depth maps too; other options stay
-    as they are.
+    """Make folder paths among the options of a data set absolute, including the folder of the user's depth maps; leave
+    other options unchanged.
 
     >>> with_absolute_paths("robustspring", {"spring": "/data/spring"}), with_absolute_paths("sintel", {"step": 2})
     ({'spring': PosixPath('/data/spring')}, {'step': 2})
@@ -92,9 +92,10 @@ def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]
 
 
 def dataset_facts(name: str) -> DatasetFacts:
-    """The facts of a data set by its name: title, licence, citation, counts, layout.
+    """Return the facts of a data set by its name: title, licence, citation, counts, layout.
 
-    An unregistered name, as in manifests from other machines, gives only a title; no code is loaded for it.
+    For an unregistered name, such as one in a manifest from a different machine, the facts contain only a title, and no
+    code is loaded.
 
     >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title
     (200, 'someone:Else')

@@ -1,5 +1,4 @@
-"""What the two released benchmarks have in common: clean pairs, and a folder `<corruption>_<severity>` per
-condition."""
+"""Common parts of the two released benchmarks: clean pairs, and a folder `<corruption>_<severity>` per condition."""
 
 from __future__ import annotations
 
@@ -13,24 +12,25 @@ from ..sample import Frame
 from .pairs import PairDataset, read_frames
 
 DISK_NAMES = {"high_light": "brightness"}
-"""Corruptions whose folders have another name than in the paper."""
+"""Corruptions whose folder names differ from the paper's names."""
 
 
 class ReleasedPairs(PairDataset):
-    """Pairs that come with their corrupted frames. Implements `PreCorrupted`; `root` holds `clean/` and the rest."""
+    """Pairs distributed with their corrupted frames. Implements `PreCorrupted`; `root` contains `clean/` and the
+    folders of corrupted frames."""
 
     root: Path
 
     @abstractmethod
     def place(self, key: str) -> Path:
-        """The folder of a pair's frames, within that of a corruption and severity."""
+        """Return the folder of a pair's frames, relative to the folder of a corruption and severity."""
 
     def has_corrupted(self, corruption: str) -> bool:
         """See `PreCorrupted.has_corrupted`."""
         return bool(self.severities(corruption))
 
     def severities(self, corruption: str) -> tuple[int, ...]:
-        """The available severities of a corruption, ascending."""
+        """Return the available severities of a corruption, ascending."""
         pattern = re.escape(DISK_NAMES.get(corruption, corruption)) + r"_([1-5])"
         matches = (re.fullmatch(pattern, folder.name) for folder in folders(self.root))
         return tuple(sorted(int(match[1]) for match in matches if match))

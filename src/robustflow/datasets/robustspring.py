@@ -1,10 +1,11 @@
 """RobustSpring as a benchmark: Spring's ten test sequences under twenty corruptions, without public ground truth.
 
     spring/test/0003/frame_left/frame_left_0001.png ...     Spring's own test frames, clean
-    fog/test/0003/frame_left/frame_left_0001.png ...        the same frame under its fog, and so on
+    fog/test/0003/frame_left/frame_left_0001.png ...        the same frame under fog, and so on
 
-It judges how far a model's flow moves from that of the clean pair, in both cameras, forwards and backwards. Nothing is
-corrupted here: rows name its corruptions as in `robustflow.corruptions.on_disk`. Sources: see `robustspring_condition`.
+RobustSpring measures the change of a model's flow relative to the clean pair, in both cameras, forwards and backwards.
+This package does not generate these corruptions; rows use the names in `robustflow.corruptions.on_disk`. Sources: see
+`robustspring_condition`.
 """
 
 from __future__ import annotations
@@ -23,18 +24,19 @@ from .samples import Samples
 
 
 class RobustSpring(Samples):
-    """The pairs of both cameras in both directions, clean, and the frames of each under the corruptions that are
-    unpacked. Implements `Dataset` and `CorruptedClips`.
+    """The clean pairs of both cameras in both directions, with their frames under all unpacked corruptions. Implements
+    `Dataset` and `CorruptedClips`.
 
-    A key is a flow's path in a submission: "0003/flow_BW_left/flow_BW_left_0002" is from frame 2 back to frame 1.
+    A key is the path of a flow in a submission: "0003/flow_BW_left/flow_BW_left_0002" is the flow from frame 2 to frame
+        1.
 
     Args:
-        root: the folder that holds fog/ and the others.
-        spring: the folder that holds Spring's test/, where it is neither spring/ (or clean/) in `root` nor spring/
-            beside it.
+        root: path of the folder with fog/ and the other conditions.
+        spring: path of the folder with Spring's test/, if it is neither spring/ (or clean/) in `root` nor spring/ next
+            to `root`.
 
     Raises:
-        DataError: another layout; or a frame is missing, within a sequence or under a corruption.
+        DataError: the layout is different, or a frame is missing within a sequence or under a corruption.
     """
 
     name = "robustspring"
@@ -91,7 +93,7 @@ class RobustSpring(Samples):
         return self._of(key).frame_files(key, offsets)
 
     def has_corrupted(self, corruption: str) -> bool:
-        """See `PreCorrupted.has_corrupted`; by its name here."""
+        """See `PreCorrupted.has_corrupted`."""
         return corruption in self._corrupted
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
@@ -109,11 +111,11 @@ class RobustSpring(Samples):
         return read_frames((self.files(key)[0], self._under(corruption, severity, clean)))[1]
 
     def _of(self, key: str) -> Condition:
-        """The clean pairs of a key's direction."""
-        return self._condition_of.get(key, self._clean["FW"])  # which says what is wrong with an unknown key
+        """Return the clean pairs of a key's direction."""
+        return self._condition_of.get(key, self._clean["FW"])  # raises the error for an unknown key
 
     def _under(self, corruption: str, severity: int, clean: Path) -> Path:
-        """The file of a clean frame under a corruption."""
+        """Return the corrupted file of a clean frame."""
         if corruption not in self._corrupted or severity != 1:
             raise UsageError(
                 f"{self.root} has no {corruption} at severity {severity}; what it has is at severity 1 alone"
@@ -121,7 +123,7 @@ class RobustSpring(Samples):
         return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
 
     def _check_whole(self, folder: Path) -> None:
-        """Raise unless a corruption has every clean frame; folders are listed, so that no file is looked at twice."""
+        """Raise unless a corruption has every clean frame. Lists each folder once instead of testing every file."""
         clean = self._clean["FW"]
         wanted: dict[Path, set[str]] = {}
         for key in clean.keys():  # noqa: SIM118

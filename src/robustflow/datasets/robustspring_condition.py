@@ -1,17 +1,17 @@
-"""The frames of RobustSpring under one condition, and the layout in which its server takes flows.
+"""The frames of RobustSpring under one condition, and the layout of flow submissions to its server.
 
     spring/test/0003/frame_left/frame_left_0001.png ...     as unpacked from Spring's test_frame_left.zip, _right.zip
     fog/test/0003/frame_left/frame_left_0001.png ...        from fog.zip, and so on
 
-Its server takes flows of every pair, forwards and backwards in both cameras, clean and corrupted, in the layout
+The server expects the flow of every pair, forwards and backwards in both cameras, clean and corrupted, in the layout
 CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
 
-Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows, the names and the lengths of the
-sequences are those of springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
-cv-stuttgart/springwebsite at bbfabe8. That of the frames is what two independent readers of the files expect:
+Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows and the names and lengths of the
+sequences are taken from springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
+cv-stuttgart/springwebsite at bbfabe8. The layout of the frames is the one that two independent readers expect:
 tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a and
 instant_video_models/datasets/robust_spring.py in wision-lab/instant-video-models at e685f56. This reader has not been
-run on the released frames themselves.
+tested on the released frames.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from .pairs import PairDataset, PairFiles
 CLEAN = "clean"
 
 CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.dataset_name, ROBUSTSPRING.names)))
-"""Its corruptions, at one strength each, by its own names for them."""
+"""RobustSpring's names of its corruptions; each has a single strength."""
 
 SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}
-"""Number of a test sequence -> its frames."""
+"""Number of frames of each test sequence."""
 
 DIRECTIONS = ("FW", "BW")
 _SIDES = ("left", "right")
@@ -39,20 +39,20 @@ _CLEAN_NAMES = ("spring", CLEAN)
 
 
 class Condition(PairDataset):
-    """The pairs of one condition in one direction, both cameras. A key is a flow's path below CONDITION/test; a group
-    is a sequence, whose cameras see the same scene.
+    """The pairs of one condition in one direction, for both cameras. A key is the path of a flow below CONDITION/test;
+    a group is a sequence, because both cameras see the same scene.
 
     Args:
-        root: the folder that holds fog/ and the others, and of the clean frames spring/ or clean/.
-        condition: "clean", or one of `CORRUPTIONS`.
-        direction: "FW" (to the next frame) or "BW" (to the one before).
-        spring: the folder that holds Spring's test/, where it is neither in `root` nor beside it.
+        root: path of the folder with fog/ and the other conditions, and with spring/ or clean/ for the clean frames.
+        condition: condition to read: "clean" or one of `CORRUPTIONS`.
+        direction: direction of the flow: "FW" (to the next frame) or "BW" (to the previous frame).
+        spring: path of the folder with Spring's test/, if it is neither in `root` nor next to it.
 
     Attributes:
-        folder: CONDITION/test.
+        folder: path of CONDITION/test.
 
     Raises:
-        DataError: another layout, or a frame missing within a sequence.
+        DataError: the layout is different, or a frame is missing within a sequence.
     """
 
     name = "robustspring"
@@ -73,7 +73,7 @@ class Condition(PairDataset):
 
 
 def submitted() -> Iterator[str]:
-    """The path of every flow of a whole submission, below its folder.
+    """Return the paths of all flows of a complete submission, relative to its folder.
 
     >>> len(set(submitted())), next(submitted())
     (83160, 'clean/test/0003/flow_FW_left/flow_FW_left_0001.flo5')
@@ -88,7 +88,7 @@ def submitted() -> Iterator[str]:
 
 
 def condition_folder(root: str | Path, condition: str, spring: str | Path | None = None) -> Path:
-    """CONDITION/test; arguments and errors as for `Condition`."""
+    """Return the path of CONDITION/test; for arguments and errors see `Condition`."""
     if condition != CLEAN:
         return _folder(root, [condition])
     if spring is not None:

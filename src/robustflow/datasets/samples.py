@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Samples:
-    """Sequence access for a `Dataset`, from its `keys` and `load`. A sample is read on access.
+    """Mixin that gives a `Dataset` sequence access through its `keys` and `load`. Samples are read on access.
 
     >>> from robustflow.datasets import load_dataset
     >>> pairs = load_dataset("motorcycle")
@@ -29,11 +29,11 @@ class Samples:
         return (self.load(key) for key in self.keys())
 
     def __getitem__(self: Dataset, place: int | str) -> Sample:
-        """One sample, by its key or by its position, counted from the end if negative.
+        """Return one sample by its key or by its position; negative positions count from the end.
 
         Raises:
-            IndexError: no such position.
-            UsageError: no such key.
+            IndexError: the position is out of range.
+            UsageError: the key does not exist.
         """
         if isinstance(place, str):
             return self.load(place)

@@ -7,14 +7,14 @@ import re
 from ..errors import UsageError
 
 Position = int | str | None
-"""A frame number from 0; a time as "12.5s" or "1:05" (minutes and seconds); or None for the beginning or end."""
+"""A frame number from 0, a time such as "12.5s" or "1:05" (minutes and seconds), or None for the beginning or end."""
 
 
 def position(option: str, value: Position | float) -> int | float | None:
-    """A position as a frame number (int) or in seconds (float).
+    """Parse a position into a frame number (int) or a time in seconds (float).
 
     Raises:
-        UsageError: neither of the two, or negative.
+        UsageError: the position is not a frame number or a time, or is negative.
 
     >>> position("start", 120), position("start", "12.5s"), position("stop", "1:05"), position("stop", None)
     (120, 12.5, 65.0, None)

@@ -29,13 +29,13 @@ _MAPS = ("flow", "occlusions", "invalid", "flow_viz", "depth", "depth_viz", "cam
 
 
 class Sintel(PairDataset):
-    """Sintel. `root` holds `training/`, or is that folder.
+    """The MPI-Sintel data set. `root` is `training/` or its parent folder.
 
     Args:
-        render_pass: "clean", "final", or the name of a folder of pictures next to `flow`.
+        render_pass: rendering pass: "clean", "final", or the name of a folder of pictures next to `flow`.
 
     Raises:
-        DataError: another layout, no such pass, or a file of a pair is missing.
+        DataError: the layout is different, the pass does not exist, or a file of a pair is missing.
     """
 
     name = "sintel"
@@ -66,7 +66,7 @@ class Sintel(PairDataset):
         super().__init__(pairs, folder)
 
     def truth(self, pair: PairFiles) -> Truth | None:
-        """Flow, without the pixels that `invalid` marks; occluded as in `occlusions`."""
+        """Read the flow, excluding the pixels marked in `invalid`, and the occlusion map."""
         if pair.flow is None:
             return None
         flow, valid = read_flow(pair.flow)
@@ -76,7 +76,7 @@ class Sintel(PairDataset):
         return Truth(flow, valid, None if pair.occlusion is None else _fitting(pair.occlusion, valid.shape))
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: exact, with the camera of each frame."""
+        """See `Depths.depth`. The depth is exact, with the camera of each frame."""
         *maps, first, second = self.depth_files(sample.key)
         lenses, poses = zip(*(read_camera(path) for path in (first, second)), strict=True)
         (fx, fy, cx, cy), moved = ((float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])) for k in lenses)

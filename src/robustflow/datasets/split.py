@@ -1,12 +1,12 @@
-"""Which samples are evaluated and which are left for training.
+"""Select the samples for evaluation and for training.
 
 The paper evaluates 80 of KITTI's 200 training pairs and fine-tunes on the other 120; its list is an unseeded random
-sample. Ours is reproducible: every key is hashed together with the seed, and the 80 smallest hashes are evaluated. A
-pair's rank does not depend on which other pairs exist, or on their order.
+sample. Our split is reproducible: every key is hashed together with the seed, and the pairs with the 80 smallest hashes
+are evaluated. The hash of a pair does not depend on which other pairs exist, or on their order.
 
-Four of five evaluated pairs whose drive is known have a training pair from the same drive, often a second away, so a
-model trained on the 120 is measured on near duplicates of its training data (the paper's split, drawn pair by pair,
-cannot be better). `drive_disjoint_split` has the same number of pairs, and no drive on both sides.
+Four of five evaluated pairs with a known drive have a training pair from the same drive, often a second away, so a
+model trained on the 120 pairs is evaluated on near duplicates of its training data. The paper's split is also drawn
+pair by pair, and has the same problem. `drive_disjoint_split` has the same number of pairs, but no drive in both parts.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from ..random.rng import key_of
 from .kitti_drives import drive_groups
 
 KITTI_SPLIT_SEED = 0
-"""The seed of the project's KITTI split. It is not the run's seed: another run seed keeps the same pairs."""
+"""The seed of the project's KITTI split. Independent of the run's seed, which does not change the pairs."""
 
 DRIVE_DISJOINT = "drive-disjoint"
-"""The value of `--split` for `drive_disjoint_split`."""
+"""The value of `--split` that selects `drive_disjoint_split`."""
 
 KITTI_KEYS = tuple(f"{number:06d}" for number in range(200))
 """The keys of all pairs of KITTI 2015."""
@@ -33,14 +33,14 @@ _EVALUATED = 80
 
 
 class Split(NamedTuple):
-    """Keys to evaluate and keys to train on, each in the order of the data set."""
+    """Keys for evaluation and keys for training, both in the order of the data set."""
 
     evaluation: list[str]
     training: list[str]
 
 
 def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
-    """80 pairs to evaluate and the rest to train on; if there are fewer than 200 pairs, all are evaluated.
+    """Return 80 pairs for evaluation and the rest for training; if there are fewer than 200 pairs, all are evaluated.
 
     >>> keys = [f"{number:06d}" for number in range(200)]
     >>> split = kitti_split(keys)
@@ -57,11 +57,11 @@ def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
 
 
 def drive_disjoint_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
-    """80 pairs to evaluate and 120 to train on, with no drive of KITTI 2015 on both sides.
+    """Return 80 pairs for evaluation and 120 for training, with no drive of KITTI 2015 in both parts.
 
-    Whole drives, and whole runs of pairs without a drive (see `kitti_drives`), are taken in the order of their hashes,
-    each if it still fits, until there are 80 pairs. In a folder with fewer than 200 pairs, the existing ones are on
-    their usual side.
+    Whole drives, and whole runs of pairs without a drive (see `kitti_drives`), are added in the order of their hashes,
+    each if it still fits, until there are 80 pairs. In a folder with fewer than 200 pairs, the existing pairs remain in
+    their usual part.
 
     >>> keys = [f"{number:06d}" for number in range(200)]
     >>> split = drive_disjoint_split(keys)
@@ -86,20 +86,19 @@ KITTI_SPLITS: Mapping[str, Callable[[Sequence[str]], Split]] = {
     "train": kitti_split,
     DRIVE_DISJOINT: drive_disjoint_split,
 }
-"""The splits of KITTI 2015 by the name of their training part in a declaration of training sets: `K:train`."""
+"""The splits of KITTI 2015, by the name of their training part in declarations of training sets, such as `K:train`."""
 
 
 def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
-    """The keys that `--split` selects, in the order of the data set: those of a named split, or of a file.
+    """Return the keys that `--split` selects by a named split or a file, in the order of the data set.
 
     Args:
-        split: "drive-disjoint", or a file as for `read_split`.
-        keys: of the data set.
-        dataset: its name.
+        split: "drive-disjoint", or the path of a file for `read_split`.
+        keys: keys of the data set. dataset: name of the data set.
 
     Raises:
-        UsageError: a named split of another data set.
-        DataError: as for `read_split`, or none of the named split's pairs exists.
+        UsageError: the named split belongs to a different data set.
+        DataError: see `read_split`; or none of the named split's pairs exists.
     """
     if str(split) != DRIVE_DISJOINT:
         return read_split(split, keys)
@@ -115,13 +114,14 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
 
 
 def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
-    """The keys that a file selects, in the order of the data set.
+    """Return the keys that a file selects, in the order of the data set.
 
-    The file holds one key per line, or, as KITTI's own lists do, a 0 or 1 for every pair in order, where 1 means
-    evaluate. Empty lines and lines that begin with # are ignored.
+    The file contains one key per line or, like KITTI's own lists, a 0 or 1 for every pair in order, where 1 selects the
+    pair for evaluation. Empty lines and lines that begin with # are ignored.
 
     Raises:
-        DataError: no such file, an unknown or repeated key, a list of another length, or nothing selected.
+        DataError: the file does not exist, contains an unknown or repeated key, has the wrong length, or selects
+            nothing.
     """
     path = Path(path).expanduser()
     try:

@@ -2,13 +2,13 @@
 
     train/0001/frame_left/frame_left_0001.png ...
     train/0001/flow_FW_left/flow_FW_left_0001.flo5 ...      from this frame to the next
-    train/0001/flow_BW_left/flow_BW_left_0002.flo5 ...      from this frame to the one before
+    train/0001/flow_BW_left/flow_BW_left_0002.flo5 ...      from this frame to the previous one
     train/0001/disp1_left/disp1_left_0001.dsp5 ...          for depth: disparity, in pixels of the frames
     train/0001/cam_data/intrinsics.txt                      for depth: fx fy cx cy of each frame
 
-Vectors are in pixels of the frames, four for each pixel; the benchmark's own reader takes every second one in both
-directions, and so does this one. The optional maps (sky, detail, matching) are not read. Source: Mehl et al., CVPR
-2023.
+Vectors are in pixels of the frames, with four vectors per pixel; like the benchmark's own reader, this reader uses
+every second vector in both directions. The optional maps (sky, detail, matching) are not read. Source: Mehl et al.,
+CVPR 2023.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles, Truth
 
 _BASELINE = 0.065
-"""Metres between the two cameras."""
+"""Stereo baseline, in metres."""
 
 
 class Spring(PairDataset):
-    """Spring. `root` holds `train/`, or is that folder.
+    """The Spring data set. `root` is `train/` or its parent folder.
 
     Args:
-        side: "left" or "right" camera.
-        direction: "FW" (to the next frame) or "BW" (to the one before).
+        side: camera: "left" or "right".
+        direction: direction of the flow: "FW" (to the next frame) or "BW" (to the previous frame).
 
     Raises:
-        DataError: another layout, a frame missing within a sequence, or flow without its frames.
+        DataError: the layout is different, a frame is missing within a sequence, or flow has no frames.
     """
 
     name = "spring"
@@ -66,7 +66,7 @@ class Spring(PairDataset):
         super().__init__(pairs, folder)
 
     def truth(self, pair: PairFiles) -> Truth | None:
-        """Every second vector of every second row."""
+        """Read every second vector of every second row."""
         if pair.flow is None:
             return None
         flow, valid = read_flow(pair.flow)
@@ -75,8 +75,8 @@ class Spring(PairDataset):
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: fx times 0.065 m / disparity, every second value as of the flow. The motion of the camera
-        is fitted to depth and true flow (`camera_motion`)."""
+        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, at every second value like the flow. The camera
+        motion is fitted to depth and true flow (`camera_motion`)."""
         *maps, intrinsics = self.depth_files(sample.key)
         table = table_of(intrinsics, 4)
         depths, lenses = [], []
@@ -104,7 +104,7 @@ class Spring(PairDataset):
         return present(files, "Spring", "disp1_left/, disp1_right/ and cam_data/")
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
-        """The same."""
+        """See `Depths.depth_files`."""
         return self.truth(pair)
 
 

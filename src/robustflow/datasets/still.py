@@ -1,4 +1,4 @@
-"""Scenes in which nothing moves: every frame of a data set, paired with itself, with a true flow of zero."""
+"""Still scenes: every frame of a data set paired with itself, with a true flow of zero."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from .base import Dataset, Depths, PreCorrupted, no_depth
 from .samples import Samples
 
 SECOND = ":2"
-"""The end of the key of a still scene made from the second frame of a pair."""
+"""Suffix of the key of a still scene made from the second frame of a pair."""
 
 
 @runtime_checkable
 class SharesFrames(Protocol):
-    """A data set that knows which of its pairs have a frame in common."""
+    """A data set that reports which of its pairs share a frame."""
 
     def frame_names(self, key: str) -> tuple[Hashable, Hashable]:
-        """Names of the two frames of a pair; a frame has the same name in every pair."""
+        """Return the names of the two frames of a pair; a frame has the same name in every pair."""
 
 
 class Still(Samples):
-    """Every frame of a data set as a pair with itself, once; the first frame of a pair keeps the pair's key. The true
-    flow is zero everywhere, whatever the ground truth of the pairs is.
+    """A data set in which every frame of a given data set occurs once, paired with itself; the first frame of a pair
+    keeps the pair's key. The true flow is zero everywhere, regardless of the pairs' ground truth.
 
-    For a multi-frame model the frames around a pair are the same frame, too. Implements `Dataset` and `Clips`.
+    For multi-frame models, the frames around a pair are also the same frame. Implements `Dataset` and `Clips`.
 
     Args:
-        dataset: of the frames.
-        keys: its pairs to take the frames from.
-        depths: where the depth of its pairs comes from; by default the data set itself, if it has any.
+        dataset: data set that provides the frames.
+        keys: keys of the pairs whose frames are used.
+        depths: source of depth for the pairs; by default the data set, if it has depth.
 
     Raises:
-        UsageError: its frames were corrupted beforehand, so that a still scene cannot be made of them.
+        UsageError: the data set provides corrupted frames, from which a still scene cannot be made.
 
     >>> from robustflow.datasets import load_dataset
     >>> still = Still(load_dataset("motorcycle"), ["motorcycle"])
@@ -77,7 +77,7 @@ class Still(Samples):
         return replace(still_scene(self._dataset.load(pair_key(key)), number), key=key)
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: that of the frame, twice; the camera is at rest."""
+        """See `Depths.depth`: the frame's depth for both frames; the camera is at rest."""
         pair = self._depths().depth(self._dataset.load(pair_key(sample.key)))
         which = int(sample.key.endswith(SECOND))
         fx, fy, cx, cy = pair.camera.intrinsics(which)
@@ -109,7 +109,7 @@ class Still(Samples):
 
 
 def still_scene(sample: Sample, number: int) -> Sample:
-    """A frame of a pair, 0 or 1, paired with itself; the true flow is zero everywhere.
+    """Return a frame of a pair, 0 or 1, paired with itself; the true flow is zero everywhere.
 
     >>> frames = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6, 3), np.uint8)
     >>> scene = still_scene(Sample("a", frames), 1)
@@ -126,7 +126,7 @@ def _frame_names(dataset: Dataset, key: str) -> tuple[Hashable, Hashable]:
 
 
 def pair_key(key: str) -> str:
-    """The key of the pair that a still scene comes from.
+    """Return the key of the pair that a still scene comes from.
 
     >>> pair_key("000010:2"), pair_key("000010")
     ('000010', '000010')

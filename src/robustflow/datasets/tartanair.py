@@ -7,8 +7,8 @@
     abandonedfactory/Easy/P000/depth_left/000000_left_depth.npy     for depth: float32 (H, W), metres
     abandonedfactory/Easy/P000/pose_left.txt                        for depth: tx ty tz qx qy qz qw of each frame
 
-Also with an environment's own folder inside, as its archives unpack (abandonedfactory/abandonedfactory/Easy).
-Source: Wang et al., IROS 2020.
+The environment's folder may be nested, as its archives unpack (abandonedfactory/abandonedfactory/Easy). Source: Wang et
+al., IROS 2020.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
 
 
 class TartanAir(PairDataset):
-    """TartanAir. `root` holds the folders of the environments, or is one of them.
+    """The TartanAir data set. `root` contains the folders of the environments, or is one of them.
 
     Args:
-        difficulty: "all", "Easy" or "Hard".
+        difficulty: difficulty to read: "all", "Easy" or "Hard".
 
     Raises:
-        DataError: another layout, or a pair without its flow.
+        DataError: the layout is different, or a pair has no flow.
     """
 
     name = "tartanair"
@@ -69,7 +69,7 @@ class TartanAir(PairDataset):
         super().__init__(pairs, folder)
 
     def truth(self, pair: PairFiles) -> Truth | None:
-        """Flow and mask; occluded pixels have true flow, as in KITTI."""
+        """Read flow and mask; occluded pixels have true flow, as in KITTI."""
         if pair.flow is None or pair.occlusion is None:
             return None
         flow = _array(pair.flow)
@@ -81,8 +81,8 @@ class TartanAir(PairDataset):
         return Truth(flow, valid, mask != 0)
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: exact. Poses are of the camera in a world of north, east and down; x of the camera is
-        forward, y right and z down there."""
+        """See `Depths.depth`. The depth is exact. Poses give the camera in a north-east-down world; the camera's axes
+        are x forward, y right and z down."""
         *maps, poses = self.depth_files(sample.key)
         table = table_of(poses, 7)
         places = [int(path.name[:6]) for path in maps]
@@ -106,7 +106,7 @@ class TartanAir(PairDataset):
 
 
 def _environments(root: Path) -> list[tuple[str, Path]]:
-    """Name and folder of each environment."""
+    """Return the name and folder of each environment."""
     environments = []
     for folder in [root, *folders(root)]:
         for place in (folder, folder / folder.name):
@@ -129,8 +129,8 @@ def _flight(flight: Path, group: str) -> dict[str, PairFiles]:
 
 
 def _world_to_camera(pose: list[float], path: Path) -> npt.NDArray[np.float64]:
-    """From the world to the camera with x right, y down and z forward, (3, 4); of tx ty tz and a quaternion qx qy qz
-    qw, which turn and then move the camera with x forward, y right and z down."""
+    """Return the world-to-camera matrix (3, 4), for camera axes x right, y down, z forward, from a pose tx ty tz qx qy
+    qz qw, which rotates and then translates a camera with axes x forward, y right, z down."""
     tx, ty, tz, x, y, z, w = pose
     squared = x * x + y * y + z * z + w * w
     if not 0.5 < squared < 2:

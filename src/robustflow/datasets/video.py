@@ -16,21 +16,21 @@ from .section import Position, position
 
 
 class Video(Samples):
-    """Pairs of frames `step` apart; keys are frame numbers from "000000". They form one group, because frames of a
-    video are not independent. Implements `Dataset` and `Clips`.
+    """A data set of pairs of video frames `step` apart; keys are frame numbers from "000000". All pairs form one group,
+    because frames of a video are not independent. Implements `Dataset` and `Clips`.
 
-    The two frames of a pair come from two readers, so that going through the keys in order decodes each frame at most
-    twice and keeps two frames in memory, whatever the step. Each requested frame around the pair has one more reader.
+    The two frames of a pair come from two readers, so that iterating over the keys in order decodes each frame at most
+    twice and keeps two frames in memory, for any step. Each requested frame around the pair uses one more reader.
 
     Args:
-        path: the file; with a variable frame rate, frames are taken as they come.
-        step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
-        start, stop: the part to use, as frame numbers (120) or times ("12.5s", "1:05"); `stop` is exclusive. Keys
-            remain the numbers within the whole video.
+        path: path of the video; with a variable frame rate, frames are used in order without resampling.
+        step: distance between the two frames of a pair, in frames; every frame that has a partner starts a pair.
+        start, stop: range of frames to use, as frame numbers (120) or times ("12.5s", "1:05"); `stop` is exclusive.
+            Keys are always frame numbers within the whole video.
 
     Raises:
-        DataError: not a video, a damaged one, or fewer than `step` + 1 frames in the part.
-        UsageError: a start or stop that is neither.
+        DataError: the file is not a video or is damaged, or the range has fewer than `step` + 1 frames.
+        UsageError: `start` or `stop` is not a frame number or a time.
     """
 
     name = "folder"
@@ -72,7 +72,7 @@ class Video(Samples):
     def frame(self, key: str, offset: int) -> Frame:
         """See `Clips.frame`."""
         if offset not in self._around:
-            self._around[offset] = copy(self._first)  # a copy opens the file again
+            self._around[offset] = copy(self._first)  # a copy reopens the file
         return self._around[offset].frame(self._index(key) + offset * self._step)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:

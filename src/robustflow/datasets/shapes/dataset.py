@@ -1,5 +1,4 @@
-"""`shapes`: textured layers that move over a moving background, following the idea of FlyingChairs, generated from a
-seed."""
+"""`shapes`: textured layers that move over a moving background, generated from a seed, similar to FlyingChairs."""
 
 from __future__ import annotations
 
@@ -23,21 +22,21 @@ _MOST_PAIRS = 10_000_000
 
 
 class FlyingShapes(Samples):
-    """Pairs with exact flow and occlusion. The options after `pairs` determine each of them.
+    """Generated pairs with exact flow and occlusion. All options except `pairs` determine the content of each pair.
 
     Args:
-        pairs: how many; the first ones do not depend on it.
-        size: HEIGHTxWIDTH of the frames, 16 to 4096 pixels a side.
-        seed: of everything.
-        split: "test" or "train": the pairs of one share neither textures nor draws with those of the other.
-        motion: factor on all translations. At 1 the mean length of the flow is about 5 % of the frame's height, and
-            several times that in a few pairs.
-        textures: a folder of pictures to take textures from, in place of the procedural ones.
-        readout: of a rolling shutter, 0 to 1: time between the first row of a frame and the last, in intervals between
-            frames. Flow, occlusion and depth are those of the frames that it takes. 0 is a global shutter.
+        pairs: number of pairs; the content of the first pairs does not depend on it.
+        size: size of the frames as HEIGHTxWIDTH, 16 to 4096 pixels per side.
+        seed: the seed for all random draws.
+        split: split to generate, "test" or "train"; the two splits share neither textures nor random draws.
+        motion: scale factor of all translations. At 1 the mean flow magnitude is about 5 % of the frame height, and
+            several times as large in a few pairs.
+        textures: path of a folder of pictures to use as textures instead of procedural ones.
+        readout: readout time of a rolling shutter: time between the first and the last row of a frame, in units of the
+            frame interval, 0 to 1; 0 is a global shutter. Flow, occlusion and depth match the rolling-shutter frames.
 
     Raises:
-        UsageError: one of these out of range, or a folder without pictures.
+        UsageError: an option is out of range, or the folder contains no pictures.
 
     >>> pairs = FlyingShapes(pairs=2, size="64x96")
     >>> sample = pairs.load("000001")
@@ -90,7 +89,7 @@ class FlyingShapes(Samples):
         return [f"{index:06d}" for index in range(self._pairs)]
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`: the pictures that textures are taken from, none for procedural ones."""
+        """See `Dataset.files`: the pictures used as textures; empty for procedural textures."""
         self._checked(key)
         return [] if self._textures is None else texture_files(self._textures)
 
@@ -100,8 +99,9 @@ class FlyingShapes(Samples):
         return Sample(key, frames, flow, np.ones_like(occluded), occluded)
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`: exact. The camera is as wide as it sees far. The layers move by themselves, each in a
-        plane of one depth, so that no motion of a camera explains them: its motion is unknown."""
+        """See `Depths.depth`. The depth is exact, and the focal length is the frame width. The layers move
+        independently, each in a plane of constant depth, so that no camera motion explains the flow; the camera motion
+        is unknown."""
         first, second = depths_of(self._scene(sample.key), self._readout)
         height, width = self._shape
         known = np.ones(self._shape, bool)
@@ -109,7 +109,7 @@ class FlyingShapes(Samples):
         return SceneDepth((first, second), (known, known), camera)
 
     def depth_files(self, key: str) -> list[Path]:
-        """See `Depths.depth_files`: none."""
+        """See `Depths.depth_files`: always empty."""
         return []
 
     def _scene(self, key: str) -> Scene:

@@ -1,17 +1,18 @@
-"""How a layer moves: an affine map and a smooth wave, and its inverse up to rounding. For use inside compiled loops.
+"""The motion of a layer: an affine map and a smooth wave, with an inverse that is exact up to rounding. For use inside
+compiled loops.
 
-Every point of a layer moves in a straight line at constant speed: it is at m + t (T(m) - m) at time t, that is at m in
-frame 1 and at T(m) in frame 2.
+Every point of a layer moves in a straight line at constant speed: at time t it is at m + t (T(m) - m), with m its
+position in frame 1 and T(m) its position in frame 2.
 
-A layer's own coordinates are those of frame 1. A point m of it is at T(m) = c + t + A (m - c + d(m)) in frame 2; d is a
-wave of each axis, made of parabolas instead of sines, because only the four operations and the square root give the
-same bits on every machine. Its slope is kept below 1/2, so that T can be inverted everywhere.
+Layer coordinates are coordinates of frame 1. A point m moves to T(m) = c + t + A (m - c + d(m)) in frame 2; d is a wave
+along each axis, made of parabolas instead of sines, because only the four basic operations and the square root give the
+same bits on every machine. Its slope is limited to 1/2, so that T is invertible everywhere.
 
 The numbers of a motion are one row of `MOTION` float64 values:
 
     cx cy  tx ty  a b c d (A by rows)  e f g h (its inverse)
     ax px qx sx  ay py qy sy (d_x = ax w(px x + qx y + sx), ...)
-    and two circles that hold the layer: radius in frame 1, radius in frame 2, its centre there
+    and two bounding circles of the layer: radius in frame 1, radius in frame 2, centre in frame 2
 """
 
 from __future__ import annotations
@@ -23,15 +24,16 @@ import numpy as np
 from ...compiled import njit
 
 MOTION = 24
-"""Numbers of a motion."""
+"""Length of a motion's parameter row."""
 _STEPS = 30
 _CLOSE = 1e-24
-"""Square of the step, in pixels, below which the inverse is accepted."""
+"""Squared step length, in square pixels, below which the inverse has converged."""
 
 
 @njit(cache=True, nogil=True, inline="always")
 def wave(turns: Any) -> Any:
-    """A wave of period 1 and height 1 made of parabolas, with a continuous slope: 0 at 0, 1 at 1/4."""
+    """Return the value of a wave of period 1 and amplitude 1, made of parabolas with continuous slope: 0 at 0, 1 at
+    1/4."""
     u = turns - np.floor(turns + 0.5)
     return 8.0 * u * (1.0 - 2.0 * abs(u))
 
@@ -44,7 +46,7 @@ def _slope(turns: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def forward(m: Any, x: Any, y: Any) -> Any:
-    """The position in frame 2 of the point (x, y) of frame 1."""
+    """Return the position in frame 2 of the point (x, y) of frame 1."""
     u = x - m[0] + m[12] * wave(m[13] * x + m[14] * y + m[15])
     v = y - m[1] + m[16] * wave(m[17] * x + m[18] * y + m[19])
     return m[0] + m[2] + m[4] * u + m[5] * v, m[1] + m[3] + m[6] * u + m[7] * v
@@ -52,7 +54,7 @@ def forward(m: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def backward(m: Any, x: Any, y: Any) -> Any:
-    """The point of frame 1 that is at (x, y) in frame 2: Newton's method, up to rounding."""
+    """Return the point of frame 1 that is at (x, y) in frame 2, by Newton's method up to rounding."""
     u, v = x - m[0] - m[2], y - m[1] - m[3]
     goal_x, goal_y = m[0] + m[8] * u + m[9] * v, m[1] + m[10] * u + m[11] * v
     if m[12] == 0.0 and m[16] == 0.0:
@@ -77,7 +79,7 @@ def backward(m: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def at_time(m: Any, t: Any, x: Any, y: Any) -> Any:
-    """The position at time `t` of the point (x, y) of frame 1; frame 2 is at time 1."""
+    """Return the position at time `t` of the point (x, y) of frame 1; frame 2 is at time 1."""
     qx, qy = forward(m, x, y)
     if t != 1.0:
         qx, qy = x + t * (qx - x), y + t * (qy - y)
@@ -86,7 +88,7 @@ def at_time(m: Any, t: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def from_time(m: Any, t: Any, x: Any, y: Any) -> Any:
-    """The point of frame 1 that is at (x, y) at time `t`, up to rounding."""
+    """Return the point of frame 1 that is at (x, y) at time `t`, up to rounding."""
     px, py = x, y
     if t == 1.0:
         px, py = backward(m, x, y)
@@ -97,7 +99,7 @@ def from_time(m: Any, t: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _between(m: Any, t: Any, x: Any, y: Any) -> Any:
-    """`from_time` by Newton's method."""
+    """Compute `from_time` by Newton's method."""
     px, py = x - t * m[2], y - t * m[3]
     for _ in range(_STEPS):
         qx, qy = at_time(m, t, px, py)

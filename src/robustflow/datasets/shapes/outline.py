@@ -2,7 +2,8 @@
 
 The numbers of an outline are one row of `OUTLINE` float64 values:
 
-    cx cy  a b c d (into its own coordinates, by rows)  radius  sides  wobble  kx sx ky sy  then nx ny of each side
+    cx cy  a b c d (into the outline's coordinates, by rows)  radius  sides  wobble  kx sx ky sy  then nx ny of each
+    side
 
 `sides` is 0 for an ellipse and negative for a background, which covers everything.
 """
@@ -17,14 +18,15 @@ from ...compiled import njit
 from .motion import wave
 
 SIDES = 6
-"""The most sides of a polygon."""
+"""Maximum number of sides of a polygon."""
 OUTLINE = 13 + 2 * SIDES
-"""Numbers of an outline."""
+"""Length of an outline's parameter row."""
 
 
 @njit(cache=True, nogil=True)
 def inset(o: Any, x: Any, y: Any) -> Any:
-    """How far inside the outline a point of frame 1 is, about in pixels; negative outside, infinite in a background."""
+    """Return the approximate distance, in pixels, of a point of frame 1 from the outline: positive inside, negative
+    outside, infinite for a background."""
     if o[7] < 0.0:
         return np.inf
     x, y = x - o[0], y - o[1]

@@ -1,7 +1,7 @@
-"""A scene as frames, flow and occlusion, in compiled loops over the pixels.
+"""Render a scene's frames, flow and occlusion in compiled loops over the pixels.
 
-With a rolling shutter, row y of frame k (0 or 1) is taken at time k + readout ((y + 1/2) / H - 1/2). The flow leads to
-where the same point of the scene is in the second frame, at the time of its row there.
+With a rolling shutter, row y of frame k (0 or 1) is captured at time k + readout ((y + 1/2) / H - 1/2). The flow ends
+at the position of the same scene point in the second frame, at the capture time of its row.
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ from .outline import inset
 from .scene import Scene
 
 _NEAREST, _FARTHEST = 5.0, 100.0
-"""Metres of the first layer and of the background."""
+"""Depth of the front layer and of the background, in metres."""
 
 
 def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Both frames, the flow of the uppermost layer at each pixel of the first, and where that point is hidden in the
-    second.
+    """Return both frames, the flow of the uppermost layer at each pixel of the first frame, and the occlusion map.
 
     Args:
-        scene: to render.
-        readout: time between the first row of a frame and the last, in intervals between frames; 0 is a global shutter.
+        scene: the scene to render.
+        readout: time between the first and the last row of a frame, in units of the frame interval; 0 is a global
+            shutter.
 
     Returns:
-        Frames RGB uint8 (H, W, 3), flow float32 (H, W, 2) in pixels, and the occlusion map, bool (H, W): the point is
-        covered by a layer above its own, or outside the second frame, that is beyond the centres of its outer pixels.
-        The flow of a point that no row of the second frame reads leads to where it is at the time of the nearest one.
+        Frames, RGB uint8 (H, W, 3); flow, float32 (H, W, 2), in pixels; and the occlusion map, bool (H, W), True where
+        the point is covered by a layer in front of its own in the second frame, or lies outside the centres of that
+        frame's outer pixels. If no row of the second frame captures a point, its flow ends at its position at the
+        capture time of the nearest row.
     """
     height, width = scene.shape
     grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
@@ -48,16 +49,16 @@ def render_pair(scene: Scene, readout: float = 0.0) -> tuple[tuple[Frame, Frame]
 def colours_at(
     scene: Scene, points: npt.NDArray[np.float64], which: int, readout: float = 0.0
 ) -> npt.NDArray[np.float64]:
-    """The colours at any points of frame 0 or 1, also between pixels, before rounding.
+    """Return the colours at arbitrary subpixel positions of frame 0 or 1, before rounding.
 
     Args:
         scene: the scene to render.
-        points: (N, 2), (x, y) in pixels.
-        which: 0 or 1.
+        points: positions (x, y), (N, 2), in pixels.
+        which: index of the frame, 0 or 1.
         readout: see `render_pair`.
 
     Returns:
-        float64 (N, 3), 0..255.
+        The colours, float64 (N, 3), from 0 to 255.
     """
     out = np.empty((len(points), 3))
     layers = scene.motions, scene.outlines, scene.fills, scene.chosen, scene.textures
@@ -68,14 +69,15 @@ def colours_at(
 def flow_at(
     scene: Scene, points: npt.NDArray[np.float64], readout: float = 0.0
 ) -> tuple[npt.NDArray[np.float64], Mask]:
-    """Flow float64 (N, 2) and occlusion bool (N,) at any points (x, y) of frame 1, float64 (N, 2)."""
+    """Return flow, float64 (N, 2), and occlusion, bool (N,), at arbitrary points (x, y) of frame 1, float64 (N, 2)."""
     flow, occluded = np.empty((len(points), 2)), np.empty(len(points), bool)
     _flows(points, float(readout), scene.motions, scene.outlines, *map(float, scene.shape), flow, occluded)
     return flow, occluded
 
 
 def depths_of(scene: Scene, readout: float = 0.0) -> tuple[DepthMap, DepthMap]:
-    """The depth of the uppermost layer at each pixel of both frames, float32 (H, W), metres (`layer_depths`)."""
+    """Return the depth of the uppermost layer at each pixel of both frames, float32 (H, W), in metres (see
+    `layer_depths`)."""
     of_layers = layer_depths(len(scene.motions))
     first, second = (np.empty(scene.shape, np.float32) for _ in range(2))
     for which, out in enumerate((first, second)):
@@ -84,7 +86,7 @@ def depths_of(scene: Scene, readout: float = 0.0) -> tuple[DepthMap, DepthMap]:
 
 
 def layer_depths(count: int) -> npt.NDArray[np.float32]:
-    """The depths of layers from front to back, metres: from 5 to 100, evenly spaced in inverse depth.
+    """Return the depths of layers from front to back, in metres: from 5 to 100, evenly spaced in inverse depth.
 
     >>> layer_depths(3).tolist()
     [5.0, 9.523809432983398, 100.0]
@@ -95,14 +97,13 @@ def layer_depths(count: int) -> npt.NDArray[np.float32]:
 
 @njit(cache=True, nogil=True, inline="always")
 def _time(which: Any, readout: Any, y: Any, height: Any) -> Any:
-    """When a row of frame 0 or 1 is taken."""
+    """Return the capture time of a row of frame 0 or 1."""
     return which + readout * ((y + 0.5) / height - 0.5)
 
 
 @njit(cache=True, nogil=True)
 def _near(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
-    """False if a point is certainly outside a layer at time `t`: tested by a circle, so that most layers cost next to
-    nothing."""
+    """Return False if a point is outside a layer's bounding circle at time `t`; a cheap test that skips most layers."""
     if outline[7] < 0.0:
         return True
     dx, dy = x - (motion[0] + t * motion[2]), y - (motion[1] + t * motion[3])
@@ -112,7 +113,7 @@ def _near(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _inset_at(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
-    """`inset` of a point at time `t`."""
+    """Return `inset` of a point at time `t`."""
     mx, my = from_time(motion, t, x, y)
     return inset(outline, mx, my)
 
@@ -167,7 +168,7 @@ def _flows(
         ):
             top += 1
         mx, my = from_time(motions[top], t, x, y)
-        # The point and the row being read move at constant speeds: they meet once, or beyond the frame.
+        # The point and the row being read move at constant speeds: they meet once, or outside the frame.
         speed = at_time(motions[top], 1.0, mx, my)[1] - my
         closing = 1.0 - speed * readout / height
         row = (my + speed * _time(1.0, readout, 0.0, height)) / closing if closing != 0.0 else np.inf

@@ -1,4 +1,4 @@
-"""What a pair shows and how it moves: every number is drawn from the pair's own stream."""
+"""The content and motion of a pair; all values are drawn from the pair's random stream."""
 
 from __future__ import annotations
 
@@ -16,34 +16,36 @@ from .textures import SIZE, TextureArray
 Numbers = npt.NDArray[np.float64]
 
 _LAYERS = (4, 13)
-"""Number of shapes over the background: from, and below."""
+"""Range of the number of shapes in front of the background; the upper bound is exclusive."""
 _REFERENCE = math.sqrt(384 * 512)
-"""Pixels: lengths are drawn for frames of FlyingChairs' size and scaled with the square root of the area."""
+"""Reference size, in pixels: lengths are drawn for frames of FlyingChairs' size and scaled by the square root of the
+area."""
 _BACKGROUND_SHIFT, _SHIFT = 7.0, 10.0
-"""Pixels at that size, of a draw of one standard deviation; a few are much longer (see `_spread`)."""
+"""Translation at one standard deviation, in pixels at the reference size; a few translations are much longer (see
+`_spread`)."""
 _FOLLOWS = 0.6
-"""Probability that a shape moves with the background in addition to its own motion, like things that a camera
+"""Probability that a shape moves with the background in addition to its own motion, like objects that a moving camera
 passes."""
 _WAVES = 0.5
 """Probability of a non-rigid motion."""
 _STEEPEST = 0.2
-"""Largest slope of a wave; the inverse of a motion needs the sum of both axes below 1."""
+"""Maximum slope of a wave; for an invertible motion, the sum over both axes must be below 1."""
 _UNEVEN = 0.1
-"""The share of the angle between two sides of a polygon by which one may be turned."""
+"""Maximum rotation of a polygon's side, as a fraction of the angle between two sides."""
 _GAIN, _OFFSET = (0.6, 1.3), 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Layers from front to back; the last one is the background.
+    """The layers of a pair from front to back; the last layer is the background.
 
     Attributes:
-        shape: (H, W).
-        motions, outlines: a row of numbers for each layer, see `motion` and `outline`.
-        fills: for each layer, where its texture is taken from (two rows of an affine map from pixels to texels), then
-            gain and offset of each channel.
-        chosen: the index of each layer's texture.
-        textures: to choose from.
+        shape: size (H, W) of the frames, in pixels. motions, outlines: parameters of each layer, one row per layer, see
+            `motion` and `outline`.
+        fills: texture parameters of each layer: two rows of an affine map from pixels to texels, then gain and offset
+            of each channel.
+        chosen: index of each layer's texture.
+        textures: available textures, uint8 (count, SIZE, SIZE, 3), RGB.
     """
 
     shape: tuple[int, int]
@@ -58,10 +60,10 @@ def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: Textur
     """A scene.
 
     Args:
-        rng: the pair's stream.
+        rng: random generator of the pair.
         shape: (H, W).
-        motion: factor on all translations.
-        textures: to choose from.
+        motion: scale factor of all translations.
+        textures: available textures, uint8 (count, SIZE, SIZE, 3), RGB.
     """
     height, width = shape
     unit = math.sqrt(height * width) / _REFERENCE
@@ -84,7 +86,8 @@ def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: Textur
 
 
 def _spread(rng: Rng) -> float:
-    """A standard normal number raised to the power 1.5, with its sign: many small values, some large ones."""
+    """Draw a standard normal number and raise its magnitude to the power 1.5, keeping the sign, which gives many small
+    and a few large values."""
     number = float(rng.normals(1)[0])
     return number * math.sqrt(abs(number))
 
@@ -94,7 +97,8 @@ def _shift(rng: Rng, scale: float) -> float:
 
 
 def _turn(half_tangent: float) -> tuple[float, float]:
-    """Cosine and sine of an angle by the tangent of its half: without functions that differ between machines."""
+    """Draw the cosine and sine of an angle through its half-angle tangent, avoiding functions that differ between
+    machines."""
     square = half_tangent * half_tangent
     return (1.0 - square) / (1.0 + square), 2.0 * half_tangent / (1.0 + square)
 
@@ -106,7 +110,7 @@ def _length(x: float, y: float) -> float:
 def _motion(
     rng: Rng, centre: tuple[float, float], shift: tuple[float, float], reach: float, strength: float
 ) -> Numbers:
-    """A layer's motion; rotation and zoom by `strength`, about its centre."""
+    """Draw a layer's motion, with rotation and zoom by `strength` about the layer's centre."""
     cosine, sine = _turn(0.04 * strength * _spread(rng))
     zoom = max(1.0 + 0.04 * strength * _spread(rng), 0.7)
     stretch = max(1.0 + 0.015 * strength * _spread(rng), 0.8)
@@ -143,7 +147,7 @@ def _motion(
 
 
 def _outline(rng: Rng, centre: tuple[float, float], unit: float) -> tuple[Numbers, float]:
-    """An outline, and the radius of a circle about its centre that holds it with its soft border."""
+    """Draw an outline, and return it with the radius of its bounding circle, including the soft border."""
     size = unit * (14.0 + 150.0 * rng.uniform() ** 2)
     long, short = size, max(size * max(math.sqrt(rng.uniform()), 0.12), 1.5)
     cosine, sine = _turn(rng.uniform(-1.0, 1.0))
@@ -167,7 +171,7 @@ def _outline(rng: Rng, centre: tuple[float, float], unit: float) -> tuple[Number
 
 
 def _fill(rng: Rng) -> Numbers:
-    """Where a layer takes its texture from, and its colours."""
+    """Draw the texture coordinates and colours of a layer."""
     cosine, sine = _turn(rng.uniform(-1.0, 1.0))
     scale = rng.uniform(0.4, 1.2)
     place = [

@@ -1,8 +1,8 @@
 """Textures for the shapes: dead leaves (shapes covering shapes, as in photographs) under noise of several sizes.
 
 Dead leaves with radii r distributed as r^-3 have the spectrum and the edges of natural images (Lee, Mumford and Huang,
-IJCV 2001). A texture repeats without a seam. Only the four operations and the square root are used, so the bytes
-are the same on every machine.
+IJCV 2001). Textures repeat seamlessly. Only the four basic operations and the square root are used, so the bytes are
+the same on every machine.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ...layout import user_path
 from ...random.rng import Rng
 
 SIZE = 512
-"""Texels a side."""
+"""Side length of a texture, in texels."""
 COUNT = 32
-"""Textures that the layers of all scenes choose from."""
+"""Number of textures shared by the layers of all scenes."""
 _LEAVES = 4000
 _RADII = (4.0, 140.0)
 _MOST_PICTURES = 256
-"""The most pictures of the user's own: 200 MB."""
+"""Maximum number of user pictures: 200 MB."""
 
 TextureArray = npt.NDArray[np.uint8]
 """(count, SIZE, SIZE, 3), RGB."""
@@ -36,24 +36,24 @@ TextureArray = npt.NDArray[np.uint8]
 
 @lru_cache(maxsize=2)
 def procedural_textures(seed: int, split: str) -> TextureArray:
-    """The textures of a seed, the same for all its pairs; made once per process, in a few seconds."""
+    """Return the textures of a seed, shared by all its pairs; generated once per process in a few seconds."""
     return np.stack([_texture(Rng.of(seed, "shapes", split, "texture", index)) for index in range(COUNT)])
 
 
 @lru_cache(maxsize=2)
 def picture_textures(folder: str) -> TextureArray:
-    """The pictures of a folder as textures, each scaled to cover the square and cropped to its middle.
+    """Read the pictures of a folder as textures, each scaled to cover the square and cropped to its centre.
 
     Raises:
-        UsageError: no folder, no picture in it, or too many.
-        DataError: a picture that cannot be read.
+        UsageError: the folder does not exist, or contains no pictures or too many.
+        DataError: a picture cannot be read.
     """
     files = texture_files(folder)
     return np.stack([_covering(read_image(path)) for path in files])
 
 
 def texture_files(folder: str) -> list[Path]:
-    """The pictures that `picture_textures` reads, sorted."""
+    """Return the pictures that `picture_textures` reads, sorted."""
     root = user_path(folder)
     if not root.is_dir():
         raise UsageError(f"textures={folder}: no such folder; give one that holds pictures")
@@ -90,7 +90,7 @@ def _texture(rng: Rng) -> npt.NDArray[np.uint8]:
 
 @njit(cache=True, nogil=True)
 def _paint(numbers: Any, base: Any, contrast: Any, smallest: Any, largest: Any, out: Any) -> None:
-    """Leaves from front to back: each fills the pixels that are still free, also across the seam."""
+    """Draw leaves from front to back; each fills the remaining free pixels, wrapping around the borders."""
     size = out.shape[0]
     free = size * size
     ratio = (smallest / largest) ** 2
@@ -129,7 +129,7 @@ def _paint(numbers: Any, base: Any, contrast: Any, smallest: Any, largest: Any, 
 
 @njit(cache=True, nogil=True)
 def _add_noise(lattice: Any, strength: Any, out: Any) -> None:
-    """Values at lattice points, between them bilinear; repeats without a seam."""
+    """Generate noise by bilinear interpolation of random values at lattice points, periodic without a seam."""
     size, cells = out.shape[0], lattice.shape[0]
     step = cells / size
     for row in range(size):
