@@ -1,4 +1,4 @@
-"""Convert frames to the images that a network takes, and its flow back to the size of the frames."""
+"""Convert frames to a network's input, and resize the network's flow to the frames."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .resize import resize_flow
 
 
 def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: torch.device) -> Tensor:
-    """Convert RGB uint8 frames (H, W, 3) of one size to float32 (N, 3, H', W') by the convention.
+    """Convert RGB uint8 frames (H, W, 3) of equal size to float32 (N, 3, H', W') according to a convention.
 
     >>> frame = np.full((3, 5, 3), 255, np.uint8)
     >>> fitted_images([frame], InputConvention(fit="pad", multiple=4), torch.device("cpu")).shape
@@ -26,7 +26,7 @@ def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: 
 
 
 def fitted_values(values: Tensor, convention: InputConvention) -> Tensor:
-    """Convert RGB images of 0..255, float32 (N, 3, H, W), to float32 (N, 3, H', W') by the convention."""
+    """Convert RGB images in 0..255, float32 (N, 3, H, W), to float32 (N, 3, H', W') according to a convention."""
     if convention.order == "bgr":
         values = values.flip(1)
     mean = values.new_tensor(convention.mean).view(1, 3, 1, 1)
@@ -42,7 +42,7 @@ def fitted_values(values: Tensor, convention: InputConvention) -> Tensor:
 
 
 def unfitted_flow(flow: Tensor, convention: InputConvention, height: int, width: int) -> Tensor:
-    """Convert a network's flow (N, 2, H', W') to the frames' own size, (N, 2, height, width)."""
+    """Convert a network's flow (N, 2, H', W') to the frames' size, (N, 2, height, width)."""
     if convention.fit == "pad":
         left, _, above, _ = convention.padding_sides(height, width)
         return flow[:, :, above : above + height, left : left + width]

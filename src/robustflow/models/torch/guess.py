@@ -1,5 +1,4 @@
-"""The input that a network expects, tried on shifted textures: an undeclared convention is determined, a declared one
-is checked."""
+"""Determine or check a network's input convention by measuring its error on shifted textures."""
 
 from __future__ import annotations
 
@@ -23,30 +22,34 @@ from .shifted import SHIFTS, Reading, ShiftedPair, reading_of, shifted_pair
 
 LAST_OUTPUT = -1
 _FIRST_ROUND = 2
-"""Number of pairs after which conventions that are far behind are dropped."""
+"""Number of pairs after which conventions with a much larger error are dropped."""
 _FAR = 2.0
 _CLEAR = 0.9
-"""The best is clearly better if its error is below this fraction of the next one's, and it is better on every pair."""
+"""The best convention is clearly better if its error is below this fraction of the second best, and
+lower on every pair.
+"""
 _WRONG = 0.5
-"""A declared convention is wrong if another one is better on every pair and its error is below this fraction."""
+"""A declared convention is wrong if a different one has an error below this fraction of it, and is
+better on every pair.
+"""
 _SURE = 0.05
-"""A declared convention is accepted without a comparison if its error is below this fraction of that of zero flow."""
+"""A declared convention is accepted without a comparison if its error is below this fraction of zero flow's error."""
 _WELL = 0.1
-"""A declared convention is worth a warning if its error is above this fraction of that of zero flow."""
+"""A declared convention causes a warning if its error is above this fraction of zero flow's error."""
 _SEES = 0.5
-"""A network measures motion at all if its error is below this fraction of that of zero flow."""
+"""A network is considered to measure motion if its error is below this fraction of zero flow's error."""
 _ZERO = float(np.mean([np.hypot(*shift) for shift in SHIFTS]))
 _MOST_NAMED = 4
 
 
 @dataclass(frozen=True)
 class Declared:
-    """How a module takes a pair and where it returns the flow; None for what was not declared.
+    """The input and output convention of a module; None for values that were not declared.
 
     Attributes:
-        scaling: a name of `input_convention.SCALINGS`.
-        order: "rgb" or "bgr".
-        layout: a name of `module_net.LAYOUTS`.
+        scaling: name of the value range in `input_convention.SCALINGS`.
+        order: colour order, "rgb" or "bgr".
+        layout: name of the input layout in `module_net.LAYOUTS`.
         output: position or key of the flow among several outputs.
     """
 
@@ -57,11 +60,11 @@ class Declared:
 
     @property
     def complete(self) -> bool:
-        """Whether colours and range are known, without which nothing can be predicted."""
+        """Whether colour order and value range are known, as prediction requires."""
         return self.scaling is not None and self.order is not None
 
     def describe(self) -> str:
-        """The convention as options.
+        """Return the convention as options.
 
         >>> Declared("0-1", "rgb", "pair", -1).describe()
         'scaling=0-1, order=rgb, layout=pair, output=-1'
@@ -69,7 +72,7 @@ class Declared:
         return ", ".join(f"{key}={value}" for key, value in self._given().items())
 
     def line(self) -> str:
-        """The line of code, and the command-line options, that declare it.
+        """Return the line of code and the command-line options that declare the convention.
 
         >>> Declared("0-1", "rgb", output=-1).line()
         "robustflow.TorchModel(net, scaling='0-1', order='rgb') or -O scaling=0-1 -O order=rgb"
@@ -114,21 +117,21 @@ def infer_convention(
     device: torch.device,
     threads: int = 1,
 ) -> tuple[Declared, str]:
-    """Check the declared convention, and complete it with what works best for the network.
+    """Check the declared convention, and fill in missing values with those that work best for the network.
 
     Args:
-        module: in evaluation mode, on `device`.
-        call: calls it with its list of inputs.
-        declared: what the user declared.
-        multiple: of height and width that it needs.
-        device: where it is run.
-        threads: of the CPU.
+        module: module in evaluation mode, on `device`.
+        call: function that calls the module with its list of inputs.
+        declared: convention declared by the user.
+        multiple: number that the input's height and width must be multiples of.
+        device: device on which the module runs.
+        threads: number of CPU threads.
 
     Returns:
-        The complete convention; and a sentence for a warning, "" if there is nothing to say.
+        The complete convention, and a warning, "" if there is none.
 
     Raises:
-        ModelError: no convention works, none is clearly best, or the declared one is wrong.
+        ModelError: no convention works, none is clearly best, or the declared convention is wrong.
     """
     with torch.inference_mode(), reproducible(threads):
         trial = _Trial(module, call, device, multiple)
@@ -164,7 +167,7 @@ def infer_convention(
 
 
 def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
-    """Check a convention of which at most the output is not declared; returns it and a warning."""
+    """Check a convention whose input is fully declared; return the convention with its output and a warning."""
     try:
         outputs = trial.outputs(declared)
     except ModelError as error:
@@ -214,8 +217,9 @@ def _refuse_misread(one: _TriedConvention) -> None:
 
 
 def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None = None) -> str:
-    """Name the best conventions with their errors; layout and output only if they differ among them or from
-    `beside`."""
+    """Format the best conventions and their errors; layout and output only if they differ among
+    them or from `beside`.
+    """
     fitting = [one for one in ranked if one.mean <= max(_FAR * ranked[0].mean, _SURE * _ZERO)] or ranked[:1]
     apart = [*fitting, *([beside] if beside else [])]
     same = {field: None for field in ("layout", "output") if len({getattr(one.way, field) for one in apart}) == 1}
@@ -232,7 +236,7 @@ class _Trial:
         self._pairs: list[ShiftedPair] = [shifted_pair(i) for i in range(len(SHIFTS))]
 
     def working_layouts(self, declared: Declared) -> list[str]:
-        """The conventions for which the network returns a flow at all; a declared one is trusted."""
+        """Return the conventions for which the network returns a flow; declared values are not varied."""
         if declared.layout is not None:
             return [declared.layout]
         working, failures = [], []
@@ -248,11 +252,12 @@ class _Trial:
         return working
 
     def rank(self, ways: Sequence[Declared], better_than: _TriedConvention | None = None) -> list[_TriedConvention]:
-        """The conventions not dropped after the first pairs, with their errors on every pair, best first.
+        """Rank the conventions that were not dropped after the first pairs, best first, with their errors on every
+        pair.
 
         Args:
-            ways: conventions; those far behind the best are dropped.
-            better_than: those that do not seem much better than this one are dropped, too.
+            ways: candidate conventions; those with a much larger error than the best are dropped.
+            better_than: reference convention; candidates that are not much better are dropped, too.
         """
         candidates: dict[Declared, _TriedConvention] = {}
         for number, pair in enumerate(self._pairs):
@@ -270,14 +275,14 @@ class _Trial:
         return sorted(self.preferred(whole), key=lambda one: one.mean)
 
     def outputs(self, declared: Declared) -> list[_TriedConvention]:
-        """Every output of a convention that is a flow; the declared one, if there is one, first."""
+        """Return one convention for each output that is a flow; the declared output, if any, comes first."""
         candidates: dict[Declared, _TriedConvention] = {}
         for pair in self._pairs:
             self._try(declared, pair, candidates, every=True)
         return list(candidates.values())
 
     def preferred(self, candidates: list[_TriedConvention]) -> list[_TriedConvention]:
-        """One of the outputs under a convention: the last, unless another is clearly better."""
+        """Choose an output of a convention: the last, unless a different one is clearly better."""
         chosen: dict[tuple[Any, ...], _TriedConvention] = {}
         for one in candidates:
             key = (one.way.scaling, one.way.order, one.way.layout)
@@ -295,8 +300,9 @@ class _Trial:
             one.vectors.append(pair.vector(flow))
 
     def _flows(self, way: Declared, pair: ShiftedPair, every: bool = False) -> dict[Declared, Flow]:
-        """The declared output, or with `every` (or if none is declared) each output that is a flow, float32 (H, W,
-        2)."""
+        """Return the declared output, or each output that is a flow if `every` is true or none is declared, float32 (H,
+        W, 2).
+        """
         net = ModuleNet(self._module, self._call, way.layout or "pair", None, batched=True)
         convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self._multiple)
         images = [fitted_images([frame], convention, self._device) for frame in pair[:2]]
@@ -322,7 +328,7 @@ def _outputs(returned: Any) -> list[str | int]:
 
 
 def _as_flow(returned: Any, output: str | int, size: Sequence[int]) -> Tensor | None:
-    """The output as (1, 2, H, W), or None if it is not a flow of this size."""
+    """Return the output as (1, 2, H, W), or None if it is not a flow of this size."""
     try:
         flow = chosen_output(returned, output)
         if flow.ndim == 5 and flow.shape[1] == 1:

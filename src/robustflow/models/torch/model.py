@@ -1,4 +1,6 @@
-"""A PyTorch network as a flow model: the adapter handles the input images, the output flow, device and precision."""
+"""Use a PyTorch network as a flow model: the adapter handles the input images, the output flow,
+device and precision.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,22 @@ from .reproducible import reproducible
 
 
 class NetworkModel(PairNetwork):
-    """Satisfies `FlowModel`.
+    """A PyTorch network as a model; satisfies `FlowModel`.
 
     Args:
-        name: of the model.
-        net: maps two images (N, 3, H, W) to a flow (N, 2, H, W) in pixels; it is put into evaluation mode.
-        convention: the input that the network expects.
-        settings: anything else that changes its numbers (checkpoint hash, iterations), for `identity`.
-        execution: device, precision, compilation, threads.
+        name: name of the model.
+        net: module that maps two images (N, 3, H, W) to a flow (N, 2, H, W) in pixels; it is set to evaluation mode.
+        convention: input convention of the network.
+        settings: other settings that affect the results (checkpoint hash, iterations), for `identity`.
+        execution: settings for device, precision, compilation and threads.
 
     Raises:
-        UsageError: an unknown device.
-        ModelError: a device this machine does not have.
+        UsageError: the device is unknown.
+        ModelError: this machine does not have the device.
     """
 
     trained_on: str | None = None
-    """Training sets that the checkpoint declares."""
+    """The training sets that the checkpoint declares."""
 
     def __init__(
         self,
@@ -56,11 +58,13 @@ class NetworkModel(PairNetwork):
 
     @property
     def threads(self) -> int:
-        """Threads that it computes with on the CPU, forward and backward."""
+        """The number of CPU threads for the forward and backward pass."""
         return self._execution.threads
 
     def identity(self) -> dict[str, Any]:
-        """Everything that changes the numbers: the network's settings, its input, and how it is executed."""
+        """Return everything that affects the results: the network's settings, input convention and
+        execution settings.
+        """
         return {
             "name": self.name,
             **self._settings,
@@ -74,10 +78,10 @@ class NetworkModel(PairNetwork):
         return self.device.type != "cpu"
 
     def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
-        """See `Differentiable`.
+        """Compute the flow as described in `Differentiable`.
 
         Raises:
-            ModelError: images of a size that the network cannot take, or the network fails on them.
+            ModelError: the network does not support the images' size, or fails on them.
         """
         height, width = images1.shape[2:]
         self.convention.fitted_size(height, width)
@@ -88,17 +92,17 @@ class NetworkModel(PairNetwork):
         return unfitted_flow(flow.float(), self.convention, height, width)
 
     def run(self, *batches: list[Frame], **arguments: Any) -> list[Flow]:
-        """One call of the network.
+        """Call the network once.
 
         Args:
-            batches: of RGB uint8 frames of one size, one batch for each image that the network takes.
-            arguments: its other arguments.
+            batches: batches of RGB uint8 frames of equal size, one batch for each input image of the network.
+            arguments: other arguments of the network.
 
         Returns:
-            A flow for each frame of a batch, as `predict` returns it.
+            One flow for each frame of a batch, in the format of `predict`.
 
         Raises:
-            ModelError: frames of a size that the network cannot take, or the network fails on them.
+            ModelError: the network does not support the frames' size, or fails on them.
         """
         height, width = batches[0][0].shape[:2]
         self.convention.fitted_size(height, width)
@@ -127,18 +131,19 @@ class NetworkModel(PairNetwork):
 
 
 class ConfidentNetwork(NetworkModel):
-    """A network with a confidence for each pixel: called with `confidence=True` it returns (N, 3, H, W), the flow and
-    the confidence. Satisfies `ConfidentModel`."""
+    """A network that, called with `confidence=True`, returns the flow and a confidence for each pixel, (N, 3, H, W).
+    Satisfies `ConfidentModel`.
+    """
 
     def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.float32]]:
-        """See `ConfidentModel.predict_with_confidence`."""
+        """Predict as in `ConfidentModel.predict_with_confidence`."""
         check_pair(frame1, frame2)
         (answer,) = self.run([frame1], [frame2], confidence=True)
         return answer[..., :2], answer[..., 2]
 
 
 def find_device(name: str) -> torch.device:
-    """The device of a name.
+    """Return the torch device for a name.
 
     >>> find_device("cpu").type
     'cpu'
@@ -153,7 +158,7 @@ def find_device(name: str) -> torch.device:
         device = torch.device(name)
     except (RuntimeError, TypeError):
         device = torch.device("meta")
-    if device.type == "meta":  # torch's name for tensors without values
+    if device.type == "meta":  # torch's device for tensors without values
         raise UsageError(f"unknown device '{name}': give auto, cpu, cuda or cuda:0") from None
     try:
         torch.zeros(1, device=device)

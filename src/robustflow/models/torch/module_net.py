@@ -1,4 +1,4 @@
-"""Wrap any PyTorch module so that it is called like the project's own networks."""
+"""Wrap any PyTorch module so that it has the interface of the project's networks."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from ..signature import describe_arrays, flow_layout
 from ..traceback_hint import traceback_hint
 
 MODULE_LAYOUTS = ("pair", "concatenated", "stacked", "images")
-"""How a pair is passed to a module: two images (N, 3, H, W); one (N, 6, H, W); one (N, 2, 3, H, W); or that one in a
-dictionary, `{"images": ...}`, as ptlflow's models take it."""
+"""Layouts of a module's input: two images (N, 3, H, W); one tensor (N, 6, H, W); one tensor (N, 2, 3, H, W); or the
+latter in a dictionary, `{"images": ...}`, as in ptlflow.
+"""
 
 
 class ModuleNet(nn.Module):
-    """Gives a module its images the way it takes them and finds the flow in what it returns.
+    """Pass images to a module in its input layout, and extract the flow from its output.
 
     Args:
-        module: the network; its mode is left as it is.
-        call: calls it with its list of inputs.
-        layout: how the pair is passed, one of `MODULE_LAYOUTS`.
-        output: position or key of the flow among several outputs; None for the last.
-        batched: whether it takes several pairs at once; else each is predicted separately.
+        module: network; its training or evaluation mode is not changed.
+        call: function that calls the module with its list of inputs.
+        layout: input layout, one of `MODULE_LAYOUTS`.
+        output: index or key of the flow among several outputs; None for the last.
+        batched: whether the module accepts several pairs at once; otherwise each pair is predicted separately.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class ModuleNet(nn.Module):
         self.batched = batched
 
     def train(self, mode: bool = True) -> ModuleNet:
-        """Leave the module in the mode that its owner chose."""
+        """Do nothing, so that the module keeps its training or evaluation mode."""
         self.training = mode
         return self
 
@@ -55,24 +56,26 @@ class ModuleNet(nn.Module):
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """All flows that the module returns, the last one final: a list, or the only one."""
+        """Return all flows that the module returns, the final one last."""
         returned = self.returned(image1, image2)
         chosen = returned.get(str(self.output)) if isinstance(returned, dict) else returned
         several = chosen if isinstance(chosen, list | tuple) else [chosen]
         return [self._as_flow(chosen_output(one, None), image1) for one in several]
 
     def returned(self, image1: Tensor, image2: Tensor) -> Any:
-        """What the module itself returns for such images.
+        """Return the module's raw output for these images.
 
         Raises:
-            ModelError: the module fails; the sentence says where.
+            ModelError: the module fails; the message says where.
         """
         inputs = self._inputs(image1, image2)
         try:
             return self.call(inputs)
         except RobustFlowError:
             raise
-        except Exception as error:  # any exception of an operator; the last line says what, those above where
+        except (
+            Exception
+        ) as error:  # any operator's exception; its last line is the reason, the lines above are the location
             reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
             shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
             what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])
@@ -103,7 +106,7 @@ class ModuleNet(nn.Module):
 
 
 def chosen_output(returned: Any, output: Any) -> Tensor:
-    """The flow in what a module returned; of a list under the chosen key, the last.
+    """Extract the flow from a module's output; if the chosen output is a list, its last element.
 
     >>> chosen_output({"flows": [torch.zeros(1), torch.ones(1)], "other": 3}, "flows")
     tensor([1.])
@@ -125,7 +128,7 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
 
 
 def outputs_of(returned: Any) -> dict[str, Any]:
-    """What a module returned, by key or position.
+    """Return a module's outputs by key or position.
 
     >>> list(outputs_of([torch.zeros(1), torch.ones(1)]))
     ['0', '1']

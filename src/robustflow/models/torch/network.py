@@ -1,4 +1,4 @@
-"""Put a PyTorch network together with its checkpoint. Importable without the torch extra."""
+"""Build a PyTorch network and load its checkpoint. Importable without the torch extra."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def weights_seeded(seed: int) -> Iterator[None]:
-    """Within the block the checkpoint "random" means random weights from this seed, outside those from seed 0."""
+    """Set the seed for the checkpoint "random" within a block; outside such a block the seed is 0."""
     token = _SEED.set(seed)
     try:
         yield
@@ -49,25 +49,26 @@ def network_model(
     """Build a network, load its checkpoint strictly, and wrap it.
 
     Args:
-        name: of the model.
-        build: makes the network; imports it, so that nothing here needs torch.
-        convention: the input that the network expects.
-        checkpoint: a file, a name among `published`, or "random" for seeded random weights, which the model's
-            identity shows; there are no silent random weights.
-        source: which file is meant and where its authors publish it, for the message if there is none.
-        sha256: what the file's hash must begin with, if that is known.
-        published: addresses of the checkpoints that can be downloaded, by name.
-        scope: see `load_weights`.
-        settings: what else changes the network's numbers.
-        adapt: changes the network according to what the checkpoint holds besides weights, before these are loaded;
-            returns what should be recorded.
+        name: name of the model.
+        build: function that imports and builds the network, so that this module does not need torch.
+        convention: input convention of the network.
+        checkpoint: path of a file, name in `published`, or "random" for seeded random weights, which the model's
+            identity records; weights are never random by default.
+        source: description of the file and of where its authors publish it, for the message if the checkpoint is
+            missing.
+        sha256: first digits of the file's expected SHA-256, if known.
+        published: URLs of the checkpoints that can be downloaded, by name.
+        scope: prefix of the network's entries in the checkpoint, see `load_weights`.
+        settings: other settings that affect the network's results.
+        adapt: function that adapts the network to the checkpoint's hyperparameters before the weights are loaded, and
+            returns the settings to record.
         confident: whether the network can return its confidence, see `ConfidentNetwork`.
-        execution: device, precision, compilation, threads.
+        execution: settings for device, precision, compilation and threads.
 
     Raises:
-        AssetError: without torch.
-        ModelError: without a checkpoint, or with one that does not fit.
-        UsageError: a name that is not published.
+        AssetError: torch is not installed.
+        ModelError: the checkpoint is missing or does not fit the network.
+        UsageError: the name is not published.
     """
     if checkpoint == RANDOM and sha256 is not None:
         raise UsageError("random weights have no file: leave out sha256, or give a checkpoint")

@@ -1,4 +1,4 @@
-"""Run a network so that it gives the same numbers again."""
+"""Run a network reproducibly."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-# PyTorch 2.9 sets precision per backend; the older functions, the only ones before it, cannot report such a setting.
+# Since PyTorch 2.9 precision is set per backend; the older functions, needed before 2.9, cannot report such settings.
 _PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
 _MATMULS: tuple[Any, ...] = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul) if _PER_BACKEND else ()
 _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
@@ -16,8 +16,8 @@ _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
 
 @contextmanager
 def reproducible(threads: int = 1) -> Iterator[None]:
-    """Run with true float32 (no TF32), the same algorithms every time and a fixed number of CPU threads. Earlier
-    settings are restored afterwards.
+    """Run a block with true float32 (no TF32), deterministic algorithms and a fixed number of CPU threads, then restore
+    the previous settings.
     """
     before = torch.get_num_threads(), _matmul_precision(), [backend.fp32_precision for backend in _MATMULS]
     torch.set_num_threads(threads)
@@ -35,5 +35,5 @@ def reproducible(threads: int = 1) -> Iterator[None]:
 def _matmul_precision() -> str:
     try:
         return torch.get_float32_matmul_precision()
-    except RuntimeError:  # it was set per backend, and is restored there
+    except RuntimeError:  # it was set per backend, and is restored in the same way
         return "highest"

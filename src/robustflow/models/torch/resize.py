@@ -1,4 +1,4 @@
-"""Change the size of a flow, and its values with it."""
+"""Resize a flow and scale its values accordingly."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from torch import Tensor
 
 
 def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
-    """Bilinear, corner pixels kept at the corners: (N, C, H, W) to float32 (N, C, *size)."""
+    """Resize maps (N, C, H, W) bilinearly, with aligned corner pixels, to float32 (N, C, *size)."""
     return F.interpolate(maps.float(), size=size, mode="bilinear", align_corners=True)
 
 
 def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:
-    """Resize a flow (N, 2, H, W) to (N, 2, *size); u is multiplied by the widths' ratio, v by the heights'.
+    """Resize a flow (N, 2, H, W) to (N, 2, *size); u is multiplied by the ratio of the widths, v by the ratio of the
+    heights.
 
     >>> resize_flow(torch.ones(1, 2, 4, 4), (8, 12))[0, :, 0, 0].tolist()
     [3.0, 2.0]

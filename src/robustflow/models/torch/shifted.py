@@ -1,4 +1,4 @@
-"""Pairs of textures with a known shift: the least that a flow network gets right."""
+"""Pairs of textures with a known shift, which any working flow network can estimate."""
 
 from __future__ import annotations
 
@@ -11,45 +11,49 @@ import numpy as np
 from ...sample import Flow, Frame
 
 SHIFTS = ((3, -2), (-4, 1), (2, 5), (-1, -4), (5, 3), (-5, -3), (4, -5), (-2, 4))
-"""(u, v) in pixels, one for each pair, each in a different direction."""
+"""Shifts (u, v) in pixels, one for each pair, each in a different direction."""
 _MARGIN = 8
 _SHRUNKEN = 3.0
-"""Factor by which the flow of a weak network may be too short."""
+"""Factor by which a weak network may underestimate the flow."""
 _EXACT = 1.25
-"""Largest factor at which a flow still counts as being in pixels."""
+"""Largest scale factor at which a flow still counts as being in pixels."""
 _UNEXPLAINED = 0.1
-"""Largest share of the variance of the shifts that may be unexplained if a network measures them."""
+"""Maximum unexplained fraction of the shifts' variance at which a network still counts as measuring them."""
 BORDER = 16
-"""Pixels along each side that are not measured, because what moves in or out has no counterpart."""
+"""Number of pixels ignored along each side, because content that enters or leaves the frame has no match."""
 
 
 class ShiftedPair(NamedTuple):
-    """Two frames, RGB uint8 (H, W, 3), and the shift (u, v) between them in pixels."""
+    """A pair of frames, RGB uint8 (H, W, 3), and the shift (u, v) between them in pixels."""
 
     frame1: Frame
     frame2: Frame
     shift: tuple[int, int]
 
     def error(self, flow: Flow) -> float:
-        """Mean end-point error of a flow (H, W, 2) away from the border, pixels; infinite where it is not finite."""
+        """Return the mean end-point error of a flow (H, W, 2) in pixels, away from the border; infinite if it is not
+        finite.
+        """
         inner = flow[BORDER:-BORDER, BORDER:-BORDER]
         error = float(np.hypot(inner[..., 0] - self.shift[0], inner[..., 1] - self.shift[1]).mean())
         return error if np.isfinite(error) else float("inf")
 
     def vector(self, flow: Flow) -> tuple[float, float]:
-        """Median (u, v) of a flow (H, W, 2) away from the border, in its own units; (0, 0) where it is not finite."""
+        """Return the median (u, v) of a flow (H, W, 2) away from the border, in the flow's units; (0, 0) if it is not
+        finite.
+        """
         inner = flow[BORDER:-BORDER, BORDER:-BORDER].reshape(-1, 2)
         u, v = np.median(inner, axis=0).tolist()
         return (u, v) if np.isfinite([u, v]).all() else (0.0, 0.0)
 
 
 class Reading(NamedTuple):
-    """How to interpret a network's flow so that it gives the shifts.
+    """The interpretation of a network's flow that best explains the shifts.
 
     Attributes:
-        swapped: whether its first component is v.
-        factors: what u and v have to be multiplied by to be in pixels.
-        unexplained: share of the variance of the shifts that is left.
+        swapped: whether the flow's first component is v.
+        factors: factors that convert u and v to pixels.
+        unexplained: unexplained fraction of the shifts' variance.
     """
 
     swapped: bool
@@ -66,11 +70,11 @@ class Reading(NamedTuple):
 
     @property
     def explains(self) -> bool:
-        """Whether the network measures the motion, in whatever form."""
+        """Whether the network measures the motion, in any format."""
         return self.unexplained < _UNEXPLAINED
 
     def describe(self) -> str:
-        """Describe what it returns instead.
+        """Describe how the flow differs from (u, v) in pixels.
 
         >>> Reading(False, (-1.02, -0.98), 0.01).describe()
         'it points the other way, as the flow from frame 2 to frame 1 does'
@@ -89,15 +93,15 @@ class Reading(NamedTuple):
 
 
 def _apart(factors: tuple[float, float], limit: float) -> bool:
-    """Whether one of the factors is not within a factor `limit` of 1."""
+    """Return whether one of the factors differs from 1 by more than a factor of `limit`."""
     return not all(1 / limit < factor < limit for factor in factors)
 
 
 def reading_of(vectors: Sequence[tuple[float, float]]) -> Reading:
-    """The interpretation that fits best.
+    """Return the interpretation that fits best.
 
     Args:
-        vectors: of a network's flow on each pair (`ShiftedPair.vector`), in the order of `SHIFTS`.
+        vectors: median flow vector of the network on each pair (`ShiftedPair.vector`), in the order of `SHIFTS`.
 
     >>> reading_of([(-v / 20, -u / 20) for u, v in SHIFTS]).describe().partition(";")[0]
     'its components are (v, u)'
@@ -114,7 +118,7 @@ def reading_of(vectors: Sequence[tuple[float, float]]) -> Reading:
 
 
 def shifted_pair(index: int, height: int = 128, width: int = 192) -> ShiftedPair:
-    """One of the pairs; the same number gives the same bytes.
+    """Return the pair with this number; the same number gives the same bytes.
 
     >>> pair = shifted_pair(0)
     >>> (pair.frame2[8:, 8:][:9, :9] == pair.frame1[10:, 5:][:9, :9]).all()

@@ -1,4 +1,4 @@
-"""A PyTorch network with weights that come with the package."""
+"""Build a PyTorch network with weights shipped in the package."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def shipped_network(
     convention: InputConvention,
     execution: Execution,
 ) -> NetworkModel:
-    """Build the network with the shipped weights, as a model.
+    """Build a model from the network with the shipped weights.
 
     Raises:
-        UsageError, ModelError: see `NetworkModel`.
+        UsageError, ModelError: the device is unknown or not available, see `NetworkModel`.
     """
     net = build()
     net.load_state_dict({key: torch.from_numpy(array.copy()) for key, array in weights.arrays.items()})

@@ -1,4 +1,4 @@
-"""torchvision's RAFT (Teed and Deng, ECCV 2020), large and small. Needs the torch extra when it is built."""
+"""torchvision's RAFT (Teed and Deng, ECCV 2020), large and small. Building a model requires the torch extra."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ def _raft(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """torchvision's RAFT, padded to multiples of 8 by repeating the border.
+    """Build torchvision's RAFT, for frames padded to multiples of 8 by repeating the border.
 
     Args:
-        name: "raft_large" or "raft_small".
-        checkpoint: torchvision's name of the weights (C_T_V2, C_T_SKHT_V2, ...), a file of them, or "random".
-        iterations: of the recurrent update.
-        sha256: the file's hash, or its first eight or more digits, to be checked.
-        execution: see `Execution`; its fields are options.
+        name: name of the network, "raft_large" or "raft_small".
+        checkpoint: torchvision's name of the weights (C_T_V2, C_T_SKHT_V2, ...), path of their file, or "random".
+        iterations: number of recurrent updates.
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
+        execution: execution settings; the fields of `Execution` are options.
     """
     check_count("iterations", iterations)
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("torchvision", f"model '{name}'")
     if checkpoint is None and names:
-        raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
+        raise needs_checkpoint(name, names, _SOURCE)  # checked first, because the library takes seconds to import
     from torchvision import __version__ as version
     from torchvision.models import optical_flow
 

@@ -1,4 +1,4 @@
-"""A user's own PyTorch module as a flow model, in one line."""
+"""Use a PyTorch module as a flow model, in one line."""
 
 from __future__ import annotations
 
@@ -27,43 +27,46 @@ _KNOWN = {
     "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST_OUTPUT), 8),
     "ptlflow.models": (Declared("0-1", "bgr", "images", "flows"), 1),
 }
-"""Libraries whose models all expect the same kind of input, and the multiple of height and width that they need."""
+"""Libraries whose models all expect the same input convention, and the multiple required for height and width."""
 MULTIPLE = 8
 
 
 class ConventionWarning(UserWarning):
-    """A warning that shifted textures contradict the declared input or output, or a note of which one was
-    determined."""
+    """A warning that the declared input or output is wrong on shifted textures, or states which
+    convention was determined.
+    """
 
 
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
-    State the input that the network was trained on: it is checked on shifted textures. Anything missing is looked up
-    (torchvision, ptlflow), or determined by trying the common conventions on these textures. A convention is used only
-    if it is clearly best, and a warning says which; for a network without trained weights nothing can be determined, so
-    it must be declared. The convention used is part of `identity`, and so of a run's manifest.
+    Declare the input convention that the network was trained with; it is checked on shifted textures. Missing values
+    are looked up (torchvision, ptlflow) or determined by trying the common conventions on these textures. A convention
+    is used only if it is clearly best, and a warning names it. For a network without trained weights the convention
+    cannot be determined and must be declared. The convention is part of `identity` and therefore of a run's manifest.
 
     Args:
-        net: the module. A copy of it is put into evaluation mode and run; training of the original can continue.
-        scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
-        order: of the colours, "rgb" or "bgr".
-        multiple: of height and width, reached by repeating the border, half of it on each side; 8 by default.
-        layout: "pair" (two images (N, 3, H, W)), "concatenated" (one (N, 6, H, W)), "stacked" (one (N, 2, 3, H, W)) or
-            "images" (that one in a dictionary, as ptlflow's models take it).
-        output: position or key of the flow among several outputs; of a list under that key, the last. The flow is
-            (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images' resolution.
-        checkpoint: a file of weights to load first, strictly and without running anything in it.
-        sha256: the file's hash, or its first eight or more digits, to be checked.
-        name: in tables and figures; the class's by default.
-        trained_on: training sets ("C+T"), see `robustflow list models`.
-        batched: whether it takes several pairs at once, and none changes another's flow.
-        device, precision, compile, threads: see `Execution`.
+        net: PyTorch module. The model runs a copy in evaluation mode, so training of the original can continue.
+        scaling: range of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, standardised with ImageNet's mean and
+            standard deviation).
+        order: colour order, "rgb" or "bgr".
+        multiple: number that height and width must be multiples of, 8 by default; frames are padded by repeating the
+            border, half on each side.
+        layout: input layout: "pair" (two images (N, 3, H, W)), "concatenated" (one (N, 6, H, W)), "stacked" (one (N, 2,
+            3, H, W)) or "images" (the stacked tensor in a dictionary, as in ptlflow).
+        output: index or key of the flow among several outputs; if that output is a list, its last element is used. The
+            flow is (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images' resolution.
+        checkpoint: path of a file of weights to load first, strictly and without running code in it.
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
+        name: name in tables and figures; the class name by default.
+        trained_on: training sets, such as "C+T"; see `robustflow list models`.
+        batched: whether the module accepts several pairs at once and processes them independently.
+        device, precision, compile, threads: execution settings, see `Execution`.
 
     Raises:
-        UsageError: not a module, or an invalid option.
-        ModelError: no convention is clearly best, the textures contradict the declared one, the module fails, or a
-            checkpoint that does not fit.
+        UsageError: `net` is not a module, or an option is invalid.
+        ModelError: no convention is clearly best, the declared convention is wrong, the module fails, or the checkpoint
+            does not fit.
 
     >>> class Net(nn.Module):
     ...     def forward(self, image1, image2):
@@ -123,7 +126,7 @@ class TorchModel(NetworkModel):
                 warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
         self.declared = declared
         self.trained_on = trained_on
-        """Its training sets, by their letters in the literature; None if they are not declared."""
+        """The training sets by their abbreviations in the literature; None if they are not declared."""
         convention = named_convention(
             order=declared.order or "rgb",
             scaling=declared.scaling or "0-1",
@@ -141,7 +144,7 @@ class TorchModel(NetworkModel):
         super().__init__(name or self._class, wrapped, convention, settings, execution)
 
     def identity(self) -> dict[str, Any]:
-        """See `NetworkModel.identity`; the name that was given changes no number and is not part of it."""
+        """Return the identity as in `NetworkModel.identity`, without the name, which does not affect the results."""
         return {**super().identity(), "name": self._class}
 
 
@@ -156,7 +159,7 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
 
 
 def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> str:
-    """Load a checkpoint, if one is given, and return its hash, or otherwise that of the module's weights."""
+    """Load the checkpoint, if given, and return its hash, otherwise the hash of the module's weights."""
     if checkpoint is not None:
         read = read_checkpoint(checkpoint, sha256)
         load_weights(module, read, name)

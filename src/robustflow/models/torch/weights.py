@@ -1,4 +1,4 @@
-"""Load the weights of a checkpoint into a network: exactly its entries, or an error that says what differs."""
+"""Load the weights of a checkpoint into a network; any difference between their entries is an error."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ...errors import ModelError
 from .checkpoint import Checkpoint
 
 PREFIXES = ("module.", "_model.", "model.")
-"""Prefixes that wrappers put before a network's own names: data parallel training, ptlflow, Lightning and others."""
+"""Prefixes that wrappers such as data parallel training, ptlflow and Lightning add to a network's parameter names."""
 
 
 def bare_name(key: str) -> str:
-    """A name without the prefixes of wrappers.
+    """Strip the wrappers' prefixes from a name.
 
     >>> bare_name("module.model.fnet.conv1.weight")
     'fnet.conv1.weight'
@@ -29,17 +29,17 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
     """Load a checkpoint into a network, strictly.
 
     Args:
-        net: takes the weights.
-        checkpoint: from `read_checkpoint`.
-        model: the model's name, for messages.
-        scope: if a checkpoint holds more than the network, the prefix of the network's own entries (after `module.`).
-            The rest is ignored; if no entry has this prefix, all are used.
+        net: network that receives the weights.
+        checkpoint: checkpoint from `read_checkpoint`.
+        model: name of the model, for messages.
+        scope: prefix of the network's entries (after `module.`) if a checkpoint contains more than the network. Other
+            entries are ignored; if no entry has this prefix, all are used.
 
     Returns:
-        The dtype of the file's weights if it differs from the network's (they were cast), otherwise None.
+        The dtype of the file's weights if it differs from the network's and the weights were cast, otherwise None.
 
     Raises:
-        ModelError: missing or unexpected entries, other shapes, or non-finite values.
+        ModelError: entries are missing or unexpected, or have different shapes or non-finite values.
     """
     own = {bare_name(key): key for key in net.state_dict()}
     by_name = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
