@@ -1,1 +1,3 @@
-"""Network definitions with the state-dict keys of the authors' checkpoints. Every module here needs the torch extra."""
+"""Network definitions with the state-dict keys of the authors' checkpoints. Every module here
+requires the torch extra.
+"""

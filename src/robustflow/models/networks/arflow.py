@@ -13,9 +13,10 @@ from .blocks.warp import warp
 
 
 class ReducedDenseEstimator(nn.Module):
-    """Correlation, reduced feature and flow to a flow residual; each layer is fed the outputs of the two before it.
+    """The decoder of a level, from correlation, reduced features and flow to a flow residual. Each layer receives the
+    outputs of the two previous layers.
 
-    Keys: `conv1.0 ... conv5.0 predict_flow.0`.
+    State-dict keys: `conv1.0 ... conv5.0 predict_flow.0`.
     """
 
     def __init__(self, inputs: int) -> None:
@@ -28,7 +29,7 @@ class ReducedDenseEstimator(nn.Module):
         self.predict_flow = conv(64 + 32, 2, linear=True)
 
     def forward(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """The last features (N, 32, H, W) and the residual (N, 2, H, W) in pixels of this level."""
+        """Return the last features (N, 32, H, W) and the residual (N, 2, H, W) in pixels of this level."""
         c1 = self.conv1(inputs)
         c2 = self.conv2(c1)
         c3 = self.conv3(torch.cat((c1, c2), dim=1))
@@ -40,7 +41,8 @@ class ReducedDenseEstimator(nn.Module):
 class ARFlow(nn.Module):
     """PWC-lite: one coarse-to-fine pass over five levels with one decoder.
 
-    Images are RGB in 0..1, float (N, 3, H, W), H and W multiples of 64. Keys are those of the authors' files.
+    Images are RGB in 0..1, float (N, 3, H, W), H and W multiples of 64. State-dict keys are those of the authors'
+    files.
     """
 
     def __init__(self) -> None:
@@ -51,22 +53,21 @@ class ARFlow(nn.Module):
         self.conv_1x1 = nn.ModuleList(conv(channels, 32, kernel=1) for channels in (192, 128, 96, 64, 32))
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""
+        """Return the flow from image 1 to image 2, (N, 2, H, W) in pixels."""
         return self.flows(self.features(image1), self.features(image2))[0]
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        """The flows of both directions per level, as `flows` returns them."""
+        """Return the flows of both directions per level, in the format of `flows`."""
         features1, features2 = self.features(image1), self.features(image2)
         return self.flows(features1, features2), self.flows(features2, features1)
 
     def features(self, image: Tensor) -> list[Tensor]:
-        """The pyramid of an image, finest (1/2) first."""
+        """Return the feature pyramid of an image, finest level (1/2) first."""
         return self.feature_pyramid_extractor(image)
 
     def flows(self, features1: list[Tensor], features2: list[Tensor]) -> list[Tensor]:
-        """One flow per level, finest first, each at four times its level's size, in pixels of that size.
-
-        Swap the pyramids for the backward flow.
+        """Return one flow per level, finest first, each upsampled to four times its level's size and in pixels of that
+        size. Swap the pyramids for the backward flow.
         """
         coarse_to_fine = list(zip(features1[:0:-1], features2[:0:-1], self.conv_1x1, strict=True))
         flow = torch.zeros_like(coarse_to_fine[0][0][:, :2], dtype=torch.float32)

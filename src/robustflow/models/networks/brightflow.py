@@ -18,7 +18,10 @@ HIDDEN = CONTEXT = 128
 
 
 class UpdateBlock(nn.Module):
-    """One recurrent step, and the mask that upsamples its flow. Keys: `encoder gru flow_head mask.0 mask.2`."""
+    """One recurrent update and the mask that upsamples its flow.
+
+    State-dict keys: `encoder gru flow_head mask.0 mask.2`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,20 +31,21 @@ class UpdateBlock(nn.Module):
         self.mask = mask_layers(HIDDEN)
 
     def forward(self, state: Tensor, context: Tensor, correlation: Tensor, flow: Tensor) -> tuple[Tensor, Tensor]:
-        """The new state (N, 128, H, W) and the flow's residual (N, 2, H, W), in pixels of this resolution."""
+        """Return the new state (N, 128, H, W) and the flow residual (N, 2, H, W), in pixels of this resolution."""
         motion = self.encoder(flow, correlation)
         state = self.gru(state, torch.cat((context, motion), dim=1))
         return state, self.flow_head(state)
 
 
 class BrightFlow(nn.Module):
-    """RAFT trained without labels. The brightness corrector that names the method is used in training only.
+    """RAFT trained without labels. The brightness corrector, after which the method is named, is used only in training.
 
-    Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. Keys are those of the authors' files without
-    `module.`; they start with `model.`, next to `corrector.` and others that only training needs.
+    Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. State-dict keys are those of the authors' files
+    without `module.`; they start with `model.`. The files also contain `corrector.` and other entries that only
+    training needs.
 
     Args:
-        iterations: of the recurrent update.
+        iterations: number of recurrent updates.
     """
 
     def __init__(self, iterations: int = 12) -> None:
@@ -52,17 +56,17 @@ class BrightFlow(nn.Module):
         )
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """The flow from image 1 to image 2 after the last iteration, (N, 2, H, W) in pixels."""
+        """Return the flow from image 1 to image 2 after the last iteration, (N, 2, H, W) in pixels."""
         for flow, state in self._iterate(image1, image2):
             last = flow, state
         return self._enlarge(*last)
 
     def flows(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """The flow after each iteration, (N, 2, H, W) in pixels."""
+        """Return the flow after each iteration, (N, 2, H, W) in pixels."""
         return [self._enlarge(flow, state) for flow, state in self._iterate(image1, image2)]
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        """The flows of both directions after each iteration."""
+        """Return the flows of both directions after each iteration."""
         return self.flows(image1, image2), self.flows(image2, image1)
 
     def _iterate(self, image1: Tensor, image2: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
@@ -77,5 +81,5 @@ class BrightFlow(nn.Module):
             yield target - origin, state
 
     def _enlarge(self, flow: Tensor, state: Tensor) -> Tensor:
-        # A quarter of the logits, as in RAFT, which balances the gradients in training.
+        # The logits are divided by four, as in RAFT, to balance the gradients in training.
         return convex_upsample(flow, 0.25 * self.model["update_block"].mask(state), 8)

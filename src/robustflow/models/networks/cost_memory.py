@@ -15,7 +15,10 @@ _WIDTH, _TOKENS, _HEADS, _DEPTH = 128, 8, 8, 3
 
 
 class CostPatchEmbedding(nn.Module):
-    """Cost maps to one token per 8 x 8 pixels. Keys: `proj.{0,2,4} ffn_with_coord.{0,2} norm`."""
+    """Embed cost maps as one token per 8 x 8 pixels.
+
+    State-dict keys: `proj.{0,2,4} ffn_with_coord.{0,2} norm`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -31,7 +34,7 @@ class CostPatchEmbedding(nn.Module):
         self.norm = nn.LayerNorm(_WIDTH)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """(M, 1, H, W) to (M, ceil(H / 8) * ceil(W / 8), 128)."""
+        """Map (M, 1, H, W) to (M, ceil(H / 8) * ceil(W / 8), 128)."""
         x = self.proj(F.pad(maps, (0, -maps.shape[3] % 8, 0, -maps.shape[2] % 8)))
         centres = 8 * pixel_grid(x[:1]) + 4
         code = linear_sine(centres.permute(0, 2, 3, 1), _WIDTH // 2).permute(0, 3, 1, 2)
@@ -40,9 +43,9 @@ class CostPatchEmbedding(nn.Module):
 
 
 class LatentAttention(nn.Module):
-    """Pre-norm attention of latent tokens, to others or among themselves, and an MLP of the same width.
+    """Pre-norm attention of latent tokens, to other tokens or among themselves, and an MLP of the same width.
 
-    Keys: `norm1 norm2 q k v proj ffn.{0,3}`.
+    State-dict keys: `norm1 norm2 q k v proj ffn.{0,3}`.
     """
 
     def __init__(self) -> None:
@@ -53,11 +56,13 @@ class LatentAttention(nn.Module):
         self.k = nn.Linear(_WIDTH, _WIDTH)
         self.v = nn.Linear(_WIDTH, _WIDTH)
         self.proj = nn.Linear(_WIDTH, _WIDTH)
-        # The third entry in the checkpoints' numbering is a dropout that was trained at rate 0.
+        # The third entry in the checkpoints' numbering is a dropout layer with rate 0.
         self.ffn = nn.Sequential(nn.Linear(_WIDTH, _WIDTH), nn.GELU(), nn.Identity(), nn.Linear(_WIDTH, _WIDTH))
 
     def forward(self, x: Tensor, others: Tensor | None = None) -> Tensor:
-        """Tokens (M, K, 128), attending to `others` (M, L, 128), which are not normalised, or to themselves."""
+        """Update tokens (M, K, 128) by attention to `others` (M, L, 128), which are not normalised,
+        or to themselves.
+        """
         query = self.norm1(x)
         target = query if others is None else others
         x = x + self.proj(attend(self.q(query), self.k(target), self.v(target), _HEADS))
@@ -65,9 +70,9 @@ class LatentAttention(nn.Module):
 
 
 class CostPerceiver(nn.Module):
-    """Cost maps to latent tokens.
+    """Encode cost maps as latent tokens.
 
-    Keys: `latent_tokens patch_embed input_layer encoder_layers vertical_encoder_layers`.
+    State-dict keys: `latent_tokens patch_embed input_layer encoder_layers vertical_encoder_layers`.
     """
 
     def __init__(self) -> None:
@@ -79,7 +84,7 @@ class CostPerceiver(nn.Module):
         self.vertical_encoder_layers = nn.ModuleList(VerticalAttention() for _ in range(_DEPTH))
 
     def forward(self, cost_maps: Tensor, context: Tensor) -> Tensor:
-        """(N * H * W, 1, H, W) and context (N, 256, H, W) to (N * H * W, 8, 128)."""
+        """Map cost maps (N * H * W, 1, H, W) and context (N, 256, H, W) to latent tokens (N * H * W, 8, 128)."""
         context = context.permute(0, 2, 3, 1)
         n, height, width, _ = context.shape
         latent = self.latent_tokens.expand(len(cost_maps), -1, -1)
@@ -92,7 +97,10 @@ class CostPerceiver(nn.Module):
 
 
 class MemoryEncoder(nn.Module):
-    """Two images to cost maps and cost memory. Keys: `feat_encoder channel_convertor cost_perceiver_encoder`."""
+    """Compute cost maps and cost memory from two images.
+
+    State-dict keys: `feat_encoder channel_convertor cost_perceiver_encoder`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -101,10 +109,10 @@ class MemoryEncoder(nn.Module):
         self.cost_perceiver_encoder = CostPerceiver()
 
     def forward(self, image1: Tensor, image2: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Images (N, 3, 8 * H, 8 * W) in -1..1 and context (N, 256, H, W).
+        """Encode images (N, 3, 8 * H, 8 * W) in -1..1 with context (N, 256, H, W).
 
         Returns:
-            cost maps (N * H * W, 1, H, W), unscaled dot products, and memory (N * H * W, 8, 128).
+            The cost maps (N * H * W, 1, H, W), which are unscaled dot products, and the memory (N * H * W, 8, 128).
         """
         features = self.channel_convertor(self.feat_encoder(torch.cat((image1, image2))))
         features1, features2 = features.chunk(2)

@@ -1,4 +1,4 @@
-"""The denoising decoder of FlowDiffuser (Luo et al., CVPR 2024): an update conditioned on the noise level."""
+"""The denoising decoder of FlowDiffuser (Luo et al., CVPR 2024): a recurrent update conditioned on the noise level."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ class _TimedConv(nn.Module):
 
 
 class Denoiser(nn.Module):
-    """Conditions a `SkUpdate` on time. Keys: `conv_ee time_mlp.{1,3} block_time_mlp.1`."""
+    """A layer that conditions an `SkUpdate` on time.
+
+    State-dict keys: `conv_ee time_mlp.{1,3} block_time_mlp.1`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.conv_ee = _TimedConv()
-        # Entry 0 in the checkpoints' numbering is the code of the time, which has no weights.
+        # Entry 0 in the checkpoints' numbering is the time code, which has no weights.
         self.time_mlp = nn.Sequential(nn.Identity(), nn.Linear(_CODE, 512), nn.GELU(), nn.Linear(512, 512))
         self.block_time_mlp = nn.Sequential(nn.SiLU(), nn.Linear(512, 256))
 
@@ -44,16 +47,16 @@ class Denoiser(nn.Module):
         attention: Tensor,
         time: int,
     ) -> Tensor:
-        """The new hidden state (N, 128, H, W).
+        """Return the new hidden state (N, 128, H, W).
 
         Args:
-            update: the weights of the update itself, shared with the refinement.
-            net: state (N, 128, H, W).
-            context: (N, 128, H, W).
-            correlation: (N, 324, H, W), looked up at the flow.
-            flow: (N, 2, H, W), pixels of this resolution.
-            attention: `Aggregator.attention` of the context.
-            time: 0 (clean) to 999 (noise).
+            update: update block, shared with the refinement.
+            net: hidden state, (N, 128, H, W).
+            context: context features, (N, 128, H, W).
+            correlation: correlation looked up at the flow, (N, 324, H, W).
+            flow: current flow in pixels of this resolution, (N, 2, H, W).
+            attention: attention of the context from `Aggregator.attention`.
+            time: diffusion time, from 0 (clean) to 999 (noise).
         """
         code = self.block_time_mlp(self.time_mlp(time_code(time, _CODE, net)))
         scale, shift = code[:, :, None, None].chunk(2, dim=1)

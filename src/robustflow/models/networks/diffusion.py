@@ -14,14 +14,14 @@ STEPS = 1000
 
 
 def cosine_betas(steps: int = STEPS, offset: float = 0.008) -> Tensor:
-    """Noise variances, float64 (steps,), at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
+    """Return the noise variances, float64 (steps,), at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
     time = torch.linspace(0, steps, steps + 1, dtype=torch.float64) / steps
     kept = torch.cos((time + offset) / (1 + offset) * math.pi / 2) ** 2
     return (1 - kept[1:] / kept[:-1]).clamp(0, 0.999)
 
 
 def register_schedule(module: nn.Module) -> None:
-    """Give `module` the twelve float64 buffers of the checkpoints; only `alphas_cumprod` is used for prediction."""
+    """Register the checkpoints' twelve float64 buffers on `module`; only `alphas_cumprod` is used for prediction."""
     betas = cosine_betas()
     kept = torch.cumprod(1 - betas, dim=0)
     before = torch.cat((kept.new_ones(1), kept[:-1]))
@@ -45,7 +45,7 @@ def register_schedule(module: nn.Module) -> None:
 
 
 def sampling_times(rounds: int = 4) -> list[int]:
-    """The times at which the sampler denoises, from the noisiest down.
+    """Return the times at which the sampler denoises, in descending order of noise.
 
     >>> sampling_times()
     [999, 749, 499, 249]
@@ -54,7 +54,7 @@ def sampling_times(rounds: int = 4) -> list[int]:
 
 
 def initial_noise(seed: int, height: int, width: int) -> Tensor:
-    """What the sampler starts from: standard normal, float32 (1, 2, height, width), the same on every machine.
+    """Return the sampler's initial noise: standard normal, float32 (1, 2, height, width), the same on every machine.
 
     >>> initial_noise(0, 2, 3).equal(initial_noise(0, 2, 3))
     True
@@ -64,20 +64,20 @@ def initial_noise(seed: int, height: int, width: int) -> Tensor:
 
 
 def renoise(noisy: Tensor, clean: Tensor, kept: Tensor, kept_next: Tensor) -> Tensor:
-    """The sample at the next time, without fresh noise (Song et al. 2021, equation 12, sigma 0).
+    """Return the sample at the next time, without adding noise (Song et al. 2021, equation 12, sigma 0).
 
     Args:
-        noisy: the sample now.
-        clean: the estimate of what it would be without noise; same shape.
-        kept: `alphas_cumprod` now, float64 scalar; the result is float64 too.
-        kept_next: `alphas_cumprod` at the next time.
+        noisy: sample at the current time.
+        clean: estimate of the noise-free sample, same shape.
+        kept: `alphas_cumprod` at the current time, float64 scalar; the result is float64 as well.
+        kept_next: `alphas_cumprod` at the next time, float64 scalar.
     """
     noise = (noisy - kept.sqrt() * clean) / (1 - kept).sqrt()
     return kept_next.sqrt() * clean + (1 - kept_next).sqrt() * noise
 
 
 def time_code(time: float, channels: int, like: Tensor) -> Tensor:
-    """Sinusoidal code of a time, (1, channels): sines, then cosines (Vaswani et al. 2017)."""
+    """Return the sinusoidal code of a time, (1, channels): sines, then cosines (Vaswani et al. 2017)."""
     half = channels // 2
     rates = torch.exp(torch.arange(half, device=like.device) * (-math.log(10000) / (half - 1)))
     return torch.cat(((time * rates).sin(), (time * rates).cos()))[None].to(like.dtype)

@@ -17,22 +17,23 @@ from .window_volume import WindowVolume
 
 _ITERATIONS = 6
 _REACH = 0.1
-"""Fraction of the map's size by which a sample of 1 moves a pixel."""
+"""Displacement that a sample value of 1 denotes, as a fraction of the map's size."""
 
 
 class FlowDiffuser(nn.Module):
-    """The published model; keys are those of the authors' checkpoints.
+    """The published model; state-dict keys are those of the authors' checkpoints.
 
-    The number of steps is part of the method: four of denoising with six iterations each, then six at 1/4.
+    The number of steps is part of the method: four denoising steps with six iterations each, then six iterations at
+    1/4.
 
     Args:
-        seed: of the noise where none is given.
+        seed: the seed for the initial noise if no noise is given.
     """
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
         self.seed = seed
-        # Constants that the checkpoints contain: a placeholder, and the factor between normalised flow and sample.
+        # Constants in the checkpoints: a placeholder, and the factor between normalised flow and sample.
         self.zero = nn.Parameter(torch.zeros(12), requires_grad=False)
         self.scale = nn.Parameter(torch.full((1,), 0.5), requires_grad=False)
         register_schedule(self)
@@ -47,26 +48,26 @@ class FlowDiffuser(nn.Module):
         self.update_dfm = Denoiser()
 
     def encode(self, encoder: Twins, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Features at 1/8 and at 1/4: the second stage runs twice with the same weights."""
+        """Return the features at 1/8 and at 1/4; the second stage runs twice with the same weights."""
         quarter = encoder.stage(0, image)
         return encoder.stage(1, quarter), encoder.stage(1, quarter, dense=True)
 
     def forward(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> Tensor:
-        """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
+        """Return the flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
         return self.flows(image1, image2, noise)[0][-1]
 
     def flows(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> tuple[list[Tensor], Tensor]:
-        """The flow after each denoising step and after the refinement.
+        """Return the flow after each denoising step and after the refinement.
 
         Args:
-            image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 8.
-            image2: the same.
-            noise: (N, 2, H / 8, W / 8), from the standard normal distribution, the only source of randomness; by
-                default `initial_noise` of the seed, the same for every pair of one size.
+            image1: first image, RGB in 0..255, (N, 3, H, W) with H and W multiples of 8.
+            image2: second image, same format as `image1`.
+            noise: standard normal noise, the only source of randomness, (N, 2, H / 8, W / 8); by default
+                `initial_noise` from the seed, the same for all pairs of equal size.
 
         Returns:
-            full-resolution flows (N, 2, H, W) in pixels, after each denoising step and after the refinement; and the
-            flow at 1/4 (N, 2, H / 4, W / 4), in its own pixels.
+            The full-resolution flows (N, 2, H, W) in pixels after each denoising step and after the refinement, and the
+            flow at 1/4 resolution, (N, 2, H / 4, W / 4), in pixels of that resolution.
         """
         image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
         pyramid, features4, context8, context4 = self._encoded(image1, image2)
@@ -79,13 +80,13 @@ class FlowDiffuser(nn.Module):
     def denoised_predictions(
         self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor
     ) -> list[Tensor]:
-        """What it is trained on: one denoising step from the true flow under noise, and the refinement.
+        """Compute the training predictions: one denoising step from the noisy ground truth, and the refinement.
 
         Args:
-            image1, image2: as for `flows`.
-            truth: (N, 2, H, W) in pixels.
-            time: of the noise, 0 (hardly any) to 999.
-            noise: standard normal, (N, 2, H / 8, W / 8).
+            image1, image2: pair of images, same format as for `flows`.
+            truth: ground-truth flow in pixels, (N, 2, H, W).
+            time: diffusion time, from 0 (almost no noise) to 999.
+            noise: standard normal noise, (N, 2, H / 8, W / 8).
 
         Returns:
             The flow after each iteration at full resolution: six of the denoising step, six of the refinement.
@@ -107,7 +108,9 @@ class FlowDiffuser(nn.Module):
         ]
 
     def _encoded(self, image1: Tensor, image2: Tensor) -> tuple[CorrelationPyramid, Tensor, Tensor, Tensor]:
-        """Correlations at 1/8, both images' features at 1/4, the context at 1/8 and at 1/4, of values -1..1."""
+        """Return the correlations at 1/8, both images' features at 1/4, and the context at 1/8 and 1/4, for images in
+        -1..1.
+        """
         features8, features4 = self.encode(self.fnet, torch.cat((image1, image2)))
         context8, context4 = self.encode(self.cnet, image1)
         features1, features2 = features8.chunk(2)
@@ -136,7 +139,7 @@ class FlowDiffuser(nn.Module):
     def _rounds(
         self, pyramid: CorrelationPyramid, inp: Tensor, attention: Tensor, net: Tensor, target: Tensor, time: int
     ) -> list[tuple[Tensor, Tensor]]:
-        """State and target after each iteration of a denoising step."""
+        """Return the state and the target after each iteration of a denoising step."""
         start, states = pixel_grid(inp), []
         for iteration in range(_ITERATIONS):
             target = target.detach()
@@ -148,7 +151,9 @@ class FlowDiffuser(nn.Module):
         return states
 
     def _refined(self, features: Tensor, context: Tensor, net: Tensor, flow: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """State and flow at 1/4, in its own pixels, after each iteration of the refinement."""
+        """Return the state and the flow at 1/4, in pixels of that resolution, after each iteration
+        of the refinement.
+        """
         enlarge = {"size": context.shape[2:], "mode": "bilinear", "align_corners": True}
         flow, net = F.interpolate(2 * flow, **enlarge), F.interpolate(net, **enlarge)
         start = pixel_grid(context)
@@ -165,5 +170,5 @@ class FlowDiffuser(nn.Module):
 
 
 def _size(context: Tensor) -> Tensor:
-    """(W, H) of a map (N, C, H, W), (2, 1, 1)."""
+    """Return (W, H) of a map (N, C, H, W) as a tensor (2, 1, 1)."""
     return context.new_tensor((context.shape[3], context.shape[2]))[:, None, None]

@@ -1,4 +1,6 @@
-"""FlowFormer's recurrent decoder: queries the cost memory at the flow's current target (Huang et al. 2022, 3.3)."""
+"""FlowFormer's recurrent decoder, which queries the cost memory at the current target of the flow (Huang et al. 2022,
+3.3).
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ _WINDOW = (2 * _RADIUS + 1) ** 2
 
 
 class MemoryQuery(nn.Module):
-    """One query token per pixel against the tokens of its cost memory. Keys: `norm1 norm2 q k v proj ffn.{0,3}`."""
+    """Cross-attention of one query token per pixel to the tokens of its cost memory.
+
+    State-dict keys: `norm1 norm2 q k v proj ffn.{0,3}`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -27,11 +32,13 @@ class MemoryQuery(nn.Module):
         self.k = nn.Linear(_MEMORY, _QUERY)
         self.v = nn.Linear(_MEMORY, _QUERY)
         self.proj = nn.Linear(2 * _QUERY, _QUERY)
-        # The third entry in the checkpoints' numbering is a dropout that was trained at rate 0.
+        # The third entry in the checkpoints' numbering is a dropout layer with rate 0.
         self.ffn = nn.Sequential(nn.Linear(_QUERY, _QUERY), nn.GELU(), nn.Identity(), nn.Linear(_QUERY, _QUERY))
 
     def forward(self, token: Tensor, coordinates: Tensor, key: Tensor, value: Tensor) -> Tensor:
-        """Tokens (M, 1, 64), target coordinates (M, 1, 2) in pixels, keys and values (M, 8, 64); gives (M, 1, 64)."""
+        """Map tokens (M, 1, 64), target coordinates (M, 1, 2) in pixels, and keys and values (M, 8,
+        64) to (M, 1, 64).
+        """
         query = self.q(self.norm1(token) + linear_sine(coordinates, _QUERY).to(token.dtype))
         attended = attend(query, key, value, _HEADS)
         token = token + self.proj(torch.cat((attended, token), dim=-1))
@@ -55,7 +62,10 @@ class _Aggregator(nn.Module):
 
 
 class UpdateBlock(nn.Module):
-    """GMA's update of the hidden state. Keys: `encoder gru flow_head mask.{0,2} aggregator`."""
+    """The hidden-state update of GMA.
+
+    State-dict keys: `encoder gru flow_head mask.{0,2} aggregator`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -66,13 +76,13 @@ class UpdateBlock(nn.Module):
         self.aggregator = _Aggregator()
 
     def forward(self, net: Tensor, inp: Tensor, costs: Tensor, flow: Tensor, attention: Tensor) -> Tensor:
-        """The new hidden state (N, 128, H, W)."""
+        """Return the new hidden state (N, 128, H, W)."""
         motion = self.encoder(flow, costs)
         return self.gru(net, torch.cat((inp, motion, self.aggregator(attention, motion)), dim=1))
 
 
 class _RelativePositions(nn.Module):
-    """Tables that the checkpoints contain but the published model does not use."""
+    """Position tables that the checkpoints contain but the published model does not use."""
 
     def __init__(self, size: int = 160) -> None:
         super().__init__()
@@ -93,7 +103,9 @@ class _ContextAttention(nn.Module):
 
 
 class MemoryDecoder(nn.Module):
-    """Keys: `flow_token_encoder.{0,2} proj decoder_layer.cross_attend update_block att`."""
+    """Decode the flow recurrently from the cost memory.
+
+    State-dict keys: `flow_token_encoder.{0,2} proj decoder_layer.cross_attend update_block att`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -106,11 +118,11 @@ class MemoryDecoder(nn.Module):
     def forward(
         self, cost_maps: Tensor, memory: Tensor, context: Tensor, iterations: int, every: bool
     ) -> tuple[list[Tensor], Tensor]:
-        """Cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H, W) to flow.
+        """Decode the flow from cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H, W).
 
         Returns:
-            full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, of every iteration if `every` (for the loss), else
-            of the last one; and the last flow (N, 2, H, W) at 1/8, in its own pixels.
+            The full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, from every iteration if `every` is true (for the
+            loss), otherwise from the last; and the last flow (N, 2, H, W) at 1/8, in pixels of that resolution.
         """
         net, inp = self.proj(context).chunk(2, dim=1)
         net, inp = net.tanh(), inp.relu()

@@ -1,4 +1,6 @@
-"""The feature transformer of FlowDiffuser: each image in shifted windows, then each attending to the other."""
+"""The feature transformer of FlowDiffuser: self-attention in shifted windows of each image, then cross-attention
+between the images.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,15 @@ _WIDTH, _WINDOW = 256, 8
 
 
 def mask_bias(labels: Tensor) -> Tensor:
-    """-100 on the logits of every pair with different labels: (..., N) to (..., N, N)."""
+    """Return a bias of -100 for the logits of token pairs with different labels; (..., N) gives (..., N, N)."""
     return (labels[..., :, None] != labels[..., None, :]).to(torch.float32) * -100
 
 
 class Attention(nn.Module):
-    """One head. Keys: `q k v proj`."""
+    """Single-head attention.
+
+    State-dict keys: `q k v proj`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,7 +33,7 @@ class Attention(nn.Module):
         self.proj = nn.Linear(_WIDTH, _WIDTH)
 
     def forward(self, x: Tensor, other: Tensor, bias: Tensor) -> Tensor:
-        """(..., N, 256) attending to (..., M, 256)."""
+        """Map (..., N, 256) attending to (..., M, 256)."""
         return self.proj(attend(self.q(x), self.k(other), self.v(other), bias=bias.to(x.dtype)))
 
 
@@ -37,10 +42,12 @@ def _mlp() -> nn.Sequential:
 
 
 class WindowBlock(nn.Module):
-    """Self-attention in windows of 8 x 8. Keys: `layer_norm1 layer_norm2 self_attn mlp`.
+    """Self-attention in windows of 8 x 8.
+
+    State-dict keys: `layer_norm1 layer_norm2 self_attn mlp`.
 
     Args:
-        shift: pixels by which the windows are moved down and right; the map wraps around, masked.
+        shift: shift of the windows down and right in pixels; the map wraps around, with masking.
     """
 
     def __init__(self, shift: int) -> None:
@@ -52,10 +59,12 @@ class WindowBlock(nn.Module):
         self.mlp = _mlp()
 
     def forward(self, x: Tensor, labels: Tensor) -> Tensor:
-        """(N, H, W, 256), H and W multiples of 8; pixels with different `labels` (H, W) do not attend to each other."""
+        """Update a map (N, H, W, 256), H and W multiples of 8; pixels with different `labels` (H, W) do not attend to
+        each other.
+        """
         height, width = labels.shape
         if self.shift:
-            # In addition to the given labels, pixels that the shift brings together from opposite edges stay apart.
+            # The shift also brings pixels from opposite edges together, which must not attend to each other.
             y, x_ = (torch.arange(size, device=x.device) for size in (height, width))
             wrapped = 2 * (y < self.shift).long()[:, None] + (x_ < self.shift).long()
             labels = 4 * labels + wrapped
@@ -68,7 +77,10 @@ class WindowBlock(nn.Module):
 
 
 class CrossBlock(nn.Module):
-    """Global attention of one image to the other. Keys: `layer_norm1 layer_norm2 layer_norm3 cross_attn mlp`."""
+    """Global cross-attention from one image to the other.
+
+    State-dict keys: `layer_norm1 layer_norm2 layer_norm3 cross_attn mlp`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,13 +91,18 @@ class CrossBlock(nn.Module):
         self.mlp = _mlp()
 
     def forward(self, x: Tensor, other: Tensor, bias: Tensor) -> Tensor:
-        """Tokens (N, H * W, 256) of both images; `bias` (H * W, H * W)."""
+        """Update tokens (N, H * W, 256) by attention to those of the second image, with `bias` (H * W, H * W) on the
+        logits.
+        """
         x = x + self.cross_attn(self.layer_norm1(x), self.layer_norm2(other), bias)
         return x + self.mlp(self.layer_norm3(x))
 
 
 class Layer(nn.Module):
-    """Two window blocks and, in the first layer only, a cross block. Keys: `blocks cross_transformer`."""
+    """A layer of two window blocks and, in the first layer only, a cross-attention block.
+
+    State-dict keys: `blocks cross_transformer`.
+    """
 
     def __init__(self, cross: bool) -> None:
         super().__init__()
@@ -94,14 +111,14 @@ class Layer(nn.Module):
             self.cross_transformer = CrossBlock()
 
     def forward(self, x: Tensor, labels: Tensor) -> Tensor:
-        """Image 1 and image 2 stacked, (2 * N, H, W, 256)."""
+        """Update the features of images 1 and 2, stacked along the batch axis, (2 * N, H, W, 256)."""
         for block in self.blocks:
             x = block(x, labels)
         if not hasattr(self, "cross_transformer"):
             return x
         first, second = x.flatten(1, 2).chunk(2)
         bias = mask_bias(labels.flatten())
-        # The block has its own residuals; the published model adds another around it.
+        # The block contains residuals already; the published model adds a further one around the block.
         second = second + self.cross_transformer(second, first, bias)
         first = first + self.cross_transformer(first, second, bias)
         return torch.cat((first, second)).view(x.shape)
@@ -114,14 +131,19 @@ class _Body(nn.Module):
 
 
 class PairTransformer(nn.Module):
-    """Features of both images, each informed by the other. Keys: `tb.blocks`."""
+    """The transformer that enhances the features of both images by attention between them.
+
+    State-dict keys: `tb.blocks`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.tb = _Body()
 
     def forward(self, features1: Tensor, features2: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 256, H, W) each; any size: padded here to whole windows, at the top and on both sides, and masked."""
+        """Update features (N, 256, H, W) of any size; they are padded to whole windows at the top and on both sides,
+        and masked.
+        """
         _, _, height, width = features1.shape
         over_x, over_y = -width % _WINDOW, -height % _WINDOW
         left = over_x // 2

@@ -7,9 +7,11 @@ from torch import Tensor, nn
 
 
 class ResidualBlock(nn.Module):
-    """Two 3 x 3 convolutions beside a shortcut. Keys: `conv1 conv2`, and `downsample.0` where the stride is 2.
+    """A residual block: two 3 x 3 convolutions with a shortcut connection.
 
-    Instance normalisation here has no weights and no running statistics, so no keys.
+    State-dict keys: `conv1 conv2`, and `downsample.0` if the stride is 2.
+
+    Instance normalisation is used without weights and running statistics, so it has no keys.
     """
 
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:
@@ -19,7 +21,7 @@ class ResidualBlock(nn.Module):
         self.downsample = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride)) if stride > 1 else None
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, inputs, H, W) to (N, outputs, H / stride, W / stride), rounded up."""
+        """Map (N, inputs, H, W) to (N, outputs, H / stride, W / stride), rounded up."""
         y = F.relu(F.instance_norm(self.conv1(x)))
         y = F.relu(F.instance_norm(self.conv2(y)))
         if self.downsample is not None:
@@ -28,13 +30,13 @@ class ResidualBlock(nn.Module):
 
 
 class ResidualEncoder(nn.Module):
-    """A 7 x 7 convolution with stride 2, three stages of two residual blocks, a 1 x 1 convolution.
+    """RAFT's encoder: a 7 x 7 convolution with stride 2, three stages of two residual blocks, and a 1 x 1 convolution.
 
     Args:
-        outputs: channels at 1/8.
-        inputs: channels of the image.
+        outputs: number of output channels, at 1/8 resolution.
+        inputs: number of channels of the image.
 
-    Keys: `conv1`, `layer<1..3>.<0|1>.*`, `conv2`.
+    State-dict keys: `conv1`, `layer<1..3>.<0|1>.*`, `conv2`.
     """
 
     def __init__(self, outputs: int = 256, inputs: int = 3) -> None:
@@ -46,6 +48,6 @@ class ResidualEncoder(nn.Module):
         self.conv2 = nn.Conv2d(128, outputs, 1)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(N, inputs, H, W) in -1..1 to (N, outputs, H / 8, W / 8)."""
+        """Map images (N, inputs, H, W) in -1..1 to (N, outputs, H / 8, W / 8)."""
         x = F.relu(F.instance_norm(self.conv1(image)))
         return self.conv2(self.layer3(self.layer2(self.layer1(x))))

@@ -1,4 +1,6 @@
-"""How SAMFlow joins SAM's features to the flow network's context (Zhou et al. 2024): fusion, task token, adapter."""
+"""SAMFlow's combination of SAM's features with the flow network's context (Zhou et al. 2024):
+fusion, task token, adapter.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,11 @@ _WIDTH, _HEADS = 256, 8
 
 
 class FusionBlock(nn.Module):
-    """Two convolutions with group norm and a residual. Keys: `conv1 conv2 norm1 norm2` and, where the number of
-    channels changes, `norm3 downsample.{0,1}`; `norm3` and `downsample.1` are one module."""
+    """A residual block of two convolutions with group norm.
+
+    State-dict keys: `conv1 conv2 norm1 norm2` and, if the number of channels changes, `norm3 downsample.{0,1}`; `norm3`
+    and `downsample.1` are the same module.
+    """
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -29,14 +34,17 @@ class FusionBlock(nn.Module):
             self.downsample = nn.Sequential(nn.Conv2d(inputs, _WIDTH, 1), self.norm3)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, inputs, H, W) to (N, 256, H, W)."""
+        """Map (N, inputs, H, W) to (N, 256, H, W)."""
         y = F.relu(self.norm1(self.conv1(x)))
         y = F.relu(self.norm2(self.conv2(y)))
         return F.relu(y + (x if self.downsample is None else self.downsample(x)))
 
 
 class Attention(nn.Module):
-    """Attention with eight heads and its own inner width. Keys: `q_proj k_proj v_proj out_proj`."""
+    """Attention with eight heads and a configurable inner width.
+
+    State-dict keys: `q_proj k_proj v_proj out_proj`.
+    """
 
     def __init__(self, inner: int) -> None:
         super().__init__()
@@ -46,7 +54,7 @@ class Attention(nn.Module):
         self.out_proj = nn.Linear(inner, _WIDTH)
 
     def forward(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
-        """(N, Q, 256), (N, K, 256), (N, K, 256) to (N, Q, 256)."""
+        """Map queries (N, Q, 256), keys (N, K, 256) and values (N, K, 256) to (N, Q, 256)."""
         return self.out_proj(attend(self.q_proj(query), self.k_proj(key), self.v_proj(value), _HEADS))
 
 
@@ -61,12 +69,11 @@ class _Mlp(nn.Module):
 
 
 class TwoWayBlock(nn.Module):
-    """Attention among the tokens and from tokens to image, an MLP, attention from image to tokens.
-
-    A residual and a norm follow each.
+    """A two-way block: attention among the tokens, attention from tokens to image, an MLP, and attention from image to
+    tokens, each followed by a residual and a norm.
 
     Args:
-        first: the first block attends among the tokens without positions and without a residual.
+        first: whether this is the first block, whose attention among the tokens has no position codes and no residual.
     """
 
     def __init__(self, first: bool) -> None:
@@ -82,7 +89,7 @@ class TwoWayBlock(nn.Module):
         self.cross_attn_image_to_token = Attention(_WIDTH // 2)
 
     def forward(self, tokens: Tensor, image: Tensor, token_code: Tensor, image_code: Tensor) -> tuple[Tensor, Tensor]:
-        """Tokens (N, T, 256) and image (N, H * W, 256), with their position codes, to the same shapes."""
+        """Update tokens (N, T, 256) and image (N, H * W, 256), given their position codes; shapes are unchanged."""
         if self.first:
             tokens = self.self_attn(tokens, tokens, tokens)
         else:
@@ -96,8 +103,10 @@ class TwoWayBlock(nn.Module):
 
 
 class TwoWayTransformer(nn.Module):
-    """Segment Anything's mask transformer (Kirillov et al. 2023, appendix A). Keys: `layers final_attn_token_to_image
-    norm_final_attn`."""
+    """The mask transformer of Segment Anything (Kirillov et al. 2023, appendix A).
+
+    State-dict keys: `layers final_attn_token_to_image norm_final_attn`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -106,7 +115,9 @@ class TwoWayTransformer(nn.Module):
         self.norm_final_attn = nn.LayerNorm(_WIDTH)
 
     def forward(self, tokens: Tensor, image: Tensor, image_code: Tensor) -> tuple[Tensor, Tensor]:
-        """Updated tokens (N, T, 256) and image (N, H * W, 256); the input tokens are their own position codes."""
+        """Return updated tokens (N, T, 256) and image (N, H * W, 256); the input tokens also serve
+        as position codes.
+        """
         token_code = tokens
         for layer in self.layers:
             tokens, image = layer(tokens, image, token_code, image_code)
@@ -115,14 +126,14 @@ class TwoWayTransformer(nn.Module):
 
 
 class _RandomFourier(nn.Module):
-    """Position codes from a learned matrix, initialised with random frequencies."""
+    """Position codes from a learned frequency matrix with random initialisation."""
 
     def __init__(self) -> None:
         super().__init__()
         self.positional_encoding_gaussian_matrix = nn.Parameter(torch.randn(2, _WIDTH // 2))
 
     def forward(self, height: int, width: int) -> Tensor:
-        """(height * width, 256)."""
+        """Return the position codes of a grid, (height * width, 256)."""
         matrix = self.positional_encoding_gaussian_matrix
         y = 2 * (torch.arange(height, device=matrix.device) + 0.5) / height - 1
         x = 2 * (torch.arange(width, device=matrix.device) + 0.5) / width - 1
@@ -132,7 +143,10 @@ class _RandomFourier(nn.Module):
 
 
 class TaskToken(nn.Module):
-    """The learned vector of the flow task. Keys: `LTSE_embed`."""
+    """The learned vector of the flow task.
+
+    State-dict keys: `LTSE_embed`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -140,7 +154,10 @@ class TaskToken(nn.Module):
 
 
 class ContextAdapter(nn.Module):
-    """The context after attention with the flow tokens. Keys: `transformer flow_init_token pe_layer`."""
+    """The adapter, which updates the context by attention with the flow tokens.
+
+    State-dict keys: `transformer flow_init_token pe_layer`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -149,7 +166,7 @@ class ContextAdapter(nn.Module):
         self.pe_layer = _RandomFourier()
 
     def forward(self, context: Tensor, task: Tensor) -> Tensor:
-        """Context (N, 256, H, W) and task token (1, 256) to (N, 256, H, W)."""
+        """Map context (N, 256, H, W) and task token (1, 256) to (N, 256, H, W)."""
         n, _, height, width = context.shape
         tokens = torch.cat((self.flow_init_token.weight, task))[None].expand(n, -1, -1)
         _, image = self.transformer(tokens, context.flatten(2).transpose(1, 2), self.pe_layer(height, width))

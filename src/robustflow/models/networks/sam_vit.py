@@ -1,6 +1,7 @@
 """The image encoder of Segment Anything (Kirillov et al. 2023): a ViT with windows and decomposed relative positions.
 
-The published tables are for a grid of 64 x 64 patches. SAMFlow crops them to smaller grids; larger ones have none.
+The published position tables are for a grid of 64 x 64 patches. SAMFlow crops them for smaller grids; larger grids are
+not supported.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ _PATCH, _GRID, _WINDOW = 16, 64, 14
 
 @dataclass(frozen=True)
 class SamSize:
-    """The shape of one published encoder; blocks in `global_blocks` attend to the whole grid."""
+    """The hyperparameters of a published encoder; blocks in `global_blocks` attend to the whole grid."""
 
     width: int
     depth: int
@@ -33,7 +34,10 @@ VIT_H = SamSize(1280, 32, 16, (7, 15, 23, 31))
 
 
 class ChannelNorm(nn.Module):
-    """Layer norm over the channels of (N, C, H, W). Keys: `weight bias`."""
+    """Layer norm over the channels of (N, C, H, W).
+
+    State-dict keys: `weight bias`.
+    """
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -41,13 +45,16 @@ class ChannelNorm(nn.Module):
         self.bias = nn.Parameter(torch.zeros(channels))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, H, W) to (N, C, H, W)."""
+        """Map (N, C, H, W) to (N, C, H, W)."""
         x = F.layer_norm(x.permute(0, 2, 3, 1), self.weight.shape, self.weight, self.bias, eps=1e-6)
         return x.permute(0, 3, 1, 2)
 
 
 def neck(width: int) -> nn.Sequential:
-    """Encoder width to 256 channels; the same after the ViTs and after TinyViT. Keys: `0 1 2 3`."""
+    """Build the neck from the encoder's width to 256 channels, which is the same for the ViTs and TinyViT.
+
+    State-dict keys: `0 1 2 3`.
+    """
     return nn.Sequential(
         nn.Conv2d(width, 256, 1, bias=False),
         ChannelNorm(256),
@@ -57,15 +64,16 @@ def neck(width: int) -> nn.Sequential:
 
 
 def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
-    """The rows of a relative-position table for every pair of patches on a line of `size`.
+    """Select the rows of a relative-position table for every pair of patches on a line of `size` patches.
 
     Args:
-        table: (2 * S - 1, C), S at least `size`; its middle row is for distance 0.
-        size: patches on the line.
-        first: take the first 2 * size - 1 rows, as the fine-tuned SAMFlow-H was trained, else those in the middle.
+        table: relative-position table, (2 * S - 1, C) with S at least `size`; the middle row is for distance 0.
+        size: number of patches on the line.
+        first: whether to use the first 2 * size - 1 rows, as in the training of the fine-tuned SAMFlow-H, instead of
+            the middle ones.
 
     Returns:
-        (size, size, C): entry (i, j) for query i and key j.
+        The rows, (size, size, C); entry (i, j) is for query i and key j.
 
     >>> relative_rows(torch.arange(7.0)[:, None], 2)[..., 0].tolist()
     [[3.0, 2.0], [4.0, 3.0]]
@@ -78,7 +86,10 @@ def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
 
 
 class Attention(nn.Module):
-    """Self-attention on a grid with decomposed relative positions. Keys: `qkv proj rel_pos_h rel_pos_w`."""
+    """Self-attention on a grid with decomposed relative positions.
+
+    State-dict keys: `qkv proj rel_pos_h rel_pos_w`.
+    """
 
     def __init__(self, width: int, heads: int, grid: int, first_rows: bool) -> None:
         super().__init__()
@@ -90,9 +101,9 @@ class Attention(nn.Module):
         self.proj = nn.Linear(width, width)
 
     def forward(self, tokens: Tensor, height: int, width: int) -> Tensor:
-        """(M, height * width, C) to the same shape."""
+        """Map tokens (M, height * width, C) to the same shape."""
         query, key, value = self.qkv(tokens).chunk(3, dim=-1)
-        # Positions are multiplied by the query before it is scaled.
+        # The position terms use the query before it is scaled.
         grid = query.unflatten(-1, (self.heads, -1)).unflatten(1, (height, width))
         rows = relative_rows(self.rel_pos_h, height, self.first_rows)
         columns = relative_rows(self.rel_pos_w, width, self.first_rows)
@@ -113,7 +124,10 @@ class _Mlp(nn.Module):
 
 
 class Block(nn.Module):
-    """Pre-norm attention, in windows of 14 x 14 or over the whole grid, and MLP. Keys: `norm1 attn norm2 mlp`."""
+    """A transformer block: pre-norm attention, in windows of 14 x 14 or over the whole grid, and an MLP.
+
+    State-dict keys: `norm1 attn norm2 mlp`.
+    """
 
     def __init__(self, width: int, heads: int, windowed: bool, first_rows: bool) -> None:
         super().__init__()
@@ -124,7 +138,7 @@ class Block(nn.Module):
         self.mlp = _Mlp(width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C)."""
+        """Map (N, H, W, C) to (N, H, W, C)."""
         height, width = x.shape[1:3]
         y = self.norm1(x)
         if self.windowed:
@@ -144,11 +158,13 @@ class _PatchEmbedding(nn.Module):
 
 
 class SamVit(nn.Module):
-    """Image to 256 channels at 1/16. Keys: `pos_embed patch_embed.proj blocks neck`.
+    """The encoder from an image to 256 channels at 1/16 resolution.
+
+    State-dict keys: `pos_embed patch_embed.proj blocks neck`.
 
     Args:
-        size: `VIT_B` or `VIT_H`.
-        first_rows: see `relative_rows`.
+        size: hyperparameters of the encoder, `VIT_B` or `VIT_H`.
+        first_rows: whether to use the first rows of the position tables, see `relative_rows`.
     """
 
     def __init__(self, size: SamSize, first_rows: bool = False) -> None:
@@ -161,10 +177,10 @@ class SamVit(nn.Module):
         self.neck = neck(size.width)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(N, 3, 16 * H, 16 * W), normalised, to (N, 256, H, W).
+        """Map normalised images (N, 3, 16 * H, 16 * W) to (N, 256, H, W).
 
         Raises:
-            ModelError: H or W above 64: the encoder has no positions there.
+            ModelError: H or W exceeds 64, the size of the encoder's position tables.
         """
         x = self.patch_embed.proj(image).permute(0, 2, 3, 1)
         height, width = x.shape[1:3]

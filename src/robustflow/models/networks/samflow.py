@@ -27,13 +27,14 @@ class _WeightedAdd(nn.Module):
 
 
 class SamFlow(nn.Module):
-    """The published model in one of its four sizes; keys are those of the authors' checkpoints.
+    """The published model in one of its four sizes; state-dict keys are those of the authors' checkpoints.
 
     Args:
-        size: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or "huge_finetuned" (ViT-H,
-            fine-tuned on Sintel), which adds the adapter's output with learned weights and reads other rows of
-            SAM's position tables.
-        iterations: of the decoder; the authors train with 12 and evaluate with 24 on KITTI, 32 on Sintel.
+        size: size of the SAM encoder: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or
+            "huge_finetuned" (ViT-H, fine-tuned on Sintel), which adds the adapter's output with learned weights and
+            uses different rows of SAM's position tables.
+        iterations: number of decoder iterations; the authors train with 12 and evaluate with 24 on KITTI and 32 on
+            Sintel.
     """
 
     def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny", iterations: int = 12) -> None:
@@ -58,37 +59,40 @@ class SamFlow(nn.Module):
 
     @classmethod
     def of(cls, size: Literal["tiny", "base", "huge"], finetuned: bool, iterations: int) -> SamFlow:
-        """The network of a size; `finetuned` is for the huge one only."""
+        """Build the network of a size; `finetuned` applies only to "huge"."""
         return cls("huge_finetuned" if finetuned else size, iterations)
 
     def fused_context(self, image1: Tensor) -> Tensor:
-        """The context network's and SAM's features of RGB (N, 3, H, W) in 0..255, fused: (N, 256, H / 8, W / 8)."""
+        """Fuse the context network's and SAM's features of RGB images (N, 3, H, W) in 0..255: (N,
+        256, H / 8, W / 8).
+        """
         sam = self.up_layer8(self.sam_encoder((image1 - self.sam_mean) / self.sam_std))
         return self.CFM(torch.cat((self.context_encoder(2 * image1 / 255 - 1), sam), dim=1))
 
     def context(self, image1: Tensor) -> Tensor:
-        """The sum of the fused context and the adapter's output for it."""
+        """Return the sum of the fused context and the adapter's output."""
         fused = self.fused_context(image1)
         adapted = self.CAM(fused, self.LTSE.LTSE_embed.weight)
         return fused + adapted if self.wadd_1 is None else self.wadd_1(fused, adapted)
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
+        """Return the flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
         return self._decode(image1, image2, every=False)[0][-1]
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """The flow after every iteration, for the loss; arguments as for `flows`."""
+        """Return the flow after every iteration, for the loss; arguments as for `flows`."""
         return self.flows(image1, image2)[0]
 
     def flows(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """The flow after every iteration, for the loss.
+        """Return the flow after every iteration, for the loss.
 
         Args:
-            image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 16.
-            image2: the same.
+            image1: first image, RGB in 0..255, (N, 3, H, W) with H and W multiples of 16.
+            image2: second image, same format as `image1`.
 
         Returns:
-            full-resolution flows (N, 2, H, W) in pixels, and the last (N, 2, H / 8, W / 8) at 1/8, in its own pixels.
+            The full-resolution flows (N, 2, H, W) in pixels, and the last flow at 1/8, (N, 2, H / 8, W / 8), in pixels
+            of that resolution.
         """
         return self._decode(image1, image2, every=True)
 

@@ -1,4 +1,4 @@
-"""The decoder of FlowDiffuser (Luo et al., CVPR 2024), made of SKFlow's large-kernel blocks (Sun et al. 2022)."""
+"""The decoder of FlowDiffuser (Luo et al., CVPR 2024), built from SKFlow's large-kernel blocks (Sun et al. 2022)."""
 
 from __future__ import annotations
 
@@ -16,21 +16,24 @@ def _widen(channels: int, outputs: int) -> nn.Sequential:
 
 
 class Depthwise(nn.Conv2d):
-    """A convolution of each channel separately."""
+    """A depthwise convolution."""
 
     def __init__(self, channels: int, kernel: int) -> None:
         super().__init__(channels, channels, kernel, padding=kernel // 2, groups=channels)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, channels, H, W) to the same shape."""
+        """Map (N, channels, H, W) to the same shape."""
         if self.kernel_size == (1, 1):
-            # The same function; as a convolution, torch runs it channel by channel, a third of the network's time.
+            # An equivalent formulation: as a depthwise convolution it takes a third of the network's time in torch.
             return x * self.weight.view(-1, 1, 1) + self.bias.view(-1, 1, 1)
         return super().forward(x)
 
 
 class SuperKernel(nn.Module):
-    """Depthwise convolutions of several sizes between pointwise ones. Keys: `conv_list ffn1 pw ffn2`."""
+    """A large-kernel block: depthwise convolutions of several sizes between pointwise convolutions.
+
+    State-dict keys: `conv_list ffn1 pw ffn2`.
+    """
 
     def __init__(self, inputs: int, outputs: int, kernels: tuple[int, ...]) -> None:
         super().__init__()
@@ -40,15 +43,17 @@ class SuperKernel(nn.Module):
         self.ffn2 = _widen(inputs, outputs)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, inputs, H, W) to (N, outputs, H, W)."""
+        """Map (N, inputs, H, W) to (N, outputs, H, W)."""
         for layer in (self.ffn1, *self.conv_list, self.pw):
             x = F.gelu(x + layer(x))
         return self.ffn2(x)
 
 
 class MotionEncoder(nn.Module):
-    """Correlation and flow to 128 channels, the last two of which are the flow itself. Keys: `convc1 convc2 convf1
-    convf2 conv`."""
+    """The encoder of correlation and flow to 128 channels, the last two of which are the flow.
+
+    State-dict keys: `convc1 convc2 convf1 convf2 conv`.
+    """
 
     def __init__(self, correlation: int = 324) -> None:
         super().__init__()
@@ -60,14 +65,17 @@ class MotionEncoder(nn.Module):
         self.conv = SuperKernel(64 + 192, 128 - 2, kernels)
 
     def forward(self, flow: Tensor, correlation: Tensor) -> Tensor:
-        """(N, 2, H, W) in pixels of this resolution and (N, 324, H, W) to (N, 128, H, W)."""
+        """Map a flow (N, 2, H, W), in pixels of this resolution, and correlations (N, 324, H, W) to (N, 128, H, W)."""
         seen = self.convc2(F.gelu(self.convc1(correlation)))
         moved = self.convf2(self.convf1(flow))
         return torch.cat((self.conv(torch.cat((seen, moved), dim=1)), flow), dim=1)
 
 
 class Aggregator(nn.Module):
-    """Motion from pixels with similar context. Keys: `gamma to_qk to_v`."""
+    """Aggregation of motion from pixels with similar context.
+
+    State-dict keys: `gamma to_qk to_v`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -76,16 +84,19 @@ class Aggregator(nn.Module):
         self.to_v = nn.Conv2d(128, 128, 1, bias=False)
 
     def attention(self, context: Tensor) -> Tensor:
-        """Attention, computed once per image: (N, 128, H, W) to (N, H * W, H * W)."""
+        """Compute the attention once per image, from context (N, 128, H, W) to (N, H * W, H * W)."""
         return context_attention(self.to_qk(context))
 
     def forward(self, attention: Tensor, motion: Tensor) -> Tensor:
-        """(N, H * W, H * W) and (N, 128, H, W) to (N, 128, H, W)."""
+        """Map attention (N, H * W, H * W) and motion features (N, 128, H, W) to (N, 128, H, W)."""
         return motion + self.gamma * gather(attention, self.to_v(motion))
 
 
 class SkUpdate(nn.Module):
-    """One update of the hidden state. Keys: `encoder gru flow_head aggregator`."""
+    """A recurrent update of the hidden state.
+
+    State-dict keys: `encoder gru flow_head aggregator`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -95,17 +106,20 @@ class SkUpdate(nn.Module):
         self.aggregator = Aggregator()
 
     def forward(self, net: Tensor, context: Tensor, motion: Tensor, gathered: Tensor) -> Tensor:
-        """The new state, from the state, context, motion and gathered motion, each (N, 128, H, W)."""
+        """Return the new state from the state, context, motion and aggregated motion, (N, 128, H, W) each."""
         return self.gru(torch.cat((net, context, motion, gathered), dim=1))
 
 
 class MaskHead(nn.Module):
-    """The state to the logits of a convex upsampling, (N, 9 * factor ** 2, H, W). Keys: `up_sample_mask.{0,2}`."""
+    """The head that maps a state to the logits of a convex upsampling, (N, 9 * factor ** 2, H, W).
+
+    State-dict keys: `up_sample_mask.{0,2}`.
+    """
 
     def __init__(self, factor: int) -> None:
         super().__init__()
         self.up_sample_mask = mask_layers(factor=factor)
 
     def forward(self, net: Tensor) -> Tensor:
-        """(N, 128, H, W) to (N, 9 * factor ** 2, H, W)."""
+        """Map (N, 128, H, W) to (N, 9 * factor ** 2, H, W)."""
         return self.up_sample_mask(net)

@@ -1,6 +1,6 @@
-"""The networks written for this project, as one table: the net, the files it is for, its input and its options.
+"""Table of the networks implemented in this project: network, checkpoint file, input convention and options.
 
-Each entry is a model; its net is here. Building one needs the torch extra.
+Each entry defines a model whose network is in this package. Building a model requires the torch extra.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Option(NamedTuple):
     """An option of a network.
 
     Attributes:
-        default: its value if it is not given.
-        check: raises UsageError for a value it cannot have; called with the option's name and the value.
-        fit: for an option that changes how images are prepared, the convention for a value; other options are passed to
-            the net and are part of the model's identity.
+        default: value of the option if it is not given.
+        check: function of the option's name and value that raises UsageError for an invalid value.
+        fit: function from a value to the input convention, for an option that affects preprocessing; other options are
+            passed to the network and are part of the model's identity.
     """
 
     default: Any
@@ -40,16 +40,16 @@ class Option(NamedTuple):
 
 @dataclass(frozen=True)
 class Network:
-    """A network of the project.
+    """A network of this project.
 
     Attributes:
-        net: "module:attribute" here that makes it; called with the options as keywords.
-        source: the file of its checkpoint, and where the authors publish it.
-        convention: the input that it expects.
-        options: by name.
-        fixed: further keywords, recorded like options.
-        scope: see `load_weights`.
-        tile: HEIGHTxWIDTH of the tiles it predicts in by default; None for a network without that option.
+        net: factory of the network as "module:attribute" in this package, called with the options as keywords.
+        source: description of the checkpoint file and of where the authors publish it.
+        convention: input convention of the network.
+        options: options of the network by name.
+        fixed: fixed keywords of the factory, recorded like options.
+        scope: prefix of the network's entries in the checkpoint, see `load_weights`.
+        tile: default tile size HEIGHTxWIDTH; None for a network without the option `tile`.
     """
 
     net: str
@@ -61,7 +61,7 @@ class Network:
     tile: str | None = None
 
     def build(self, options: Mapping[str, Any]) -> Any:
-        """The net, with random weights."""
+        """Build the network with random weights."""
         module, _, attribute = self.net.partition(":")
         target: Any = import_module(f".{module}", __package__)
         for part in attribute.split("."):
@@ -98,13 +98,13 @@ _SAMFLOW = Network(
     "samflow:SamFlow.of",
     "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow",
     InputConvention(scale=1.0, fit="pad", multiple=16),
-    {"iterations": _ITERATIONS},  # SAMFlow's authors evaluate with 24 on KITTI and 32 on Sintel
-    tile="432x960",  # the ViT encoders take whole frames up to 1024 pixels
+    {"iterations": _ITERATIONS},  # SAMFlow's authors evaluate with 24 iterations on KITTI and 32 on Sintel
+    tile="432x960",  # the ViT encoders accept frames of up to 1024 pixels a side
 )
 
 NETWORKS = {
-    # Liu et al., "Learning by Analogy", CVPR 2020. The paper profiles 256x832, its authors' size for KITTI; theirs
-    # for Sintel is 448x1024; "native" is the frame's own size, up to the next multiple of 64.
+    # Liu et al., "Learning by Analogy", CVPR 2020. The paper profiles 256x832, the authors' size for KITTI; their size
+    # for Sintel is 448x1024. "native" is the frame's size, rounded up to a multiple of 64.
     "arflow": Network(
         "arflow:ARFlow",
         "pwclite_ar.tar (or pwclite_raw.tar) from the folder checkpoints/ of https://github.com/lliuz/ARFlow",
@@ -113,14 +113,15 @@ NETWORKS = {
     ),
     # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code uses False on PyTorch
     # 1.3 and later. mask_threshold: features from beyond the frame are zeroed where their bilinear weights sum to
-    # less; the authors' 1.0 lets rounding zero pixels inside the frame, differently on every machine.
+    # less; with the authors' 1.0, rounding zeroes some pixels inside the frame, and which ones depends on the machine.
     "upflow": Network(
         "upflow:UPFlow.of",
         "upflow_kitti2015.pth from https://github.com/coolbeam/UPFlow_pytorch",
         InputConvention(mean=(104.920005, 110.1753, 114.785955), scale=0.0039216),
         {"align_corners": Option(True, check_switch), "mask_threshold": Option(0.9999, _fraction)},
     ),
-    # Marsal et al., WACV 2023: RAFT trained without labels. The file also holds a brightness corrector, left out.
+    # Marsal et al., WACV 2023: RAFT trained without labels. The file also contains a brightness corrector, which is
+    # ignored.
     "brightflow": Network(
         "brightflow:BrightFlow",
         "the RAFT checkpoint of https://github.com/CEA-LIST/BrightFlow",
@@ -128,7 +129,7 @@ NETWORKS = {
         {"iterations": _ITERATIONS},
         scope="model.",
     ),
-    # Zhou et al., AAAI 2024. The network fine-tuned on Sintel differs: its file holds `wadd_1.add_weight`.
+    # Zhou et al., AAAI 2024. The network fine-tuned on Sintel differs: its file contains `wadd_1.add_weight`.
     "samflow_t": replace(_SAMFLOW, fixed={"size": "tiny", "finetuned": False}),
     "samflow_b": replace(_SAMFLOW, fixed={"size": "base", "finetuned": False}),
     "samflow_h": replace(
@@ -136,9 +137,9 @@ NETWORKS = {
         fixed={"size": "huge"},
         options={"finetuned": Option(False, check_switch), "iterations": _ITERATIONS},
     ),
-    # Luo et al., CVPR 2024, at the frame's own size; its numbers of steps and iterations are part of the method. Every
-    # pair of one size starts from the same noise, drawn from `seed`. vertical: where rows are added, "bottom" as the
-    # authors do on KITTI, "both" as on Sintel.
+    # Luo et al., CVPR 2024, at the frame's size; the numbers of steps and iterations are part of the method. All pairs
+    # of equal size start from the same noise, drawn from `seed`. vertical: position of the padding rows, "bottom" as
+    # the authors use for KITTI, "both" as for Sintel.
     "flowdiffuser": Network(
         "flowdiffuser:FlowDiffuser",
         "the authors' file, linked from https://github.com/LA30/FlowDiffuser",
@@ -149,7 +150,7 @@ NETWORKS = {
         },
     ),
 }
-"""Every network by the name it is loaded by."""
+"""Networks by the names used to load them."""
 
 _UNRECORDED = ("size",)
 """Fixed keywords that are implied by the model's name."""
@@ -167,15 +168,15 @@ def load_network(
     """Load a network with its checkpoint.
 
     Args:
-        name: of `NETWORKS`.
-        checkpoint: the authors' file, or "random".
-        sha256: the file's hash, or its first eight or more digits, to be checked.
-        execution: see `Execution`; its fields are options.
-        options: of this network; and `tile`, for those that predict in tiles.
+        name: name of the network in `NETWORKS`.
+        checkpoint: path of the authors' file, or "random".
+        sha256: expected SHA-256 of the file, or at least its first eight digits.
+        execution: execution settings; the fields of `Execution` are options.
+        options: options of this network, and `tile` for networks that predict in tiles.
 
     Raises:
-        UsageError: an unknown option or value.
-        ModelError: no torch, no checkpoint, or one of another network.
+        UsageError: an option or its value is unknown.
+        ModelError: torch or the checkpoint is missing, or the checkpoint belongs to a different network.
     """
     network = NETWORKS[name]
     tile = options.pop("tile", network.tile)
@@ -202,7 +203,7 @@ def load_network(
 
 
 def network_factory(name: str) -> Callable[..., AnyModel]:
-    """Return the factory of a network by name, with its options in its signature.
+    """Return the factory of a network by name; its signature includes the network's options.
 
     >>> [key for key in inspect.signature(network_factory("arflow")).parameters if key in ("size", "tile")]
     ['size']
@@ -218,7 +219,7 @@ def network_factory(name: str) -> Callable[..., AnyModel]:
 
 
 def __getattr__(name: str) -> Any:
-    """Attributes such as `table.arflow`, which the registry of models refers to."""
+    """Provide attributes such as `table.arflow`, which the model registry refers to."""
     if name not in NETWORKS:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return network_factory(name)

@@ -1,7 +1,7 @@
 """The project's own small network: a feature pyramid, a local correlation and one decoder for all levels.
 
-Of the PWC family (Sun et al. 2018, with the shared decoder of Liu et al. 2020): 0.38 million parameters, so that its
-weights come with the package. `models/tiny/` computes the same without PyTorch.
+It belongs to the PWC family (Sun et al. 2018, with the shared decoder of Liu et al. 2020). With 0.38 million
+parameters, its weights are small enough to ship in the package. `models/tiny/` is an implementation without PyTorch.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .blocks.warp import warp
 
 
 class Tiny(nn.Module):
-    """The network. Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 32."""
+    """The small network for RGB images in -1..1, float (N, 3, H, W), H and W multiples of 32."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -32,17 +32,17 @@ class Tiny(nn.Module):
         self.flow = conv(inputs, 2, linear=True)
         self.mask = conv(inputs, 9 * FINEST * FINEST, kernel=1, linear=True)
         for layer in self.modules():
-            if isinstance(layer, nn.Conv2d):  # PyTorch's own initialisation lets features shrink to their biases
+            if isinstance(layer, nn.Conv2d):  # PyTorch's default initialisation lets biases dominate
                 nn.init.kaiming_normal_(layer.weight, 0.1, nonlinearity="leaky_relu")
                 nn.init.zeros_(layer.bias)
         self.flow[0].weight.data.mul_(0.1)
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""
+        """Return the flow from image 1 to image 2, (N, 2, H, W) in pixels."""
         return self.predictions(image1, image2)[-1]
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """The flow of every level, coarsest first, each (N, 2, H, W) in pixels of the image."""
+        """Return the flow of every level, coarsest first, (N, 2, H, W) each, in pixels of the image."""
         size = (image1.shape[2], image1.shape[3])
         levels = list(zip(self.pyramid(image1)[:0:-1], self.pyramid(image2)[:0:-1], self.reduce, strict=True))
         flow = torch.zeros_like(levels[0][0][:, :2])
@@ -59,5 +59,5 @@ class Tiny(nn.Module):
 
 
 def _normalised(features: Tensor) -> Tensor:
-    """Features of mean square 1 over the channels, so that a correlation is a cosine."""
+    """Normalise features to a mean square of 1 over the channels, so that a correlation is a cosine."""
     return features * torch.rsqrt(features.square().mean(dim=1, keepdim=True) + EPSILON)

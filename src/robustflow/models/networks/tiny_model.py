@@ -1,7 +1,8 @@
-"""`tiny` and its variants: the small network of this project with the weights shipped in the package.
+"""`tiny` and its variants: the project's small network with the weights shipped in the package.
 
-With the torch extra PyTorch computes, otherwise NumPy. Both are single precision, whose rounding the network amplifies:
-on real pairs the flows differ by up to some 3e-3 px (docs/tiny.md), and a run's identity states which one was used.
+The network runs in PyTorch if the torch extra is installed, otherwise in NumPy. Both use single precision, and the
+network amplifies rounding errors: on real pairs the flows differ by up to about 3e-3 px (docs/tiny.md). A run's
+identity records the runtime.
 """
 
 from __future__ import annotations
@@ -36,18 +37,18 @@ def small_network(
     sha256: str | None = None,
     execution: Execution,
 ) -> AnyModel:
-    """The small network.
+    """Build the small network.
 
     Args:
-        name: of `SHIPPED`.
-        checkpoint: a file of `robustflow train tiny`, or "random"; the shipped weights by default.
-        runtime: "torch", "numpy", or "auto" for PyTorch if it is installed.
-        sha256: of `checkpoint`, or its first eight or more digits, to be checked.
-        execution: see `Execution`; its fields are options. NumPy runs only on the CPU in fp32.
+        name: name of the model in `SHIPPED`.
+        checkpoint: path of a file from `robustflow train tiny`, or "random"; the shipped weights by default.
+        runtime: runtime, "torch", "numpy", or "auto" for PyTorch if it is installed.
+        sha256: expected SHA-256 of `checkpoint`, or at least its first eight digits.
+        execution: execution settings; the fields of `Execution` are options. NumPy runs only on the CPU in fp32.
 
     Raises:
-        UsageError: an unknown runtime, or an option that NumPy does not have.
-        ModelError: torch is needed but not installed, or a checkpoint of another network.
+        UsageError: the runtime is unknown, or NumPy does not support an option.
+        ModelError: torch is needed but not installed, or the checkpoint belongs to a different network.
     """
     if runtime not in RUNTIMES:
         raise unknown_name("runtime", str(runtime), RUNTIMES)
@@ -81,7 +82,7 @@ def _check_for_numpy(name: str, checkpoint: str | Path | None, execution: Execut
 
 
 def __getattr__(name: str) -> Callable[..., AnyModel]:
-    """Attributes such as `tiny.tiny_all`, which the registry of models refers to."""
+    """Provide attributes such as `tiny.tiny_all`, which the model registry refers to."""
     if name not in SHIPPED:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     factory = partial(small_network, name)

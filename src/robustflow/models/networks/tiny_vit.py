@@ -17,7 +17,10 @@ _STAGES = ((128, 2, 4, 7), (160, 6, 5, 14), (320, 2, 10, 7))
 
 
 def conv_norm(inputs: int, outputs: int, kernel: int = 1, stride: int = 1, groups: int = 1) -> nn.Sequential:
-    """A convolution without bias and its batch norm. Keys: `c bn`."""
+    """A convolution without bias, followed by batch norm.
+
+    State-dict keys: `c bn`.
+    """
     convolution = nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2, groups=groups, bias=False)
     return nn.Sequential(OrderedDict(c=convolution, bn=nn.BatchNorm2d(outputs)))
 
@@ -29,7 +32,10 @@ class _Stem(nn.Module):
 
 
 class _Bottleneck(nn.Module):
-    """1 x 1, depthwise 3 x 3, 1 x 1. Keys: `conv1 conv2 conv3`."""
+    """Three convolutions: 1 x 1, depthwise 3 x 3, 1 x 1.
+
+    State-dict keys: `conv1 conv2 conv3`.
+    """
 
     def __init__(self, inputs: int, hidden: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
@@ -42,18 +48,18 @@ class _Bottleneck(nn.Module):
 
 
 class InvertedBottleneck(_Bottleneck):
-    """Four times wider inside, with a residual and a GELU after it."""
+    """An inverted residual block: the inner width is four times larger, and a GELU follows the residual."""
 
     def __init__(self, width: int) -> None:
         super().__init__(width, 4 * width, width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, H, W) to (N, C, H, W)."""
+        """Map (N, C, H, W) to (N, C, H, W)."""
         return F.gelu(x + super().forward(x))
 
 
 def distance_index(size: int) -> Tensor:
-    """Which learned bias belongs to each pair of a window's pixels: one for each (|dy|, |dx|).
+    """Return the index of the learned bias for each pair of pixels in a window; there is one bias per (|dy|, |dx|).
 
     >>> distance_index(2).tolist()
     [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]]
@@ -64,7 +70,10 @@ def distance_index(size: int) -> Tensor:
 
 
 class WindowAttention(nn.Module):
-    """Pre-norm self-attention in windows. Keys: `attention_biases norm qkv proj`."""
+    """Pre-norm self-attention in windows.
+
+    State-dict keys: `attention_biases norm qkv proj`.
+    """
 
     def __init__(self, width: int, heads: int, window: int) -> None:
         super().__init__()
@@ -77,9 +86,9 @@ class WindowAttention(nn.Module):
         self.proj = nn.Linear(width, width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C). The padding of the last windows is treated like any pixel."""
+        """Map (N, H, W, C) to (N, H, W, C). Padding pixels of the last windows are not masked."""
         qkv = self.qkv(self.norm(to_windows(x, self.window)))
-        # Each head holds its query, key and value side by side.
+        # The query, key and value of each head are adjacent.
         query, key, value = (t.flatten(-2) for t in qkv.unflatten(-1, (self.heads, -1)).chunk(3, dim=-1))
         mixed = attend(query, key, value, self.heads, self.attention_biases[:, self.index])
         return self.proj(from_windows(mixed, *x.shape[1:3]))
@@ -97,7 +106,10 @@ class _Mlp(nn.Module):
 
 
 class Block(nn.Module):
-    """Window attention, a depthwise convolution, an MLP. Keys: `attn mlp local_conv`."""
+    """A transformer block: window attention, a depthwise convolution and an MLP.
+
+    State-dict keys: `attn mlp local_conv`.
+    """
 
     def __init__(self, width: int, heads: int, window: int) -> None:
         super().__init__()
@@ -106,14 +118,17 @@ class Block(nn.Module):
         self.local_conv = conv_norm(width, width, 3, groups=width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, H, W) to (N, C, H, W)."""
+        """Map (N, C, H, W) to (N, C, H, W)."""
         x = x + self.attn(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
         x = self.local_conv(x)
         return x + self.mlp(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
 class Stage(nn.Module):
-    """Blocks, then a wider map for the next stage, smaller except for the last stage. Keys: `blocks downsample`."""
+    """A stage: blocks, then a wider map for the next stage, which is also smaller, except before the last stage.
+
+    State-dict keys: `blocks downsample`.
+    """
 
     def __init__(self, blocks: list[nn.Module], width: int, following: int | None, stride: int = 2) -> None:
         super().__init__()
@@ -122,14 +137,16 @@ class Stage(nn.Module):
             self.downsample = _Bottleneck(width, following, following, stride)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, width, H, W) to (N, following, H / stride, W / stride), or (N, width, H, W) after the last."""
+        """Map (N, width, H, W) to (N, following, H / stride, W / stride), or (N, width, H, W) after the last."""
         for block in self.blocks:
             x = block(x)
         return self.downsample(x) if hasattr(self, "downsample") else x
 
 
 class TinyVit(nn.Module):
-    """Image to 256 channels at 1/16. Keys: `patch_embed.seq layers norm_head head neck`.
+    """The encoder from an image to 256 channels at 1/16 resolution.
+
+    State-dict keys: `patch_embed.seq layers norm_head head neck`.
 
     The classifier `norm_head head` is in the checkpoints but is not run. No weight depends on the image's size.
     """
@@ -147,7 +164,7 @@ class TinyVit(nn.Module):
         self.neck = neck(320)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(N, 3, 16 * H, 16 * W), normalised, to (N, 256, H, W)."""
+        """Map normalised images (N, 3, 16 * H, 16 * W) to (N, 256, H, W)."""
         x = self.patch_embed.seq(image)
         for layer in self.layers:
             x = layer(x)

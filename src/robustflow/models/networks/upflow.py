@@ -18,12 +18,12 @@ from .blocks.warp import inside_mask, warp
 
 @dataclass(frozen=True)
 class BothFlows:
-    """What one pass over a pair gives.
+    """The result of one pass over a pair.
 
     Attributes:
-        forward: (N, 2, H, W), image 1 to image 2, in pixels.
-        backward: the same from image 2 to image 1.
-        levels: (forward, backward) per level, coarsest (1/64) first, in pixels of the level.
+        forward: flow from image 1 to image 2 in pixels, (N, 2, H, W).
+        backward: flow from image 2 to image 1 in pixels, (N, 2, H, W).
+        levels: (forward, backward) flows per level, coarsest (1/64) first, in pixels of the level.
     """
 
     forward: Tensor
@@ -31,37 +31,38 @@ class BothFlows:
     levels: list[tuple[Tensor, Tensor]]
 
     def visible(self) -> tuple[Tensor, Tensor]:
-        """Where image 1 is seen in image 2, and image 2 in image 1: bool (N, 1, H, W); see `visible`."""
+        """Masks of the pixels of image 1 visible in image 2, and vice versa, bool (N, 1, H, W) each; see `visible`."""
         return visible(self.forward, self.backward), visible(self.backward, self.forward)
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How the network's warps sample; the two settings in which PyTorch versions and machines differ.
+    """Sampling settings of the network's warps, in which PyTorch versions and machines differ.
 
     Attributes:
-        align_corners: True is what the authors' weights were trained with (PyTorch 1.1); False is what their code
-            does on PyTorch 1.3 and later.
-        threshold: warped features are zeroed where their bilinear weights inside the map sum to less. The authors'
-            code compares with 1.0 exactly, so that float32 rounding zeroes some interior pixels.
+        align_corners: sampling convention: True as in the training of the authors' weights (PyTorch 1.1), False as
+            their code behaves on PyTorch 1.3 and later.
+        threshold: minimum sum of a pixel's bilinear weights inside the map, below which warped features are set to
+            zero. The authors' code uses exactly 1.0, so float32 rounding zeroes some interior pixels.
     """
 
     align_corners: bool = True
     threshold: float = 0.9999
 
     def masked(self, maps: Tensor, flow: Tensor) -> Tensor:
-        """`maps` fetched along `flow`, zero where the flow leaves the map."""
+        """Warp `maps` along `flow`, with zeros where the flow leaves the map."""
         return self.plain(maps, flow) * inside_mask(flow, self.threshold, self.align_corners)
 
     def plain(self, maps: Tensor, flow: Tensor) -> Tensor:
-        """`maps` fetched along `flow`, fading to zero over the border pixel."""
+        """Warp `maps` along `flow`, fading to zero over the border pixel."""
         return warp(maps, flow, align_corners=self.align_corners)
 
 
 class SelfGuidedUpsampler(nn.Module):
-    """Repairs an enlarged flow: each pixel may take its flow from the place that an interpolation flow points at.
+    """The self-guided upsampler, which corrects an upsampled flow: each pixel may copy the flow from a position given
+    by an interpolation flow.
 
-    Keys: `dense_estimator_mask.*`, and `upsample_output_conv.*` for the features at full resolution.
+    State-dict keys: `dense_estimator_mask.*`, and `upsample_output_conv.*` for the features at full resolution.
     """
 
     def __init__(self, sampling: Sampling) -> None:
@@ -73,13 +74,13 @@ class SelfGuidedUpsampler(nn.Module):
         )
 
     def forward(self, flow: Tensor, own: Tensor, other: Tensor, target: Tensor | None = None) -> Tensor:
-        """The repaired flow, of the size of `target` if there is one.
+        """Return the corrected flow, of the size of `target` if it is given.
 
         Args:
-            flow: (N, 2, H, W) in pixels.
-            own: (N, 32, H, W), features of the image the flow starts from.
-            other: (N, 32, H, W), of the image it goes to.
-            target: (N, 2, H', W'), the enlarged flow, to be repaired instead of `flow`.
+            flow: flow in pixels, (N, 2, H, W).
+            own: features of the image in which the flow starts, (N, 32, H, W).
+            other: features of the image to which the flow points, (N, 32, H, W).
+            target: upsampled flow to correct instead of `flow`, (N, 2, H', W').
         """
         both = torch.cat((own, self.sampling.masked(other, flow)), dim=1)
         between, logit = self.dense_estimator_mask(both)[1].split((2, 1), dim=1)
@@ -91,7 +92,8 @@ class SelfGuidedUpsampler(nn.Module):
 
 
 class UPFlow(nn.Module):
-    """Both directions in one coarse-to-fine pass over five levels, with one decoder and one upsampler.
+    """UPFlow: predicts both directions in one coarse-to-fine pass over five levels, with a shared decoder and
+    upsampler.
 
     Images are RGB, float (N, 3, H, W), (value - mean) * 0.0039216 of 0..255, any size above 64 pixels. Keys are those
     of the authors' files.
@@ -108,18 +110,18 @@ class UPFlow(nn.Module):
 
     @classmethod
     def of(cls, align_corners: bool, mask_threshold: float) -> UPFlow:
-        """The network with these two settings of `Sampling`."""
+        """Build the network with these two settings of `Sampling`."""
         return cls(Sampling(align_corners, mask_threshold))
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""
+        """Return the flow from image 1 to image 2, (N, 2, H, W) in pixels."""
         return self.both(image1, image2).forward
 
     def both(self, image1: Tensor, image2: Tensor) -> BothFlows:
-        """The flows of both directions, at full size and per level.
+        """Return the flows of both directions, at full size and per level.
 
         Raises:
-            ModelError: images so small that the coarsest level has one pixel, which has no variance.
+            ModelError: the images are so small that the coarsest level has only one pixel, whose variance is undefined.
         """
         if max(image1.shape[2:]) <= 64:
             height, width = image1.shape[2:]
@@ -158,7 +160,7 @@ class UPFlow(nn.Module):
 
 
 def _normalised(features: Tensor) -> Tensor:
-    """Zero mean and unit variance over the pixels, per image and channel."""
+    """Normalise to zero mean and unit variance over the pixels, per image and channel."""
     features = features.float()
     mean = features.mean(dim=(2, 3), keepdim=True)
     variance = features.var(dim=(2, 3), keepdim=True)
@@ -166,16 +168,16 @@ def _normalised(features: Tensor) -> Tensor:
 
 
 def visible(flow: Tensor, other: Tensor) -> Tensor:
-    """Forward and backward flow agree, or the pixel leaves the frame.
+    """Return where the forward and backward flow agree or the pixel leaves the frame.
 
-    Pixels that leave count as visible: the losses that use these masks sample them from beyond the crop.
+    Pixels that leave the frame count as visible, because the losses sample them from outside the crop.
 
     Args:
-        flow: (N, 2, H, W), from this frame to the other one, in pixels.
-        other: (N, 2, H, W), from the other frame to this one.
+        flow: flow from the first frame to the second in pixels, (N, 2, H, W).
+        other: flow from the second frame to the first in pixels, (N, 2, H, W).
 
     Returns:
-        bool (N, 1, H, W).
+        The visibility mask, bool (N, 1, H, W).
 
     >>> flow = torch.full((1, 2, 4, 6), 1.0)
     >>> visible(flow, -flow).all().item(), visible(flow, 9 * flow)[0, 0, 0].tolist()

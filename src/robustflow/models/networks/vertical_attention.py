@@ -1,6 +1,6 @@
-"""Attention among the pixels of image 1 that hold the same latent cost token (FlowFormer, Huang et al. 2022, 3.2).
+"""Attention between the pixels of image 1, separately for each latent cost token (FlowFormer, Huang et al. 2022, 3.2).
 
-Queries and keys also see the context features, so that motion spreads within objects and not across them.
+Queries and keys also include the context features, so that motion propagates within objects rather than across them.
 """
 
 from __future__ import annotations
@@ -18,26 +18,29 @@ _WIDTH, _CONTEXT, _PROJECTED, _HEADS = 128, 256, 64, 8
 
 
 def _position_code(height: int, width: int, step: int, channels: int, like: Tensor) -> Tensor:
-    """The code of every `step`-th pixel of a map, (height * width, channels)."""
+    """Return the position code of every `step`-th pixel of a map, (height * width, channels)."""
     grid = pixel_grid(like.new_empty(1, 1, height, width)).flatten(2)[0].T
     return linear_sine(step * grid, channels).to(like.dtype)
 
 
 class _ContextAttention(nn.Module):
-    """What both kinds share: the projected context is appended to the tokens."""
+    """Base class of both blocks, which appends the projected context to the tokens."""
 
     def __init__(self) -> None:
         super().__init__()
         self.context_proj = nn.Linear(_CONTEXT, _PROJECTED)
 
     def beside_context(self, x: Tensor, context: Tensor) -> Tensor:
-        """Tokens (N * K, H, W, C) and context (N, H, W, 256) to (N * K, H, W, C + 64)."""
+        """Append context (N, H, W, 256) to tokens (N * K, H, W, C), giving (N * K, H, W, C + 64)."""
         projected = self.context_proj(context).repeat_interleave(len(x) // len(context), dim=0)
         return torch.cat((x, projected), dim=-1)
 
 
 class LocalContextAttention(_ContextAttention):
-    """Attention inside windows of 7 x 7. Keys: `context_proj q k v proj`."""
+    """Attention inside windows of 7 x 7.
+
+    State-dict keys: `context_proj q k v proj`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,7 +50,7 @@ class LocalContextAttention(_ContextAttention):
         self.proj = nn.Linear(_WIDTH, _WIDTH)
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """(N * K, H, W, C) and (N, H, W, 256) to (N * K, H, W, C)."""
+        """Map (N * K, H, W, C) and (N, H, W, 256) to (N * K, H, W, C)."""
         seen = to_windows(self.beside_context(x, context), 7)
         seen = seen + _position_code(7, 7, 1, seen.shape[-1], seen)
         mixed = attend(self.q(seen), self.k(seen), self.v(to_windows(x, 7)), _HEADS)
@@ -55,7 +58,10 @@ class LocalContextAttention(_ContextAttention):
 
 
 class ReducedContextAttention(_ContextAttention):
-    """Attention to the whole map, shrunk by a factor of four. Keys: `context_proj q k v proj sr_key sr_value norm`."""
+    """Attention to the whole map, downsampled by a factor of four.
+
+    State-dict keys: `context_proj q k v proj sr_key sr_value norm`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,7 +74,7 @@ class ReducedContextAttention(_ContextAttention):
         self.norm = nn.LayerNorm(_WIDTH)
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """(N * K, H, W, C) and (N, H, W, 256) to (N * K, H, W, C)."""
+        """Map (N * K, H, W, C) and (N, H, W, 256) to (N * K, H, W, C)."""
         height, width = x.shape[1:3]
         seen = self.beside_context(x, context)
         query = self.q(seen.flatten(1, 2) + _position_code(height, width, 1, seen.shape[-1], seen))
@@ -77,7 +83,7 @@ class ReducedContextAttention(_ContextAttention):
         return self.proj(attend(query, key, self.v(value), _HEADS)).reshape(x.shape)
 
     def _shrink(self, convolution: nn.Conv2d, x: Tensor) -> Tensor:
-        """(M, H, W, C) to (M, ceil(H / 4) * ceil(W / 4), 128), with zeros at the bottom and right."""
+        """Map (M, H, W, C) to (M, ceil(H / 4) * ceil(W / 4), 128), with zeros at the bottom and right."""
         x = F.pad(x.permute(0, 3, 1, 2), (0, -x.shape[2] % 4, 0, -x.shape[1] % 4))
         return self.norm(convolution(x).flatten(2).transpose(1, 2))
 
@@ -96,7 +102,10 @@ class _ContextBlock(nn.Module):
 
 
 class VerticalAttention(nn.Module):
-    """Local, then reduced attention. Keys: `local_block global_block`."""
+    """A layer of local attention followed by downsampled global attention.
+
+    State-dict keys: `local_block global_block`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,5 +113,5 @@ class VerticalAttention(nn.Module):
         self.global_block = _ContextBlock(ReducedContextAttention())
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """Tokens (N * K, H, W, 128), the K tokens of a pixel as K maps, and context (N, H, W, 256)."""
+        """Update tokens (N * K, H, W, 128), with the K tokens of a pixel as K maps, given context (N, H, W, 256)."""
         return self.global_block(self.local_block(x, context), context)

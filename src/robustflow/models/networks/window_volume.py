@@ -1,4 +1,6 @@
-"""Correlation of every pixel with a window around its target, where all pairs would not fit in memory."""
+"""Correlation of every pixel with a window around its target, for resolutions at which all pairs
+would not fit in memory.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +13,16 @@ from .blocks.allpairs import sample_window
 
 
 class WindowVolume:
-    """Dot products, divided by sqrt(C), on 17 x 17 pixels around a whole-pixel target, and on three pooled levels.
+    """Dot products, divided by sqrt(C), with 17 x 17 pixels around an integer target, and with three pooled levels.
 
-    The values are those of the all-pairs volume, which at 1/4 of a KITTI image would take 3.4 GB. Rounding counts as
-    the identity in the backward pass, as in FlowDiffuser: the window moves with the target (see `_slopes`), and each
-    look-up moves against it.
+    The values equal those of the all-pairs volume, which at 1/4 of a KITTI image would take 3.4 GB. As in FlowDiffuser,
+    the backward pass treats rounding as the identity: the window moves with the target (see `_slopes`), and each lookup
+    moves in the opposite direction.
 
     Args:
-        features1: (N, C, H, W).
-        features2: (N, C, H, W); zero outside.
-        coordinates: (N, 2, H, W), (x, y) of the targets in pixels of map 2; rounded here.
+        features1: features of image 1, (N, C, H, W).
+        features2: features of image 2, (N, C, H, W); zero outside the map.
+        coordinates: targets (x, y) in pixels of map 2, (N, 2, H, W); rounded to integers.
 
     >>> from robustflow.models.networks.blocks.allpairs import CorrelationPyramid, pixel_grid
     >>> features = torch.rand(2, 1, 4, 12, 16)
@@ -34,7 +36,7 @@ class WindowVolume:
 
     def __init__(self, features1: Tensor, features2: Tensor, coordinates: Tensor) -> None:
         self.shape = features1.shape
-        moved = coordinates - coordinates.detach()  # 0, with the gradient of the target
+        moved = coordinates - coordinates.detach()  # zero, but with the target's gradient
         self.centre = coordinates.detach().round() + moved
         volume = self._correlate(features1.float(), features2.float(), moved)
         self.levels = [volume]
@@ -42,7 +44,9 @@ class WindowVolume:
             self.levels.append(F.avg_pool2d(self.levels[-1], 2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Correlations around `coordinates` (N, 2, H, W): (N, 324, H, W), ordered as `CorrelationPyramid.lookup`."""
+        """Look up the correlations around `coordinates` (N, 2, H, W) as (N, 324, H, W), in the order of
+        `CorrelationPyramid.lookup`.
+        """
         n, _, height, width = self.shape
         inside = (coordinates - self.centre + self.HALF).permute(0, 2, 3, 1).reshape(-1, 2)
         levels = [sample_window(level, inside / 2**i, self.RADIUS) for i, level in enumerate(self.levels)]
@@ -52,7 +56,7 @@ class WindowVolume:
         n, channels, height, width = self.shape
         rows1 = features1.permute(0, 2, 3, 1).reshape(-1, channels) / channels**0.5
         rows2 = features2.permute(0, 2, 3, 1).reshape(-1, channels)
-        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row is for everything outside
+        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row represents all pixels outside
         x, y = self.centre.detach().long().permute(1, 0, 2, 3).flatten(1)
         image = torch.arange(n, device=x.device).repeat_interleave(height * width)
         side = 2 * self.HALF + 1
@@ -64,7 +68,7 @@ class WindowVolume:
             return (rows1 * rows2[target]).sum(dim=1)
 
         places = [(down, right) for down in range(side) for right in range(side)]
-        if torch.is_grad_enabled() and rows1.requires_grad:  # each column's products would be kept for backward
+        if torch.is_grad_enabled() and rows1.requires_grad:  # avoids keeping each column's products
             columns = [checkpoint(column, *place, rows1, rows2, use_reentrant=False) for place in places]
             volume = torch.stack(columns, dim=1).view(-1, 1, side, side)
         else:
@@ -86,15 +90,16 @@ class WindowVolume:
 
 
 def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """How windows change when their centres move by a pixel along x and along y, each (M, 1, S, S).
+    """Return the derivatives of windows with respect to their centres' x and y per pixel, (M, 1, S, S) each.
 
-    It is the derivative of bilinear sampling at whole pixels, which is one-sided: to the right or downwards, except
-    where the original's float32 arithmetic lands just before a pixel, and thus on its other side.
+    The derivative of bilinear sampling at integer positions is one-sided: to the right or downwards, except where the
+    original's float32 arithmetic gives a position just below the integer, and therefore the derivative on the opposite
+    side.
 
     Args:
         wider: windows with one more pixel on each side, (M, 1, S + 2, S + 2).
-        x, y: whole pixels of the centres, (M,).
-        height, width: of the maps.
+        x, y: integer pixel coordinates of the centres, (M,).
+        height, width: size of the maps in pixels.
     """
     inner = wider[..., 1:-1, 1:-1]
     to_left, to_right = inner - wider[..., 1:-1, :-2], wider[..., 1:-1, 2:] - inner
@@ -109,6 +114,6 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
 
 
 def _lands_before(pixels: Tensor, side: int) -> Tensor:
-    """Whether a whole pixel, normalised to -1..1 for `grid_sample` and back, comes out smaller."""
+    """Return whether an integer coordinate becomes smaller when normalised to -1..1 for `grid_sample` and back."""
     normalised = 2 * pixels / (side - 1) - 1
     return (normalised + 1) / 2 * (side - 1) < pixels

@@ -1,1 +1,1 @@
-"""Building blocks that several networks truly share. Every module here needs the torch extra."""
+"""Building blocks shared by several networks. Every module here requires the torch extra."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def pixel_grid(like: Tensor) -> Tensor:
-    """The coordinates (x, y) of every pixel of a map, float32 (N, 2, H, W), in pixels.
+    """Return the coordinates (x, y) of every pixel of a map, float32 (N, 2, H, W), in pixels.
 
     >>> pixel_grid(torch.zeros(1, 5, 2, 3))[0, :, 1, 2].tolist()
     [2.0, 1.0]
@@ -23,14 +23,14 @@ def pixel_grid(like: Tensor) -> Tensor:
 
 
 def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
-    """Dot product of every pixel of map 1 with every pixel of map 2, divided by sqrt(C), always in float32.
+    """Compute the dot product of every pixel of map 1 with every pixel of map 2, divided by sqrt(C), in float32.
 
     Args:
-        features1: (N, C, H1, W1).
-        features2: (N, C, H2, W2).
+        features1: feature map 1, (N, C, H1, W1).
+        features2: feature map 2, (N, C, H2, W2).
 
     Returns:
-        (N * H1 * W1, 1, H2, W2): one map of map 2's size per pixel of map 1, row by row.
+        One map of map 2's size per pixel of map 1, row by row, (N * H1 * W1, 1, H2, W2).
     """
     n, channels, height, width = features1.shape
     with torch.autocast(features1.device.type, enabled=False):
@@ -40,37 +40,38 @@ def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
 
 
 def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
-    """Sample a square window of every map around its own centre: bilinear, zero outside.
+    """Sample a square window around the given centre of every map: bilinear, zero outside.
 
-    The order is RAFT's: sample `i * (2 * radius + 1) + j` lies at x offset `i - radius`, y offset `j - radius`.
+    The samples are in RAFT's order: sample `i * (2 * radius + 1) + j` lies at x offset `i - radius`, y offset `j -
+    radius`.
 
     Args:
-        maps: (M, C, H, W).
-        centres: (M, 2), (x, y) in pixels of the maps, not necessarily whole.
+        maps: maps to sample, (M, C, H, W).
+        centres: centres (x, y) in pixels of the maps, not necessarily integers, (M, 2).
         radius: half the window's width, in pixels of the maps.
 
     Returns:
-        (M, C, (2 * radius + 1) ** 2).
+        The samples of each window, (M, C, (2 * radius + 1) ** 2).
     """
     height, width = maps.shape[2:]
     offsets = torch.arange(-radius, radius + 1, device=centres.device, dtype=centres.dtype)
     side = len(offsets)
     x = (centres[:, 0, None, None] + offsets[None, :, None]).expand(-1, side, side)
     y = (centres[:, 1, None, None] + offsets[None, None, :]).expand(-1, side, side)
-    # Half-pixel normalisation gives the same positions as align_corners=True with size - 1, and a map one pixel
-    # wide (the last level of a small image) does not divide by zero.
+    # Half-pixel normalisation gives the same positions as align_corners=True with size - 1, without division by zero
+    # for a map that is one pixel wide (the last level of a small image).
     grid = torch.stack(((2 * x + 1) / width - 1, (2 * y + 1) / height - 1), dim=-1)
     return F.grid_sample(maps, grid, mode="bilinear", padding_mode="zeros", align_corners=False).flatten(2)
 
 
 class CorrelationPyramid:
-    """The correlation volume of two feature maps, with its second map average-pooled 2 x 2 between levels.
+    """The correlation volume of two feature maps; the second map is average-pooled 2 x 2 between levels.
 
     Args:
-        features1: (N, C, H, W).
-        features2: (N, C, H, W).
+        features1: features of image 1, (N, C, H, W).
+        features2: features of image 2, (N, C, H, W).
         levels: number of levels, including the full resolution.
-        radius: of the lookup window, in pixels of each level.
+        radius: radius of the lookup window, in pixels of each level.
 
     >>> features = torch.randn(1, 16, 8, 12)
     >>> CorrelationPyramid(features, features).lookup(pixel_grid(features)).shape
@@ -82,18 +83,19 @@ class CorrelationPyramid:
         self.volumes = [all_pairs(features1, features2)]
         for _ in range(levels - 1):
             finest = self.volumes[-1]
-            # Below two pixels there is nothing left to pool.
+            # A map smaller than two pixels cannot be pooled.
             pool = (min(2, finest.shape[2]), min(2, finest.shape[3]))
             self.volumes.append(F.avg_pool2d(finest, pool, stride=2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Correlations around the target of each pixel of map 1.
+        """Look up the correlations around the target of each pixel of map 1.
 
         Args:
-            coordinates: (N, 2, H, W), (x, y) in pixels of map 2 at full resolution.
+            coordinates: targets (x, y) in pixels of map 2 at full resolution, (N, 2, H, W).
 
         Returns:
-            float32 (N, levels * (2 * radius + 1) ** 2, H, W), level by level in the order of `sample_window`.
+            The correlations, level by level in the order of `sample_window`, float32 (N, levels * (2 * radius + 1) **
+            2, H, W).
         """
         n, _, height, width = coordinates.shape
         centres = coordinates.float().permute(0, 2, 3, 1).reshape(n * height * width, 2)

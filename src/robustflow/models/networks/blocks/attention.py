@@ -1,4 +1,4 @@
-"""Multi-head attention on token lists, without the projections, which each network names differently."""
+"""Multi-head attention on token lists, without the projections, whose names differ between networks."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from torch import Tensor
 
 
 def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tensor | None = None) -> Tensor:
-    """Softmax attention with scale 1 / sqrt(head width); heads are consecutive groups of channels.
+    """Apply softmax attention with scale 1 / sqrt(head width); heads are consecutive groups of channels.
 
     Args:
-        query: (..., N, C).
-        key: (..., M, C).
-        value: (..., M, D).
+        query: query tokens, (..., N, C).
+        key: key tokens, (..., M, C).
+        value: value tokens, (..., M, D).
         heads: number of heads; divides C and D.
-        bias: added to the logits, broadcastable to (..., heads, N, M).
+        bias: bias added to the logits, broadcastable to (..., heads, N, M).
 
     Returns:
-        (..., N, D).
+        The attended values, (..., N, D).
 
     >>> tokens = torch.ones(2, 5, 8)
     >>> attend(tokens, tokens, tokens, heads=4).shape
@@ -29,16 +29,16 @@ def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tens
 
 
 def linear_sine(coordinates: Tensor, channels: int) -> Tensor:
-    """FlowFormer's position code: sine and cosine at frequencies that grow linearly (Huang et al. 2022).
+    """Compute FlowFormer's position code: sine and cosine at linearly spaced frequencies (Huang et al. 2022).
 
     The published weights were trained with 3.14 in place of pi and a period unit of 200 pixels at 1/8 resolution.
 
     Args:
-        coordinates: (..., 2), (x, y) in pixels.
-        channels: width of the code, a multiple of 4: a quarter each of sin x, cos x, sin y, cos y.
+        coordinates: coordinates (x, y) in pixels, (..., 2).
+        channels: number of channels, a multiple of 4; one quarter each for sin x, cos x, sin y and cos y.
 
     Returns:
-        (..., channels).
+        The position code, (..., channels).
 
     >>> linear_sine(torch.zeros(1, 2), 8).tolist()
     [[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]]

@@ -1,4 +1,4 @@
-"""Global motion aggregation: motion gathered from pixels with similar context (GMA, Jiang et al. 2021)."""
+"""Global motion aggregation: gather motion from pixels with similar context (GMA, Jiang et al. 2021)."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from torch import Tensor
 
 
 def context_attention(query_key: Tensor) -> Tensor:
-    """Attention of every pixel to every pixel, from a map of queries and keys, with one head.
+    """Compute single-head attention of every pixel to every pixel from a map of queries and keys.
 
     Args:
-        query_key: (N, 2 * C, H, W): C channels of queries, then C of keys.
+        query_key: C channels of queries, then C channels of keys, (N, 2 * C, H, W).
 
     Returns:
-        (N, H * W, H * W): row `i` holds the weights of all pixels for pixel `i`.
+        The attention weights, (N, H * W, H * W); row `i` contains the weights of all pixels for pixel `i`.
     """
     query, key = query_key.flatten(2).chunk(2, dim=1)
     return (query.transpose(1, 2) * query.shape[1] ** -0.5 @ key).softmax(dim=-1)
 
 
 def gather(attention: Tensor, values: Tensor) -> Tensor:
-    """The attention-weighted mean of `values` (N, C, H, W) for every pixel; the same shape.
+    """Return the attention-weighted mean of `values` (N, C, H, W) for every pixel, in the same shape.
 
     >>> import torch
     >>> features = torch.rand(1, 8, 4, 6)

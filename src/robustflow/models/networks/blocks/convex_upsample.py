@@ -1,4 +1,4 @@
-"""Convex upsampling: a fine pixel is the weighted mean of 3 x 3 coarse ones (RAFT, Teed and Deng 2020, sec. 3.3)."""
+"""Convex upsampling: each fine pixel is a weighted mean of 3 x 3 coarse pixels (RAFT, Teed and Deng 2020, sec. 3.3)."""
 
 from __future__ import annotations
 
@@ -7,21 +7,25 @@ from torch import Tensor, nn
 
 
 def mask_layers(inputs: int = 128, factor: int = 8) -> nn.Sequential:
-    """A state (N, inputs, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H, W). Keys: `0 2`."""
+    """Build the head that maps a state (N, inputs, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H,
+    W).
+
+    State-dict keys: `0 2`.
+    """
     return nn.Sequential(nn.Conv2d(inputs, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1))
 
 
 def convex_upsample(flow: Tensor, mask: Tensor, factor: int = 8) -> Tensor:
-    """Enlarge a flow by a predicted mask.
+    """Upsample a flow with a predicted mask.
 
     Args:
-        flow: (N, C, H, W), in coarse pixels (C is 2 for a flow).
-        mask: (N, 9 * factor ** 2, H, W) logits; channel `(k * factor + dy) * factor + dx` weighs neighbour `k` (row by
-            row) of the 3 x 3 for the fine pixel at row `dy`, column `dx` of its cell. Softmax is taken here.
-        factor: fine pixels per coarse pixel, along each axis.
+        flow: flow in coarse pixels, (N, C, H, W) with C = 2.
+        mask: logits before the softmax, (N, 9 * factor ** 2, H, W); channel `(k * factor + dy) * factor + dx` is the
+            weight of neighbour `k` (row by row) of the 3 x 3 for the fine pixel at row `dy`, column `dx` of its cell.
+        factor: number of fine pixels per coarse pixel along each axis.
 
     Returns:
-        (N, C, factor * H, factor * W), in fine pixels: values are multiplied by `factor`.
+        The flow in fine pixels, (N, C, factor * H, factor * W); values are multiplied by `factor`.
 
     >>> import torch
     >>> convex_upsample(torch.ones(1, 2, 4, 6), torch.zeros(1, 576, 4, 6))[0, 0, 16, 24].item()

@@ -1,4 +1,4 @@
-"""A convolutional GRU whose kernel is split into 1 x 5 and 5 x 1 (RAFT, Teed and Deng 2020, section 3.3)."""
+"""A separable convolutional GRU with 1 x 5 and 5 x 1 kernels (RAFT, Teed and Deng 2020, section 3.3)."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from torch import Tensor, nn
 
 
 class SepConvGRU(nn.Module):
-    """Two GRU steps, along rows and then along columns.
+    """A layer of two GRU steps, along rows and then along columns.
 
     Args:
-        hidden: channels of the state.
-        inputs: channels of the input.
+        hidden: number of channels of the state.
+        inputs: number of channels of the input.
 
-    Keys: `convz1 convr1 convq1` (1 x 5) and `convz2 convr2 convq2` (5 x 1), each over (state, input).
+    State-dict keys: `convz1 convr1 convq1` (1 x 5) and `convz2 convr2 convq2` (5 x 1), each over (state, input).
     """
 
     def __init__(self, hidden: int = 128, inputs: int = 256) -> None:
@@ -25,7 +25,7 @@ class SepConvGRU(nn.Module):
                 )
 
     def forward(self, state: Tensor, inputs: Tensor) -> Tensor:
-        """The new state (N, hidden, H, W), from the state (N, hidden, H, W) and the input (N, inputs, H, W)."""
+        """Return the new state (N, hidden, H, W) from the state (N, hidden, H, W) and the input (N, inputs, H, W)."""
         for convz, convr, convq in (
             (self.convz1, self.convr1, self.convq1),
             (self.convz2, self.convr2, self.convq2),

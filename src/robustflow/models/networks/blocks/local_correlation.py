@@ -1,4 +1,4 @@
-"""Correlation of a pixel with a square window around it in another map (PWC-Net's cost volume, Sun et al. 2018)."""
+"""Correlation of a pixel with a square window around it in a second map (PWC-Net's cost volume, Sun et al. 2018)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from torch import Tensor
 
 RADIUS = 4
 WINDOW = (2 * RADIUS + 1) ** 2
-"""Channels of a correlation of this radius."""
+"""Number of channels of a correlation with this radius."""
 
 
 def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS) -> Tensor:
-    """Mean over channels of feature 1 at a pixel times feature 2 at the pixel + (dx, dy); zero outside.
+    """Compute the mean over channels of feature 1 at a pixel times feature 2 at the pixel + (dx, dy); zero outside.
 
     Args:
-        features1: (N, C, H, W).
-        features2: (N, C, H, W).
+        features1: features of image 1, (N, C, H, W).
+        features2: features of image 2, (N, C, H, W).
         radius: largest |dx| and |dy|, in pixels.
 
     Returns:
-        float32 (N, (2 * radius + 1) ** 2, H, W); channel `(dy + radius) * (2 * radius + 1) + dx + radius`.
+        The correlation, float32 (N, (2 * radius + 1) ** 2, H, W); offset (dx, dy) is channel `(dy + radius) * (2 *
+        radius + 1) + dx + radius`.
 
     >>> local_correlation(torch.ones(1, 3, 2, 2), torch.ones(1, 3, 2, 2), radius=1)[0, :, 0, 0].tolist()
     [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0]

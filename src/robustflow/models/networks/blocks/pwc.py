@@ -1,4 +1,4 @@
-"""The convolutions of the PWC family (Sun et al. 2018), as ARFlow and UPFlow use them."""
+"""Convolutional blocks of the PWC family (Sun et al. 2018) for ARFlow and UPFlow."""
 
 from __future__ import annotations
 
@@ -12,17 +12,23 @@ from torch import Tensor, nn
 def conv(
     inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dilation: int = 1, linear: bool = False
 ) -> nn.Sequential:
-    """A convolution that keeps the size (up to its stride), then LeakyReLU(0.1) unless `linear`. Key: `0`."""
+    """Build a convolution that keeps the size (up to its stride), followed by LeakyReLU(0.1) unless
+    `linear`.
+
+    State-dict key: `0`.
+    """
     padding = (kernel - 1) // 2 * dilation
     layers: list[nn.Module] = [nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation)]
     return nn.Sequential(*layers if linear else [*layers, nn.LeakyReLU(0.1)])
 
 
 class FeaturePyramid(nn.Module):
-    """Two convolutions per level, the first with stride 2. Keys: `convs.<level>.<0|1>.0`.
+    """A feature pyramid with two convolutions per level, the first with stride 2.
+
+    State-dict keys: `convs.<level>.<0|1>.0`.
 
     Args:
-        channels: of the image, then of each level.
+        channels: number of channels of the image, then of each level.
     """
 
     def __init__(self, channels: Sequence[int]) -> None:
@@ -32,7 +38,7 @@ class FeaturePyramid(nn.Module):
         )
 
     def forward(self, image: Tensor) -> list[Tensor]:
-        """(N, 3, H, W) to the levels, finest (1/2) first."""
+        """Return the levels of an image (N, 3, H, W), finest (1/2) first."""
         levels = [image]
         for level in self.convs:
             levels.append(level(levels[-1]))
@@ -40,7 +46,10 @@ class FeaturePyramid(nn.Module):
 
 
 class ContextNetwork(nn.Module):
-    """Seven dilated convolutions that end in a flow residual. Keys: `convs.<0..6>.0`."""
+    """A context network of seven dilated convolutions that returns a flow residual.
+
+    State-dict keys: `convs.<0..6>.0`.
+    """
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -53,17 +62,19 @@ class ContextNetwork(nn.Module):
         self.convs = nn.Sequential(*layers, conv(widths[-1], 2, linear=True))
 
     def forward(self, features: Tensor) -> Tensor:
-        """(N, inputs, H, W) to (N, 2, H, W), in pixels of this level."""
+        """Map (N, inputs, H, W) to (N, 2, H, W), in pixels of this level."""
         return self.convs(features)
 
 
 class DenseEstimator(nn.Module):
-    """Five convolutions, each fed everything before it, and a linear one. Keys: `conv1.0 ... conv5.0 conv_last.0`.
+    """A densely connected block of five convolutions and a final linear convolution.
+
+    State-dict keys: `conv1.0 ... conv5.0 conv_last.0`.
 
     Args:
-        inputs: channels in.
-        widths: channels of the five.
-        outputs: channels of the linear one.
+        inputs: number of input channels.
+        widths: numbers of channels of the five convolutions.
+        outputs: number of channels of the linear convolution.
     """
 
     def __init__(self, inputs: int, widths: Sequence[int], outputs: int) -> None:
@@ -75,7 +86,9 @@ class DenseEstimator(nn.Module):
         self.channels = inputs
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Everything that was computed, newest first, (N, channels, H, W), and the output (N, outputs, H, W)."""
+        """Return the input and all intermediate features, newest first, (N, channels, H, W), and the output (N,
+        outputs, H, W).
+        """
         for step in (self.conv1, self.conv2, self.conv3, self.conv4, self.conv5):
             features = torch.cat((step(features), features), dim=1)
         return features, self.conv_last(features)

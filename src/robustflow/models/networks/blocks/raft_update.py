@@ -1,4 +1,4 @@
-"""The parts of RAFT's update block that its descendants keep (Teed and Deng 2020, section 3.3)."""
+"""The parts of RAFT's update block shared with later networks (Teed and Deng 2020, section 3.3)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from torch import Tensor, nn
 
 
 class MotionEncoder(nn.Module):
-    """Correlation and flow to 128 channels, the last two of which are the flow itself.
+    """The encoder of correlation and flow to 128 channels, the last two of which are the flow.
 
     Args:
-        correlation: channels of the looked-up correlation.
+        correlation: number of channels of the looked-up correlation.
 
-    Keys: `convc1 convc2 convf1 convf2 conv`.
+    State-dict keys: `convc1 convc2 convf1 convf2 conv`.
     """
 
     def __init__(self, correlation: int) -> None:
@@ -25,14 +25,19 @@ class MotionEncoder(nn.Module):
         self.conv = nn.Conv2d(192 + 64, 128 - 2, 3, padding=1)
 
     def forward(self, flow: Tensor, correlation: Tensor) -> Tensor:
-        """(N, 2, H, W) in pixels of this resolution and (N, correlation, H, W) to (N, 128, H, W)."""
+        """Map a flow (N, 2, H, W), in pixels of this resolution, and correlations (N, correlation, H, W) to (N, 128, H,
+        W).
+        """
         seen = F.relu(self.convc2(F.relu(self.convc1(correlation))))
         moved = F.relu(self.convf2(F.relu(self.convf1(flow))))
         return torch.cat((F.relu(self.conv(torch.cat((seen, moved), dim=1))), flow), dim=1)
 
 
 class FlowHead(nn.Module):
-    """The state to a flow residual in pixels of its resolution. Keys: `conv1 conv2`."""
+    """The head that maps a state to a flow residual in pixels of the state's resolution.
+
+    State-dict keys: `conv1 conv2`.
+    """
 
     def __init__(self, inputs: int = 128, hidden: int = 256) -> None:
         super().__init__()
@@ -40,5 +45,5 @@ class FlowHead(nn.Module):
         self.conv2 = nn.Conv2d(hidden, 2, 3, padding=1)
 
     def forward(self, state: Tensor) -> Tensor:
-        """(N, inputs, H, W) to (N, 2, H, W)."""
+        """Map (N, inputs, H, W) to (N, 2, H, W)."""
         return self.conv2(F.relu(self.conv1(state)))

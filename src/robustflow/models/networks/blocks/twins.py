@@ -8,13 +8,16 @@ from torch import Tensor, nn
 from .attention import attend
 from .windows import from_windows, to_windows
 
-# Width of the last of the four stages; the checkpoints contain only its norm, which is never run.
+# Width of the last of the four stages; the checkpoints contain only its norm, which is not used.
 _LARGE = ((128, 256), (4, 8), 1024)
 _SMALL = ((64, 128), (2, 4), 512)
 
 
 class Mlp(nn.Module):
-    """Linear, exact GELU, linear. Keys: `fc1 fc2`."""
+    """An MLP: linear, exact GELU, linear.
+
+    State-dict keys: `fc1 fc2`.
+    """
 
     def __init__(self, width: int, hidden: int) -> None:
         super().__init__()
@@ -22,12 +25,15 @@ class Mlp(nn.Module):
         self.fc2 = nn.Linear(hidden, width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(..., width) to (..., width)."""
+        """Map (..., width) to (..., width)."""
         return self.fc2(F.gelu(self.fc1(x)))
 
 
 class WindowAttention(nn.Module):
-    """Self-attention inside windows of 7 x 7. Keys: `qkv proj`."""
+    """Self-attention inside windows of 7 x 7.
+
+    State-dict keys: `qkv proj`.
+    """
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -36,13 +42,16 @@ class WindowAttention(nn.Module):
         self.proj = nn.Linear(width, width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C)."""
+        """Map (N, H, W, C) to (N, H, W, C)."""
         query, key, value = self.qkv(to_windows(x, 7)).chunk(3, dim=-1)
         return self.proj(from_windows(attend(query, key, value, self.heads), *x.shape[1:3]))
 
 
 class ReducedAttention(nn.Module):
-    """Attention of every pixel to the whole map, shrunk by a strided convolution. Keys: `q kv proj sr norm`."""
+    """Attention of every pixel to the whole map, downsampled by a strided convolution.
+
+    State-dict keys: `q kv proj sr norm`.
+    """
 
     def __init__(self, width: int, heads: int, reduction: int) -> None:
         super().__init__()
@@ -54,14 +63,17 @@ class ReducedAttention(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C)."""
+        """Map (N, H, W, C) to (N, H, W, C)."""
         shrunk = self.sr(x.permute(0, 3, 1, 2)).flatten(2).transpose(1, 2)
         key, value = self.kv(self.norm(shrunk)).chunk(2, dim=-1)
         return self.proj(attend(self.q(x.flatten(1, 2)), key, value, self.heads)).reshape(x.shape)
 
 
 class Block(nn.Module):
-    """Pre-norm attention and MLP, each with a residual. Keys: `norm1 attn norm2 mlp`."""
+    """A transformer block: pre-norm attention and MLP, each with a residual.
+
+    State-dict keys: `norm1 attn norm2 mlp`.
+    """
 
     def __init__(self, width: int, attention: nn.Module) -> None:
         super().__init__()
@@ -71,13 +83,16 @@ class Block(nn.Module):
         self.mlp = Mlp(width, 4 * width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C)."""
+        """Map (N, H, W, C) to (N, H, W, C)."""
         x = x + self.attn(self.norm1(x))
         return x + self.mlp(self.norm2(x))
 
 
 class PatchEmbedding(nn.Module):
-    """A strided convolution and a norm. Keys: `proj norm`."""
+    """Patch embedding: a strided convolution and a norm.
+
+    State-dict keys: `proj norm`.
+    """
 
     def __init__(self, inputs: int, width: int, patch: int) -> None:
         super().__init__()
@@ -85,8 +100,9 @@ class PatchEmbedding(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, x: Tensor, dense: bool = False) -> Tensor:
-        """(N, C, H, W) to (N, H / patch, W / patch, width), or (N, H, W, width) where `dense`: one patch per pixel,
-        which ends at that pixel, with zeros above and to the left of the map."""
+        """Map (N, C, H, W) to (N, H / patch, W / patch, width), or to (N, H, W, width) if `dense`: then there is one
+        patch per pixel, whose lower right corner is that pixel, with zeros above and to the left of the map.
+        """
         if dense:
             before = self.proj.kernel_size[0] - 1
             x = F.conv2d(F.pad(x, (before, 0, before, 0)), self.proj.weight, self.proj.bias)
@@ -96,14 +112,17 @@ class PatchEmbedding(nn.Module):
 
 
 class PositionConv(nn.Module):
-    """A depthwise 3 x 3 convolution with a residual, which gives tokens their positions. Keys: `proj.0`."""
+    """Positional encoding by a depthwise 3 x 3 convolution with a residual.
+
+    State-dict keys: `proj.0`.
+    """
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.proj = nn.Sequential(nn.Conv2d(width, width, 3, padding=1, groups=width))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C)."""
+        """Map (N, H, W, C) to (N, H, W, C)."""
         return x + self.proj(x.permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
 
 
@@ -124,10 +143,10 @@ class _Stages(nn.Module):
 
 
 class Twins(nn.Module):
-    """Twins-SVT, stages one (1/4 resolution) and two (1/8), under the key `svt`.
+    """The first two stages of Twins-SVT (1/4 and 1/8 resolution), under the state-dict key `svt`.
 
     Args:
-        large: Twins-SVT-Large (128 and 256 channels), else Small (64 and 128).
+        large: whether to use Twins-SVT-Large (128 and 256 channels) instead of Twins-SVT-Small (64 and 128).
 
     >>> import torch
     >>> Twins(large=False)(torch.zeros(1, 3, 64, 96)).shape
@@ -139,12 +158,12 @@ class Twins(nn.Module):
         self.svt = _Stages(*(_LARGE if large else _SMALL))
 
     def stage(self, index: int, x: Tensor, dense: bool = False) -> Tensor:
-        """One stage: (N, C, H, W) to (N, width, H / patch, W / patch); `dense` as in `PatchEmbedding`."""
+        """Apply one stage to (N, C, H, W), giving (N, width, H / patch, W / patch); `dense` as in `PatchEmbedding`."""
         x = self.svt.patch_embeds[index](x, dense)
         local, reduced = self.svt.blocks[index]
         x = reduced(self.svt.pos_block[index](local(x)))
         return x.permute(0, 3, 1, 2).contiguous()
 
     def forward(self, image: Tensor) -> Tensor:
-        """(N, 3, H, W), scaled to -1..1, H and W multiples of 8, to (N, width, H / 8, W / 8)."""
+        """Map images (N, 3, H, W) in -1..1, H and W multiples of 8, to (N, width, H / 8, W / 8)."""
         return self.stage(1, self.stage(0, image))

@@ -1,4 +1,4 @@
-"""Backward warping: sample what a flow points at, as coarse-to-fine networks do between levels."""
+"""Backward warping: sample a map along a flow, as coarse-to-fine networks do between levels."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
     """Sample `maps` bilinearly at pixel + flow.
 
     Args:
-        maps: (N, C, H, W).
-        flow: (N, 2, H, W), (u right, v down) in pixels of `maps`.
-        padding: outside the map: "zeros" or "border".
-        align_corners: True samples exactly at pixel + flow. False keeps the coordinates but has the sampler count
-            them from the corners of the outer pixels, which shifts and stretches by up to half a pixel: what code
-            written for PyTorch before 1.3 does on later versions.
+        maps: maps to sample, (N, C, H, W).
+        flow: flow (u right, v down) in pixels of `maps`, (N, 2, H, W).
+        padding: values outside the map, "zeros" or "border".
+        align_corners: whether to sample exactly at pixel + flow. False shifts and stretches the coordinates by up to
+            half a pixel, because the sampler measures them from the corners of the outer pixels; this is the behaviour
+            of code written for PyTorch before 1.3 when run on later versions.
 
     Returns:
-        float32 (N, C, H, W).
+        The sampled maps, float32 (N, C, H, W).
 
     >>> maps = torch.arange(4.0).reshape(1, 1, 1, 4).repeat(1, 1, 2, 1)
     >>> flow = torch.tensor([1.0, 0.0]).reshape(1, 2, 1, 1).expand(1, 2, 2, 4)
@@ -36,16 +36,17 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
 
 
 def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> Tensor:
-    """Where the flow points into the map: 1 where bilinear weights inside it sum to at least `threshold`, else 0.
+    """Return a mask of flow targets inside the map: 1 where the bilinear weights inside it sum to at least `threshold`,
+    otherwise 0.
 
     Args:
-        flow: (N, 2, H, W), in pixels.
-        threshold: of the summed weights. At exactly 1.0, rounding decides about interior pixels too, differently on
-            every machine.
-        align_corners: see `warp`.
+        flow: flow in pixels, (N, 2, H, W).
+        threshold: threshold for the summed weights. At exactly 1.0, rounding also affects interior pixels, and the mask
+            differs between machines.
+        align_corners: sampling convention, see `warp`.
 
     Returns:
-        float32 (N, 1, H, W).
+        The mask, float32 (N, 1, H, W).
     """
     ones = torch.ones_like(flow[:, :1], dtype=torch.float32)
     return (warp(ones, flow, align_corners=align_corners) >= threshold).float()

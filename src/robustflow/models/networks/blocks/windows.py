@@ -1,4 +1,4 @@
-"""Cut a map into square windows of tokens and put it back together (Swin, Twins and SAM attend inside windows)."""
+"""Split a map into square windows of tokens and merge them again, for attention inside windows (Swin, Twins, SAM)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from torch import Tensor
 
 
 def to_windows(x: Tensor, size: int) -> Tensor:
-    """Windows, row by row, of a map padded with zeros at the bottom and right to whole windows.
+    """Split a map into windows, row by row, after zero-padding it at the bottom and right to a multiple of the window
+    size.
 
     Args:
-        x: (N, H, W, C).
-        size: side of a window.
+        x: input map, (N, H, W, C).
+        size: side length of a window in pixels.
 
     Returns:
-        (N, windows, size * size, C).
+        The windows, (N, windows, size * size, C).
 
     >>> import torch
     >>> to_windows(torch.zeros(2, 10, 8, 3), 7).shape
@@ -28,7 +29,7 @@ def to_windows(x: Tensor, size: int) -> Tensor:
 
 
 def from_windows(windows: Tensor, height: int, width: int) -> Tensor:
-    """The map (N, height, width, C) whose `to_windows` gave `windows`; the padding is removed.
+    """Merge `windows` from `to_windows` into the map (N, height, width, C), without the padding.
 
     >>> import torch
     >>> x = torch.rand(2, 10, 8, 3)
