@@ -166,7 +166,7 @@ def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
 
 def test_damage_that_changes_nothing_is_said_aloud(prepared, tmp_path):
     dataset = GoProFCPrepared(prepared, cache=tmp_path)
-    with pytest.warns(UserWarning, match="not one of [0-9]+ bytes was changed"):
+    with pytest.warns(UserWarning, match="none of [0-9]+ bytes was changed"):
         shown = dataset.corrupted("scene/000032", "bit_error", 1)
     assert all((a == b).all() for a, b in zip(shown, dataset.load("scene/000032").frames, strict=True))
     (record,) = dataset.clip_records()

@@ -97,7 +97,7 @@ def test_a_file_that_is_longer_than_it_says(tmp_path: Path, kind: str) -> None:
     middle = len(whole) // 2
     for changed in (whole + b"xyz", whole[:middle] + b"xyz" + whole[middle:]):
         path.write_bytes(changed)
-        with pytest.raises(DataError, match=r"too long, or holds several pictures|damaged"):
+        with pytest.raises(DataError, match=r"too long, or contains several pictures|damaged"):
             read_image(path)
 
 
@@ -120,7 +120,7 @@ def test_a_deflated_tiff_of_which_a_byte_changed(tmp_path: Path) -> None:
 def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) -> None:
     others = [Image.fromarray(PICTURE[::-1].copy()), Image.fromarray(PICTURE[:, ::-1].copy())]
     Image.fromarray(PICTURE).save(tmp_path / name, save_all=True, append_images=others, **options)
-    with pytest.raises(DataError, match=r"holds 3 pictures, .* as separate files"):
+    with pytest.raises(DataError, match=r"contains 3 pictures, .* as separate files"):
         read_image(tmp_path / name)
 
 
@@ -135,7 +135,7 @@ def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
     header = side.to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
     assert path.stat().st_size < 5_000_000
-    with pytest.raises(DataError, match="20000x20000 pixels are more than"):
+    with pytest.raises(DataError, match="20000x20000 pixels exceed"):
         read_flow(path)
 
 

@@ -53,5 +53,5 @@ def test_the_buffer_is_bounded():
 
 
 def test_nothing_decoded_is_one_clear_error():
-    with pytest.raises(DataError, match="not one of 5 frames"):
+    with pytest.raises(DataError, match="none of the 5 frames"):
         list(fill_lost([], Fill(5)))

@@ -128,7 +128,7 @@ def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(tmp_p
         prepare_clip(source, tmp_path / "out", Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast"))
     prepare_folder([source], tmp_path / "folder", PLAIN)
     other = PictureFolder(clips.folder(tmp_path / "other", 70))
-    with pytest.raises(DataError, match="other prepared clips"):
+    with pytest.raises(DataError, match="different prepared clips"):
         prepare_folder([other], tmp_path / "folder", PLAIN)
     (tmp_path / "folder" / "gopro_fc.json").write_text("{}")
     with pytest.raises(DataError, match=r"gopro_fc\.json is damaged; delete .*folder, and the same command prepares"):

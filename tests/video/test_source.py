@@ -52,7 +52,7 @@ def test_frames_by_number_are_turned_too(tmp_path, rotation, quarter):
 
 def test_a_turn_that_is_not_a_quarter_is_refused(tmp_path):
     path = video(tmp_path / "a.mp4", [np.zeros((32, 64, 3), np.uint8)] * 3, rotation=30)
-    with pytest.raises(DataError, match="only quarter turns can be followed"):
+    with pytest.raises(DataError, match="only multiples of 90 degrees are supported"):
         VideoReader(path).frame(0)
 
 

@@ -1,1 +1,1 @@
-"""Pictures in and out, and what is drawn into them: flow colours, error colours."""
+"""Read and write pictures, and render flow, depth and errors as colours."""

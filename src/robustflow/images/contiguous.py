@@ -1,4 +1,4 @@
-"""One memory layout for compiled loops."""
+"""Give frames the memory layout that compiled loops expect."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from ..sample import Frame
 
 
 def contiguous(frame: Frame) -> Frame:
-    """The frame, C-contiguous and read-only; copied only where it is not contiguous.
+    """Return the frame as a C-contiguous, read-only array; copy it only if it is not contiguous.
 
-    Compiled loops are specialised by layout and by writability: with one of each, they are compiled once.
+    numba compiles a separate version for each memory layout and writability; with a single combination it compiles
+    once.
 
     >>> contiguous(np.zeros((4, 6, 3), np.uint8)[:, ::2]).flags.writeable
     False

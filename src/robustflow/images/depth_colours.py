@@ -1,4 +1,4 @@
-"""Depth as a picture."""
+"""Render depth maps as grey pictures."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from ..sample import DepthMap, Frame
 
 
 def depth_colours(depth: DepthMap) -> Frame:
-    """A map in grey by inverse depth: the nearest pixel is white, twice as far is half as bright.
+    """Render a depth map in grey, with brightness proportional to inverse depth; the nearest pixel is white.
 
     Args:
-        depth: float32 (H, W), metres.
+        depth: float32 (H, W), depth map in metres.
 
     >>> depth_colours(np.array([[2.0, 4.0, 200.0]], np.float32))[0, :, 0].tolist()
     [255, 128, 3]

@@ -1,4 +1,4 @@
-"""Errors in pixels as colours, on a logarithmic scale that is the same in every picture."""
+"""Render errors in pixels as colours, on the same logarithmic scale in every picture."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from ..metrics.error_maps import Errors
 from ..sample import Frame
 
 LOWEST, HIGHEST = 0.1, 100.0
-"""Ends of the scale in pixels: errors below and above have the colours of the ends."""
+"""Limits of the colour scale in pixels; errors outside are clipped to the limits."""
 
 COLOUR_MAP = "inferno"
 UNKNOWN_COLOUR = (160, 160, 160)
-"""Where there is no error to show: no ground truth, or a prediction that is not finite."""
+"""Colour of pixels without an error: no ground truth, or a prediction that is not finite."""
 
 
 def error_colours(errors: Errors) -> Frame:
-    """A map of errors as RGB uint8 (H, W, 3): black for `LOWEST` or less to pale yellow for `HIGHEST`; NaN is grey.
+    """Render an error map as RGB uint8 (H, W, 3), from black (`LOWEST` or less) to pale yellow (`HIGHEST` or more); NaN
+    is grey.
 
     >>> error_colours(np.array([[0.0, 0.1, 100.0, np.nan]])).tolist()
     [[[0, 0, 3], [0, 0, 3], [252, 254, 164], [160, 160, 160]]]

@@ -1,8 +1,9 @@
-"""Flow as colours: hue is the direction, saturation the length (Baker et al., "A Database and Evaluation Methodology
-for Optical Flow", IJCV 2011, Sec. 4.4, with the colour wheel of their software).
+"""Render flow as colours: hue encodes direction, saturation encodes magnitude (Baker et al., "A Database and Evaluation
+Methodology for Optical Flow", IJCV 2011, Sec. 4.4, with the colour wheel from their software).
 
-No motion is white, flow to the right red, down yellow, to the left cyan-blue, up violet. A vector as long as the radius
-has its full colour; longer ones are darkened to three quarters, and unknown flow is black.
+Zero flow is white, flow to the right is red, down yellow, to the left cyan-blue, and up violet. Vectors whose magnitude
+equals the radius are fully saturated; longer vectors are darkened to three quarters of the brightness, and unknown flow
+is black.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from ..errors import DataError
 from ..sample import Flow, Frame, Mask
 
-# Each stretch of the wheel: its steps, the colour it begins with, and the channel that rises (+) or falls (-) over it.
+# Segments of the wheel: number of steps, first colour, and the channel that increases (+) or decreases (-).
 _STRETCHES = (
     (15, (255, 0, 0), 1, +1),  # red to yellow
     (6, (255, 255, 0), 0, -1),  # yellow to green
@@ -26,9 +27,9 @@ _BEYOND = 0.75
 
 
 def colour_wheel() -> npt.NDArray[np.float64]:
-    """The 55 colours of the wheel, float64 (55, 3) from 0 to 255, beginning with red (flow to the right).
+    """Return the 55 colours of the wheel, float64 (55, 3), range 0 to 255, starting with red (flow to the right).
 
-    More of them lie between red and yellow than between green and cyan, so that equal steps look equal.
+    There are more colours between red and yellow than between green and cyan, so that steps look perceptually equal.
 
     >>> colour_wheel()[[0, 15, 21]].tolist()
     [[255.0, 0.0, 0.0], [255.0, 255.0, 0.0], [0.0, 255.0, 0.0]]
@@ -42,9 +43,10 @@ def colour_wheel() -> npt.NDArray[np.float64]:
 
 
 def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
-    """A radius that suits a flow: the length that 99 % of its known vectors do not exceed, in pixels; at least 1.
+    """Return a suitable radius for a flow: the 99th percentile of the magnitudes of its known vectors, in pixels; at
+    least 1.
 
-    Otherwise a few outliers of flow on corrupted frames would leave everything else white.
+    With the maximum, a few outliers in the flow on corrupted frames would leave the rest of the picture white.
 
     >>> flow_radius(np.full((2, 2, 2), (3, 4), np.float32))
     5.0
@@ -55,18 +57,18 @@ def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
 
 
 def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
-    """A flow as a picture.
+    """Render a flow field as a picture.
 
     Args:
-        flow: float32 (H, W, 2), (u right, v down) in pixels.
-        radius: the length that gets full colour, in pixels; pictures that are compared share one.
-        valid: bool (H, W), False where the flow is unknown; values that are not finite are always unknown.
+        flow: float32 (H, W, 2), flow (u right, v down) in pixels.
+        radius: flow magnitude shown fully saturated, in pixels; use the same radius for pictures to be compared.
+        valid: bool (H, W), mask of known flow; vectors that are not finite always count as unknown.
 
     Returns:
         RGB uint8 (H, W, 3).
 
     Raises:
-        DataError: a flow of another shape, or a radius that is not positive.
+        DataError: the flow has the wrong shape, or the radius is not positive.
 
     >>> flow_colours(np.array([[[0, 0], [2, 0], [4, 0], [np.nan, 0]]], np.float32), radius=2).tolist()
     [[[255, 255, 255], [255, 0, 0], [191, 0, 0], [0, 0, 0]]]
@@ -76,7 +78,7 @@ def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
     known = np.asarray(np.isfinite(flow).all(axis=2))
     if valid is not None:
         known = known & valid
-    u, v = np.moveaxis(np.where(known[..., None], flow, 0).astype(np.float64) + 0.0, 2, 0)  # + 0.0: no negative zero
+    u, v = np.moveaxis(np.where(known[..., None], flow, 0).astype(np.float64) + 0.0, 2, 0)  # "+ 0.0": no -0.0
     wheel = colour_wheel() / 255
     place = (np.arctan2(-v, -u) / np.pi + 1) / 2 * (len(wheel) - 1)
     before = place.astype(np.intp)

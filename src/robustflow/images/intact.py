@@ -1,7 +1,8 @@
-"""Check that a picture's file is intact, as far as its format reveals damage that decoders ignore.
+"""Detect damage in image files that decoders ignore, as far as the format allows.
 
-PNG and deflated TIFF have checksums, JPEG a code that breaks, BMP, PPM and WebP a length; any other changed byte is
-just a changed pixel. A run's manifest keeps a digest of every file for that reason.
+PNG and deflated TIFF files contain checksums, JPEG damage usually breaks the entropy coding, and BMP, PPM and WebP
+state a length. Other damage only changes pixel values and cannot be detected, so a run's manifest stores a hash of
+every file.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from ..errors import DataError
 
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _INFLATE = 1100
-"""Deflate cannot shrink data by more than 1032:1, so a PNG that claims more is damaged."""
+"""Deflate cannot compress data by more than 1032:1, so a PNG whose header implies a higher ratio is damaged."""
 
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
-"""Interlaced passes: first column, first row, step across, step down."""
+"""Interlaced passes: first column, first row, column step, row step."""
 
 
 class PngHeader(NamedTuple):
-    """The header of a PNG: its size, bits per channel, and channels (a palette counts as one)."""
+    """A PNG header: image size, bits per channel, and number of channels (a palette counts as one)."""
 
     width: int
     height: int
@@ -33,8 +34,9 @@ class PngHeader(NamedTuple):
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:
-    """Read a PNG's header and check that all its chunks are present and undamaged, without decoding; raises
-    DataError."""
+    """Read a PNG header and check, without decoding, that all chunks are present and undamaged; raise a DataError if
+    not.
+    """
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
         raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
@@ -48,7 +50,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
         if end > len(data):
             raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
         name = data[start + 4 : start + 8]
-        # Pillow stops reading when it has all rows, before the checksum of the last chunk.
+        # Pillow stops reading after the last row, before it reaches the checksum of the last chunk.
         if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
             raise DataError(f"{path}: damaged, a checksum of the PNG is wrong; copy or download it again")
         start = end
@@ -56,10 +58,10 @@ def check_png(path: Path, data: bytes) -> PngHeader:
 
 
 def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> None:
-    """Refuse a PNG whose compressed data ends before its last row, which decoders fill with zeros.
+    """Reject a PNG whose compressed data ends before the last row; decoders fill the missing rows with zeros.
 
     Args:
-        pixels: as decoded. The data is looked at only if their last two rows are zero.
+        pixels: the decoded image; the compressed data is inspected only if the last two rows are zero.
     """
     if pixels[-2:].any():
         return
@@ -79,9 +81,9 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> Non
 
 
 def check_jpeg(path: Path, data: bytes) -> None:
-    """Refuse a JPEG whose code breaks: Pillow's decoder continues with grey or shifted blocks silently.
+    """Reject a JPEG with broken entropy coding; Pillow's decoder silently continues with grey or shifted blocks.
 
-    FFmpeg's decoder stops at the first error. A file that it does not support (arithmetic coding) passes.
+    FFmpeg's decoder stops at the first error. Files that FFmpeg does not support (arithmetic coding) are accepted.
     """
     import av
 
@@ -99,11 +101,11 @@ def check_jpeg(path: Path, data: bytes) -> None:
 
 
 def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
-    """Refuse a file that is longer or shorter than its own header says.
+    """Reject a file that is longer or shorter than its header states.
 
     Args:
-        kind: "BMP", "PPM" or "WEBP"; other formats do not state their length.
-        end: where the pixels of a PPM end; 0 where unknown.
+        kind: format of the file, "BMP", "PPM" or "WEBP"; other formats do not state their length.
+        end: offset of the end of a PPM's pixels, in bytes; 0 if unknown.
     """
     sizes: tuple[int, ...] = ()
     if kind == "WEBP":
@@ -114,14 +116,14 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
     elif kind == "PPM" and end and data[end:].strip():
         sizes = (end,)
     if sizes and len(data) not in sizes:
-        state = "cut short" if len(data) < sizes[0] else "too long, or holds several pictures"
+        state = "cut short" if len(data) < sizes[0] else "too long, or contains several pictures"
         raise DataError(
             f"{path}: {state}, {len(data)} bytes where its header says {sizes[0]}; copy or convert it again"
         )
 
 
 def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) -> None:
-    """Refuse a deflated TIFF in which a strip's checksum is wrong; libtiff does not check it."""
+    """Reject a deflated TIFF with a wrong strip checksum, which libtiff does not verify."""
     for offset, count in zip(offsets or (), counts or (), strict=False):
         inflate, part = zlib.decompressobj(), memoryview(data)[offset : offset + count].tobytes()
         try:

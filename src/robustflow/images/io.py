@@ -1,7 +1,7 @@
-"""Read and write pictures: RGB uint8 in, RGB uint8 out, and no conversion that would lose anything.
+"""Read and write pictures as RGB uint8, without lossy conversions.
 
-Pillow decodes, because it is strict: on every truncation of small files it raises instead of returning a partly
-filled picture. `intact` looks for what it overlooks.
+Pictures are decoded with Pillow, which is strict: it raises for truncated files instead of returning a partly filled
+picture. `intact` detects damage that Pillow overlooks.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from ..sample import Frame
 from .intact import check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
-"""File names taken for pictures when a folder is listed."""
+"""File name extensions treated as pictures when a folder is listed."""
 
 MAX_PIXELS = 2**27
-"""A picture beyond 134 megapixels is refused before its pixels are allocated."""
+"""Largest supported picture, 134 megapixels; larger pictures are rejected before their pixels are allocated."""
 
 _OF_PILLOW = (
     OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error,
     Image.DecompressionBombError,
 )  # fmt: skip
-"""What Pillow raises on damaged files."""
+"""Exceptions that Pillow raises for damaged files."""
 
 _STRIPS = (273, 279, 324, 325)
-"""TIFF's tags of where strips or tiles are, and of how many bytes each has."""
+"""TIFF tags for the offsets and byte counts of strips or tiles."""
 
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 
@@ -43,19 +43,19 @@ _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 def read_image(path: str | Path) -> Frame:
     """Read a picture as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP.
 
-    Grey becomes three equal channels, a palette its colours. The orientation a camera notes in the file is
-    applied. Alpha is dropped where every pixel is opaque. Refused, because no conversion is right: any
-    transparency, more than 8 bits per channel, CMYK and other colour spaces, several pictures in one file.
+    Grey pictures get three equal channels, palettes are expanded, and the EXIF orientation is applied. An alpha channel
+    is dropped if every pixel is opaque. Rejected because no lossless conversion exists: transparency, more than 8 bits
+    per channel, CMYK and other colour spaces, several pictures in one file.
 
     Raises:
-        DataError: no such file, damaged or cut short, larger than `MAX_PIXELS`, or one of the refused kinds.
-            Damage that the format cannot show (a changed byte of a BMP) is not noticed.
+        DataError: the file does not exist, is damaged or truncated, exceeds `MAX_PIXELS`, or is of a rejected kind.
+            Damage that the format cannot reveal (a changed byte in a BMP) is not detected.
     """
     path = Path(path)
     data = _contents(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # every problem of a damaged file is raised, in one line
+            warnings.simplefilter("ignore")  # damaged files always raise an error, on one line
             with _open(path, data) as image:
                 _check_intact(path, data, image)
                 image.load()
@@ -69,10 +69,10 @@ def read_image(path: str | Path) -> Frame:
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """(H, W) of the picture that `read_image` would return, from the header.
+    """Return (H, W) of the picture that `read_image` would return, from the header.
 
     Raises:
-        DataError: no such file, or not a picture.
+        DataError: the file does not exist or is not a picture.
     """
     path = Path(path)
     _check_file(path)
@@ -86,16 +86,17 @@ def image_size(path: str | Path) -> tuple[int, int]:
 
 
 def stored_size(path: str | Path) -> tuple[int, int]:
-    """(H, W) as it is in the file, before a noted orientation is applied. Decodes no pixel, however many are claimed.
+    """Return (H, W) as stored in the file, before the EXIF orientation is applied, without decoding any pixels.
 
     Raises:
-        DataError: no such file, not a picture, or a claim that Pillow takes for an attack.
+        DataError: the file does not exist, is not a picture, or states a size that Pillow treats as a decompression
+            bomb.
     """
     path = Path(path)
     _check_file(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the caller decides what is too large
+            warnings.simplefilter("ignore")  # the caller decides which sizes are too large
             with Image.open(path, formats=_FORMATS) as image:
                 width, height = image.size
     except _OF_PILLOW as error:
@@ -104,15 +105,15 @@ def stored_size(path: str | Path) -> tuple[int, int]:
 
 
 def read_mask(path: str | Path) -> npt.NDArray[np.bool_]:
-    """Read a picture as bool (H, W): True where any channel is not 0."""
+    """Read a picture as bool (H, W), True where any channel is nonzero."""
     return np.asarray(read_image(path).any(axis=2))
 
 
 def write_image(path: str | Path, image: Frame) -> None:
-    """Write RGB uint8 (H, W, 3) as PNG, atomically. The name must end in .png.
+    """Write RGB uint8 (H, W, 3) to a PNG file atomically. The file name must end in .png.
 
     Raises:
-        DataError: another type, shape or ending, or a file that cannot be written.
+        DataError: the dtype, shape or file name extension is wrong, or the file cannot be written.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "red.png"
@@ -122,14 +123,15 @@ def write_image(path: str | Path, image: Frame) -> None:
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise DataError(f"{path}: pictures are written as PNG, without loss; give a name that ends in .png")
+        raise DataError(f"{path}: pictures are written as lossless PNG; give a name that ends in .png")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise DataError(f"{path}: cannot write {image.dtype} {image.shape}; give RGB uint8 (H, W, 3)")
     atomic.write_bytes(path, png_bytes(image))
 
 
 def shrunk(image: Frame, widest: int) -> Frame:
-    """RGB uint8 (H, W, 3) reduced to a width of `widest` pixels by averaging; a narrower one stays as it is.
+    """Reduce an RGB uint8 (H, W, 3) picture to a width of `widest` pixels by averaging; leave narrower pictures
+    unchanged.
 
     >>> shrunk(np.zeros((10, 960, 3), np.uint8), 480).shape
     (5, 480, 3)
@@ -142,32 +144,32 @@ def shrunk(image: Frame, widest: int) -> Frame:
 
 
 def png_bytes(image: Frame) -> bytes:
-    """RGB uint8 (H, W, 3) as a PNG, without loss."""
+    """Encode an RGB uint8 (H, W, 3) picture as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=3)
     return buffer.getvalue()
 
 
 def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
-    """RGB uint8 (H, W, 3) as a JPEG, for display only: noise and fine colour are lost."""
+    """Encode an RGB uint8 (H, W, 3) picture as JPEG, for display only: noise and fine colour detail are lost."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
     return buffer.getvalue()
 
 
 def jpeg_address(image: Frame, widest: int, quality: int = 80) -> str:
-    """RGB uint8 (H, W, 3) inside a `data:` address, at most `widest` pixels wide; as `jpeg_bytes`."""
+    """Encode an RGB uint8 (H, W, 3) picture as a JPEG `data:` URL, at most `widest` pixels wide; see `jpeg_bytes`."""
     data = jpeg_bytes(shrunk(image, widest), quality)
     return "data:image/jpeg;base64," + base64.b64encode(data).decode()
 
 
 def png_address(image: Frame, widest: int) -> str:
-    """RGB uint8 (H, W, 3) inside a `data:` address, at most `widest` pixels wide; without loss."""
+    """Encode an RGB uint8 (H, W, 3) picture as a lossless `data:` URL, at most `widest` pixels wide."""
     return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
 
 
 def _check_file(path: Path) -> None:
-    """Raise unless a path is a file: opening a pipe would never return."""
+    """Raise unless a path is a regular file; opening a pipe would block forever."""
     if not path.is_file():
         why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such picture; check the path"
         raise DataError(f"{path}: {why}")
@@ -193,18 +195,18 @@ def _open(path: Path, data: bytes) -> Image.Image:
         raise DataError(f"{path}: not a picture ({kinds}), or damaged at its start; check the file") from error
     width, height = image.size
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {width}x{height} pixels are more than {MAX_PIXELS}; scale the picture down")
+        raise DataError(f"{path}: {width}x{height} pixels exceed {MAX_PIXELS}; scale the picture down")
     if deep or _is_deep(image):
         raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is not a picture)")
     return image
 
 
 def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
-    """Refuse several pictures in one file, and damage that the decoder would ignore."""
+    """Reject files with several pictures, and damage that the decoder would ignore."""
     frames = getattr(image, "n_frames", 1)
-    if frames > 1 and image.format != "MPO":  # whose first picture is the one to show
+    if frames > 1 and image.format != "MPO":  # MPO: the first picture is the main one
         raise DataError(
-            f"{path}: holds {frames} pictures, of which only one can be read; save them as separate files, "
+            f"{path}: contains {frames} pictures, but only one can be read; save them as separate files, "
             "and give their folder"
         )
     end = 0
@@ -219,7 +221,7 @@ def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
 
 
 def _is_deep(image: Image.Image) -> bool:
-    """Whether Pillow would reduce the file's channels to 8 bits, or store them in wider ones."""
+    """Whether Pillow would reduce the file's channels to 8 bits or return channels wider than 8 bits."""
     if image.mode in ("I", "F") or image.mode.startswith("I;"):
         return True
     tiles = getattr(image, "tile", [])

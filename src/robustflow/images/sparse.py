@@ -1,4 +1,4 @@
-"""Make sparse maps visible: laser scanners measure one in several pixels, which would vanish in a smaller picture."""
+"""Make sparse maps visible; lidar measures only some of the pixels, which would vanish in a downscaled picture."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from scipy.ndimage import distance_transform_edt
 from ..sample import Frame, Mask
 
 REACH = 2.0
-"""Pixels by which a known point is enlarged, only for display."""
+"""Distance in pixels by which known points are dilated, for display only."""
 
 SPARSE = 0.5
-"""Maps with a smaller share of known pixels are sparse; in dense ones the unknown pixels stay visible."""
+"""Fraction of known pixels below which a map counts as sparse; in dense maps unknown pixels stay visible."""
 
 
 def thickened(picture: Frame, known: Mask) -> Frame:
-    """Give unknown pixels of a sparse map the colour of a known one within `REACH`; other pictures are unchanged.
+    """Fill unknown pixels of a sparse map with the colour of a known pixel within `REACH`; leave dense maps unchanged.
 
     Args:
-        picture: RGB uint8 (H, W, 3).
-        known: bool (H, W).
+        picture: RGB uint8 (H, W, 3), rendered map.
+        known: bool (H, W), mask of the known pixels.
 
     >>> row = np.array([[[9, 9, 9], [0, 0, 0], [0, 0, 0], [0, 0, 0]]], np.uint8)
     >>> thickened(row, np.array([[True, False, False, False]]))[0, :, 0].tolist()

@@ -1,19 +1,19 @@
-"""How well a confidence predicts where a flow is wrong: sparsification, AUSE, rank correlation; and the consistency of
-a flow with the flow back.
+"""Measure how well a confidence map predicts flow errors: sparsification, AUSE, rank correlation; and check
+forward-backward consistency.
 
-Sparsification removes the least confident pixels first and asks for the mean error of the rest, at 0, 1, ... 99 %
-removed. The oracle removes the largest errors first. AUSE is the mean difference of the two curves, which is the area
-between them: at 0 % and at 100 % they meet (Ilg et al., Uncertainty Estimates and Multi-Hypotheses Networks for Optical
-Flow, ECCV 2018). Pixels of equal confidence count as in the mean over all their orders, so that no order of pixels
-helps, and a constant confidence scores what a random one does on average.
+Sparsification removes the least confident pixels first and reports the mean error of the remaining pixels after
+removing 0, 1, ... 99 %. The oracle removes the largest errors first. AUSE is the mean difference between the two
+curves, i.e. the area between them; the curves meet at 0 % and at 100 % (Ilg et al., Uncertainty Estimates and
+Multi-Hypotheses Networks for Optical Flow, ECCV 2018). Ties in confidence are averaged over all orderings of the tied
+pixels, so pixel order does not affect the result, and a constant confidence scores the same as a random one on average.
 
 The forward-backward check is that of Sundaram, Brox and Keutzer (Dense Point Trajectories by GPU-accelerated Large
 Displacement Optical Flow, ECCV 2010): a pixel is rejected where
 
     |w + w'|^2 >= 0.01 (|w|^2 + |w'|^2) + 0.5
 
-with w the flow there and w' the flow back, interpolated bilinearly where w leads. UnFlow and ARFlow use the
-same numbers.
+where w is the forward flow at the pixel and w' the backward flow, interpolated bilinearly at the pixel's target. UnFlow
+and ARFlow use the same constants.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from ..errors import DataError
 from ..sample import Flow, Mask
 
 STEPS = 100
-"""Steps of the sparsification curve."""
+"""Number of steps of the sparsification curve."""
 
 ALPHA_1 = 0.01
-"""Factor on the squared lengths of the two flows in the tolerance of their difference."""
+"""Weight of the two squared flow magnitudes in the consistency tolerance."""
 ALPHA_2 = 0.5
-"""Constant part of that tolerance, squared pixels."""
+"""Constant part of the consistency tolerance, in squared pixels."""
 
 Values = npt.NDArray[np.float64]
 _CHUNK = 2**16
 
 
 class Sparsification(NamedTuple):
-    """Mean errors of the remaining pixels when 0, 1, ... 99 % are removed, in pixels.
+    """Mean errors, in pixels, of the remaining pixels after removing 0, 1, ... 99 %.
 
     Attributes:
-        by_confidence: float64 (100,), the least confident removed first.
-        by_error: float64 (100,), the largest errors removed first.
+        by_confidence: float64 (100,), errors when the least confident pixels are removed first.
+        by_error: float64 (100,), errors when the largest errors are removed first.
     """
 
     by_confidence: Values
@@ -51,19 +51,19 @@ class Sparsification(NamedTuple):
 
     @property
     def ause(self) -> float:
-        """The area between the curves, in pixels."""
+        """Return the area between the two curves, in pixels."""
         return max(0.0, float(np.cumsum(self.by_confidence - self.by_error)[-1]) / STEPS)
 
 
 def sparsification(error: Any, confidence: Any) -> Sparsification | None:
-    """The sparsification curves of an image; None without pixels.
+    """Return the sparsification curves of an image, or None if no pixel is left.
 
     Args:
         error: end-point errors in pixels, an array of any shape; pixels that are NaN are left out.
-        confidence: of the same shape, larger where the flow is surer; any scale, -inf included.
+        confidence: array of the same shape, larger where the model is more confident; any scale, -inf allowed.
 
     Raises:
-        DataError: shapes that differ, or a confidence that is NaN.
+        DataError: the shapes differ, or a confidence is NaN.
 
     >>> curves = sparsification([4.0, 3.0, 2.0, 1.0], [1, 2, 3, 4])
     >>> float(curves.by_confidence[0]), float(curves.by_confidence[50]), curves.ause
@@ -76,8 +76,8 @@ def sparsification(error: Any, confidence: Any) -> Sparsification | None:
 
 
 def ause(error: Any, confidence: Any) -> float | None:
-    """The area between the sparsification curve and the oracle's, in pixels; None without pixels. Arguments and errors
-    are those of `sparsification`.
+    """Return the area between the sparsification curve and the oracle curve, in pixels, or None if no pixel is left.
+    Takes the same arguments and raises the same errors as `sparsification`.
 
     >>> ause([0.0, 1.0, 2.0, 3.0], [3, 2, 1, 0]), ause([0.0, 2.0], [1, 1])
     (0.0, 0.5)
@@ -87,11 +87,11 @@ def ause(error: Any, confidence: Any) -> float | None:
 
 
 def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
-    """The mean error of the most confident share of the pixels; None without pixels. Other arguments and errors are
-    those of `sparsification`.
+    """Return the mean error of the most confident fraction of the pixels, or None if no pixel is left. Takes the other
+    arguments of `sparsification` and raises the same errors.
 
     Args:
-        coverage: the share, 0.01 to 1 in hundredths.
+        coverage: fraction of the pixels to keep, 0.01 to 1 in steps of 0.01.
 
     >>> error_at([1.0, 2.0, 3.0, 10.0], [4, 3, 2, 1], 0.5)
     1.5
@@ -104,8 +104,8 @@ def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
 
 
 def confidence_correlation(error: Any, confidence: Any) -> float | None:
-    """Spearman's rank correlation of confidence and error, -1 at best, ties sharing their mean rank; None if one of
-    them does not vary. Arguments and errors are those of `sparsification`.
+    """Return Spearman's rank correlation between confidence and error; -1 is best, and tied values get their mean rank.
+    None if either is constant. Takes the same arguments and raises the same errors as `sparsification`.
 
     >>> confidence_correlation([1.0, 2.0, 3.0], [3, 2, 1]), confidence_correlation([1.0, 2.0], [5, 5])
     (-1.0, None)
@@ -119,16 +119,16 @@ def confidence_correlation(error: Any, confidence: Any) -> float | None:
 
 
 def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
-    """Measure how well the flow back undoes a flow.
+    """Measure how well the backward flow inverts the forward flow.
 
     Args:
-        flow: float32 (H, W, 2), from frame 1 to frame 2, pixels.
-        back: float32 (H, W, 2), from frame 2 to frame 1, pixels.
+        flow: float32 (H, W, 2), flow from frame 1 to frame 2, in pixels.
+        back: float32 (H, W, 2), flow from frame 2 to frame 1, in pixels.
 
     Returns:
-        The confidence, float64 (H, W): minus the distance in pixels between a pixel and where following both
-        flows ends; and the pixels that the consistency check rejects, bool (H, W). Where the flow leaves the
-        frame, or one of the two is not finite, nothing confirms it: -inf, rejected.
+        The confidence, float64 (H, W): the negative distance in pixels between a pixel and its position after following
+        both flows; and the mask of pixels that the consistency check rejects, bool (H, W). Pixels whose flow leaves the
+        frame, or where either flow is not finite, have confidence -inf and are rejected.
 
     >>> flow = np.full((1, 4, 2), (1, 0), np.float32)
     >>> confidence, rejected = forward_backward(flow, -flow)
@@ -136,7 +136,7 @@ def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
     ([[-0.0, -0.0, -0.0, -inf]], [[False, False, False, True]])
     """
     if flow.shape != back.shape or flow.ndim != 3 or flow.shape[2] != 2:
-        raise DataError(f"a flow {flow.shape} and the flow back {back.shape} must both be (H, W, 2)")
+        raise DataError(f"the forward flow {flow.shape} and the backward flow {back.shape} must both be (H, W, 2)")
     there = flow.astype(np.float64)
     height, width = flow.shape[:2]
     y, x = np.mgrid[:height, :width]
@@ -156,7 +156,7 @@ def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
 
 
 def _bilinear(field: Values, x: Values, y: Values) -> Values:
-    """The values of a field (H, W, 2) at points inside it."""
+    """Interpolate a field (H, W, 2) bilinearly at points inside the field."""
     left = np.minimum(x.astype(np.int64), max(field.shape[1] - 2, 0))
     top = np.minimum(y.astype(np.int64), max(field.shape[0] - 2, 0))
     right, below = np.minimum(left + 1, field.shape[1] - 1), np.minimum(top + 1, field.shape[0] - 1)
@@ -179,7 +179,7 @@ def _known(error: Any, confidence: Any) -> tuple[Values, Values]:
 
 
 def _curve(errors: Values, key: Values) -> Values:
-    """Mean errors of the pixels with the smallest keys."""
+    """Return the mean errors of the pixels with the smallest keys."""
     order = np.argsort(key, kind="stable")
     total = np.concatenate(([0.0], np.cumsum(errors[order])))
     ends = _ends_of_ties(key[order])
@@ -190,13 +190,13 @@ def _curve(errors: Values, key: Values) -> Values:
 
 
 def _ends_of_ties(ordered: Values) -> npt.NDArray[np.int64]:
-    """Indices at which runs of equal values begin, with the total number at the end."""
+    """Return the start indices of runs of equal values, followed by the total number of values."""
     changes = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
     return np.concatenate(([0], changes, [ordered.size]))
 
 
 def _ranks(values: Values) -> npt.NDArray[np.int64]:
-    """Twice the distance of each value's mean rank from the middle, whole numbers."""
+    """Return twice the distance between each value's mean rank and the median rank, as integers."""
     order = np.argsort(values, kind="stable")
     ends = _ends_of_ties(values[order])
     ranks = np.empty(values.size, np.int64)
@@ -205,6 +205,6 @@ def _ranks(values: Values) -> npt.NDArray[np.int64]:
 
 
 def _product(one: npt.NDArray[np.int64], other: npt.NDArray[np.int64]) -> int:
-    """The exact sum of products."""
+    """Return the exact sum of products."""
     parts = (slice(start, start + _CHUNK) for start in range(0, one.size, _CHUNK))
     return sum(int((one[part] * other[part]).sum()) for part in parts)

@@ -1,12 +1,12 @@
-"""Motion edges: where the ground truth jumps, and how far every pixel is from the nearest jump.
+"""Find motion edges, i.e. discontinuities of the ground truth, and each pixel's distance to the nearest edge.
 
-MPI-Sintel's d0-10, d10-60 and d60 are distances to occlusion boundaries rendered with the scenes. Real data
-have no such map, so edges are found in the ground truth itself: two neighbours in a row or column are on
-either side of an edge where their flows differ by more than 1 px and by more than 5 % of the longer of the
-two (the two numbers in the spirit of Fl; the second keeps a slanted road close to the camera from being one
-edge). Sparse ground truth (KITTI) often misses exactly the pixels at an edge, so neighbours are the nearest
-*valid* pixels of the row or column, up to 5 px apart, and the jump must exceed the threshold times their
-distance. Both neighbours count as edge pixels.
+MPI-Sintel's d0-10, d10-60 and d60 are distances to occlusion boundaries rendered with the scenes. Real data have no
+such map, so edges are detected in the ground truth itself: there is an edge between two neighbours in a row or column
+if their flows differ by more than 1 px and by more than 5 % of the larger flow magnitude (both thresholds follow the
+idea of Fl; the relative threshold prevents a slanted road close to the camera from being marked as edges throughout).
+Sparse ground truth (KITTI) is often missing exactly at the edges, so neighbours are the nearest *valid* pixels of the
+row or column, up to 5 px apart, and the difference must exceed the threshold times their distance. Both neighbours
+count as edge pixels.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ EDGE_GAP = 5
 
 
 def motion_edges(flow: Flow, valid: Mask) -> Mask:
-    """Pixels on a motion edge.
+    """Return the mask of pixels on a motion edge.
 
     Args:
         flow: float32 (H, W, 2), ground truth in pixels.
@@ -49,7 +49,7 @@ def motion_edges(flow: Flow, valid: Mask) -> Mask:
 
 
 def edge_distance(edges: Mask) -> Errors:
-    """Euclidean distance to the nearest edge pixel: float64 (H, W), pixels; infinite where there is no edge.
+    """Return the Euclidean distance to the nearest edge pixel: float64 (H, W), pixels; infinite if there is no edge.
 
     >>> import numpy as np
     >>> edge_distance(np.array([[False, False, True]])).tolist()

@@ -1,8 +1,8 @@
-"""Maps of end-point errors, the Euclidean distance between two flow fields, and their sums.
+"""Compute maps of end-point errors (Euclidean distance between two flow fields) and their sums.
 
-The pattern of every metric here: a pure function makes *sums* of one image, a mean is sum / count, and averages over
-images are made later from the sums (`aggregate`). All arithmetic is float64 on the float32 flows; a sum adds the pixels
-one after the other in row order, so it is bit for bit the same on every machine and for every memory layout.
+All metrics follow the same pattern: a pure function computes *sums* over one image, a mean is sum / count, and averages
+over images are computed later from the sums (`aggregate`). All arithmetic on the float32 flows is in float64; sums add
+the pixels sequentially in row order, so they are bit-identical on every machine and for every memory layout.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ..errors import DataError
 from ..sample import Flow, Mask
 
 Errors = npt.NDArray[np.float64]
-"""A map of errors or lengths in pixels, float64, shape (H, W); NaN where it is not defined."""
+"""A map of errors or flow magnitudes in pixels, float64, shape (H, W); NaN where undefined."""
 
-# Read-only in the signature means that writable and read-only arrays both fit, with one compilation.
+# With read-only arrays in the signature, one compiled version accepts both writable and read-only arrays.
 FLOW_TYPE = types.Array(types.float32, 3, "C", readonly=True)
 ERRORS_TYPE = types.Array(types.float64, 2, "C", readonly=True)
 MASK_TYPE = types.Array(types.boolean, 2, "C", readonly=True)
@@ -34,18 +34,18 @@ class ErrorSum(NamedTuple):
 
     @property
     def mean(self) -> float | None:
-        """Sum over count, or None if no pixel was counted."""
+        """Return the sum divided by the count, or None if no pixel was counted."""
         return self.total / self.n if self.n else None
 
 
 def epe_map(flow: Flow, reference: Flow) -> Errors:
-    """|flow - reference| of every pixel.
+    """Return |flow - reference| at every pixel.
 
-    With ground truth as the reference this is the end-point error; with the model's own flow on the clean
-    frames it is the RCRE of every pixel.
+    If the reference is the ground truth, this is the end-point error; if it is the model's own flow on the clean
+    frames, it is the per-pixel RCRE.
 
     Args:
-        flow, reference: float32 (H, W, 2), pixels, of the same shape.
+        flow, reference: float32 (H, W, 2), flow fields of the same shape, in pixels.
 
     Returns:
         float64 (H, W), pixels; NaN where a component of either flow is not finite.
@@ -66,7 +66,7 @@ def epe_map(flow: Flow, reference: Flow) -> Errors:
 
 
 def magnitude_map(flow: Flow) -> Errors:
-    """|flow| of every pixel: float64 (H, W), pixels; NaN where a component is not finite.
+    """Return |flow| at every pixel: float64 (H, W), pixels; NaN where a component is not finite.
 
     >>> import numpy as np
     >>> magnitude_map(np.array([[[6, 8]]], np.float32)).tolist()
@@ -79,7 +79,7 @@ def magnitude_map(flow: Flow) -> Errors:
 
 
 def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
-    """Count and sum of the errors inside `mask` (bool (H, W); all pixels by default) that are not NaN.
+    """Return the count and sum of the non-NaN errors inside `mask` (bool (H, W); all pixels by default).
 
     >>> import numpy as np
     >>> error_sum(np.array([[1.0, 2.0], [np.nan, 4.0]]), np.array([[True, False], [True, True]]))
@@ -91,7 +91,7 @@ def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
 
 
 def flow_array(flow: Flow) -> Flow:
-    """`flow` in C order; raises a DataError if it is not a flow."""
+    """Return `flow` as a C-contiguous array; raise a DataError if it is not a flow."""
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
         got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
         raise DataError(f"a flow must be a float32 array of shape (H, W, 2), not {got}; convert it first")
@@ -99,7 +99,7 @@ def flow_array(flow: Flow) -> Flow:
 
 
 def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
-    """Two flows of one size in C order; raises a DataError if they are not."""
+    """Return two flows of the same size as C-contiguous arrays; raise a DataError if they are not."""
     a, b = flow_array(flow), flow_array(reference)
     if a.shape != b.shape:
         raise DataError(
@@ -110,7 +110,9 @@ def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
 
 
 def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
-    """Maps in C order, all of the same (H, W), because the compiled loops do not check bounds."""
+    """Return the maps as C-contiguous arrays; their sizes (H, W) must agree, because the compiled loops do not check
+    bounds.
+    """
     if any(each.shape[:2] != maps[0].shape[:2] for each in maps):
         raise DataError(f"maps differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
     return tuple(np.require(each, requirements=["C", "A"]) for each in maps)

@@ -1,4 +1,4 @@
-"""EPE, Fl-all and RCRE of plain arrays, one image at a time."""
+"""Compute EPE, Fl-all and RCRE from plain arrays, one image at a time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
     """Return the mean end-point error of one image, in pixels.
 
     Args:
-        flow, truth: predicted and true flow, pixels, (H, W, 2) arrays or tensors of any floating dtype.
+        flow, truth: predicted and ground-truth flow in pixels, (H, W, 2) arrays or tensors of any floating dtype.
         valid: (H, W) mask of the pixels to average over, bool or numbers of which 0 is False; all pixels by default.
 
     Returns:
-        None if no pixel is left. Pixels where either flow is not finite are left out of both sum and count: look for
-        them with `np.isfinite` before trusting the number, as `evaluate` does.
+        The mean error, or None if no pixel is left. Pixels where either flow is not finite are excluded from both sum
+        and count; check for such pixels with `np.isfinite` first, as `evaluate` does.
 
     Raises:
         DataError: a wrong dtype or shape, or shapes that differ.
@@ -36,9 +36,10 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
 
 
 def fl_all(flow: Any, truth: Any, valid: Any = None) -> float | None:
-    """Return the share of outliers of one image in percent: error > 3 px and > 5 % of the true flow's length.
+    """Return the percentage of outliers in one image: error > 3 px and > 5 % of the ground-truth flow magnitude.
 
-    Arguments, result without pixels, and errors are those of `epe`; the definition is that of KITTI 2015.
+    Uses the KITTI 2015 definition. Takes the same arguments as `epe`, raises the same errors, and also returns None if
+    no pixel is left.
 
     >>> import numpy as np
     >>> truth = np.zeros((1, 4, 2))
@@ -56,9 +57,9 @@ def rcre(flow: Any, clean_flow: Any, valid: Any = None) -> float | None:
     """Return the Relative Corruption Robustness Error of one image, in pixels: the mean of |flow - clean_flow|.
 
     Args:
-        flow, clean_flow: a model's flow on the corrupted and on the clean frames, as for `epe`.
-        valid: as for `epe`. The benchmarks pass the pixels with ground truth where there are any, as the reference
-            code does.
+        flow, clean_flow: a model's flow on the corrupted and on the clean frames; types and shapes as in `epe`.
+        valid: (H, W) mask of the pixels to average over, as in `epe`. The benchmarks pass the pixels with ground truth
+            if the sample has ground truth, as the reference code does.
 
     >>> import numpy as np
     >>> rcre(np.full((2, 2, 2), [3.0, 4.0]), np.zeros((2, 2, 2)))
@@ -68,7 +69,7 @@ def rcre(flow: Any, clean_flow: Any, valid: Any = None) -> float | None:
 
 
 def _numpy(array: Any) -> npt.NDArray[Any]:
-    """An array, or a tensor of any device."""
+    """Convert an array, or a tensor on any device, to a NumPy array."""
     return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)
 
 
@@ -77,7 +78,7 @@ def _flow(array: Any) -> Flow:
     if not np.issubdtype(values.dtype, np.floating) or values.ndim != 3 or values.shape[2] != 2:
         raise DataError(
             f"a flow must be a floating-point array of shape (H, W, 2), not {values.dtype} {values.shape}; "
-            "a tensor (2, H, W) becomes one by permute(1, 2, 0)"
+            "convert a tensor (2, H, W) with permute(1, 2, 0)"
         )
     return values.astype(np.float32)
 

@@ -1,14 +1,14 @@
-"""Shares of pixels that are wrong: Fl, 1/3/5-px rates, and the weighted area under the inlier curve (WAUC).
+"""Compute outlier rates: Fl, 1/3/5-px rates, and the weighted area under the inlier curve (WAUC).
 
-- Fl (KITTI 2015 development kit): error > 3 px and error > 5 % of the ground truth's length.
+- Fl (KITTI 2015 development kit): error > 3 px and error > 5 % of the ground-truth flow magnitude.
 - n px: error > n px.
-- WAUC (VIPER, Richter et al. 2017; as the Spring benchmark computes it): with thresholds t_i = i / 20 px,
-  i = 1..100, and weights w_i = 1 - (i - 1) / 100,
+- WAUC (VIPER, Richter et al. 2017; computed as in the Spring benchmark): with thresholds t_i = i / 20 px, i = 1..100,
+  and weights w_i = 1 - (i - 1) / 100,
 
       WAUC = sum_i w_i * share(error <= t_i) / sum_i w_i
 
-  of which the benchmarks print 100 times the value; 1 is a perfect flow. A pixel whose error first fits under
-  threshold t_k adds sum_{i>=k} w_i / sum_i w_i = (101 - k)(102 - k) / 10100, summed here as integers.
+  which is 1 for a perfect flow; the benchmarks report it in percent. A pixel for which t_k is the smallest threshold
+  not below the error contributes sum_{i>=k} w_i / sum_i w_i = (101 - k)(102 - k) / 10100, summed here as integers.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ FL_PIXELS = 3.0
 FL_SHARE = 0.05
 WAUC_STEPS = 100
 WAUC_PER_PIXEL = 20
-"""Thresholds per pixel of error: the largest is WAUC_STEPS / WAUC_PER_PIXEL = 5 px."""
+"""Number of thresholds per pixel of error; the largest threshold is WAUC_STEPS / WAUC_PER_PIXEL = 5 px."""
 WAUC_UNIT = WAUC_STEPS * (WAUC_STEPS + 1)
 """The WAUC of a perfect pixel, in units of 1 / `WAUC_UNIT`."""
 
 
 @njit(inline="always", cache=True)
 def is_fl_outlier(error: Any, magnitude: Any) -> Any:
-    """The rule of Fl for one pixel; for use inside compiled loops."""
+    """Apply the Fl criterion to one pixel; for use inside compiled loops."""
     return error > FL_PIXELS and error > FL_SHARE * magnitude
 
 
 @njit(inline="always", cache=True)
 def wauc_points(error: Any) -> Any:
-    """The pixel's WAUC in units of 1 / `WAUC_UNIT`."""
+    """Return the WAUC of one pixel in units of 1 / `WAUC_UNIT`."""
     if error > WAUC_STEPS / WAUC_PER_PIXEL:
         return 0
     k = max(1, math.ceil(error * WAUC_PER_PIXEL))
-    # The product of an error just above a threshold may be rounded down onto it.
+    # For an error just above a threshold, rounding may move the product down onto the threshold.
     if error > k / WAUC_PER_PIXEL:
         k += 1
     return (WAUC_STEPS + 1 - k) * (WAUC_STEPS + 2 - k)

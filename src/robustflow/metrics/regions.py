@@ -1,11 +1,11 @@
-"""Regions of an image with ground truth, prepared once per sample, and the sums of errors in each.
+"""Divide an image with ground truth into regions, once per sample.
 
-    noc, occ                not occluded, occluded in frame 2: only where the dataset has an occlusion map
-    s0_10, s10_40, s40      length of the ground truth: [0, 10), [10, 40), [40, inf) px  (MPI-Sintel's names)
+    noc, occ                not occluded, occluded in frame 2; only if the dataset has occlusion maps
+    s0_10, s10_40, s40      ground-truth flow magnitude: [0, 10), [10, 40), [40, inf) px  (MPI-Sintel's names)
     d0_10, d10_60, d60      distance to the nearest motion edge: [0, 10), [10, 60), [60, inf) px (see `edges`)
 
-Each of the three lines is a partition of the valid pixels. A pixel has one label for all three, so an image is summed
-in one pass (`row_sums`), in at most 18 sums, of which every region adds up its own in a fixed order.
+Each of the three lines is a partition of the valid pixels. A single label per pixel encodes all three partitions, so
+one pass over an image (`row_sums`) computes at most 18 sums; each region adds the sums of its labels in a fixed order.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """What the metrics need to know about a sample's ground truth, computed once.
+    """Ground-truth quantities that the metrics need, computed once per sample.
 
     Attributes:
         names: the regions that exist for this sample, in the order of `REGIONS`.
-        valid: bool (H, W), where the ground truth is known.
-        magnitude: float64 (H, W), length of the ground truth in pixels (NaN-free inside `valid`).
-        labels: uint8 (H, W), 0..17 inside `valid` and 255 outside.
-        truth_digest: 32 hexadecimal digits that name the ground truth: where it is known, and its vectors there.
+        valid: bool (H, W), mask of the pixels with known ground truth.
+        magnitude: float64 (H, W), ground-truth flow magnitude in pixels (NaN-free inside `valid`).
+        labels: uint8 (H, W), region label, 0..17 inside `valid` and 255 outside.
+        truth_digest: hash of the ground truth, 32 hexadecimal digits, computed from `valid` and the valid vectors.
     """
 
     names: tuple[str, ...]
@@ -56,7 +56,7 @@ class Regions:
 
     @classmethod
     def of(cls, sample: Sample) -> Regions | None:
-        """The regions of a sample, or None without ground truth.
+        """Return the regions of a sample, or None if it has no ground truth.
 
         Raises:
             DataError: non-finite ground truth is marked valid.
@@ -85,18 +85,18 @@ class Regions:
         return cls(names, valid, magnitude, label, _truth_digest(sample.flow, valid))
 
     def mask(self, name: str) -> Mask:
-        """The pixels of one region: bool (H, W), a part of `valid`."""
+        """Return the mask of one region: bool (H, W), a subset of `valid`."""
         if name not in self.names:
             raise unknown_name("region of this sample", name, self.names)
         return np.isin(self.labels, MEMBERS[name])
 
 
 def _truth_digest(flow: Flow, valid: Mask) -> str:
-    """The hash of a ground truth, whatever is stored where it is unknown."""
+    """Hash a ground truth; values stored at unknown pixels do not affect the hash."""
     known = np.ascontiguousarray(flow[valid], "<f4")
     return quick_digest_of_bytes(str(valid.shape).encode(), np.packbits(valid).data, known.tobytes())
 
 
 def _bin(values: Errors, bounds: tuple[float, float]) -> npt.NDArray[np.uint8]:
-    """0, 1 or 2: how many bounds each value reaches."""
+    """Return, for each value, how many bounds it reaches: 0, 1 or 2."""
     return (values >= bounds[0]).astype(np.uint8) + (values >= bounds[1]).astype(np.uint8)

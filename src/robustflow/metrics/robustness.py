@@ -1,12 +1,12 @@
-"""The paper's robustness metrics: CRE, CREr and RCRE (section "Robustness Metrics").
+"""Compute the paper's robustness metrics CRE, CREr and RCRE (section "Robustness Metrics").
 
-CRE and CREr are computed from mean errors, whatever they are means over (an image, a corruption, all):
+CRE and CREr are computed from mean errors over an image, a corruption or the whole run:
 
     CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
-    CREr      = CRE / EPE_clean                  relative robustness, no unit
+    CREr      = CRE / EPE_clean                  relative robustness, dimensionless
     RCRE_{c,s} = |f_{c,s} - f_clean|             needs no ground truth, pixels (`of_arrays.rcre`)
 
-so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the same pixels.
+CRE is negative if a corruption reduces the error, and RCRE >= |CRE| over the same pixels.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 
 
 def cre(epe: float | None, epe_clean: float | None) -> float | None:
-    """Corruption Robustness Error in pixels: how much the error grew. None if either error is None.
+    """Return the Corruption Robustness Error, i.e. the increase of the error in pixels; None if either error is None.
 
     >>> cre(2.5, 2.0)
     0.5
@@ -24,7 +24,7 @@ def cre(epe: float | None, epe_clean: float | None) -> float | None:
 
 
 def crer(cre: float | None, epe_clean: float | None) -> float | None:
-    """Corruption Robustness Error ratio. None if it is not defined: no CRE, or a clean error of exactly 0.
+    """Return the Corruption Robustness Error ratio; None if the CRE is None or the clean error is exactly 0.
 
     >>> crer(0.5, 2.0)
     0.25

@@ -1,7 +1,7 @@
 """Compute every sum of a row in one pass over the pixels.
 
-Each sum adds its pixels one after the other in row order, in float64, so it is bit for bit what a separate pass would
-give, on every machine. `rows` documents which pixels each sum counts.
+Each sum adds its pixels sequentially in row order, in float64, so it is bit-identical to the result of a separate pass,
+on every machine. `rows` documents which pixels contribute to each sum.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ _TOTALS = ("rcre_all_sum", "pred_magnitude_sum", "epe_sum", "rcre_sum", "magnitu
 
 
 class RowSums(NamedTuple):
-    """Over all pixels, and over those of every label.
+    """Sums over all pixels and over the pixels of each label.
 
     Attributes:
-        whole: by the row's column: counts, and sums in pixels.
-        label_counts: int64 (2, LABELS): pixels, Fl outliers.
-        label_totals: float64 (3, LABELS): sums of the end-point error, of RCRE and of the clean flow's error, pixels.
+        whole: counts and sums (in pixels) over all pixels, keyed by column name.
+        label_counts: int64 (2, LABELS), numbers of pixels and of Fl outliers.
+        label_totals: float64 (3, LABELS), sums of the end-point error, of RCRE and of the clean flow's error, in
+            pixels.
     """
 
     whole: dict[str, int | float]
@@ -37,7 +38,7 @@ class RowSums(NamedTuple):
     label_totals: npt.NDArray[np.float64]
 
     def region(self, name: str) -> dict[str, int | float]:
-        """The sums of a region, by the row's column without the region's name."""
+        """Return the sums of a region, keyed by column name without the region name."""
         labels = MEMBERS[name]
         counts, totals = self.label_counts[:, labels], self.label_totals[:, labels]
         sums: dict[str, int | float] = dict(zip(("n", "fl_count"), counts.sum(axis=1).tolist(), strict=True))
@@ -45,16 +46,16 @@ class RowSums(NamedTuple):
 
 
 def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | None) -> RowSums:
-    """The sums of one row.
+    """Compute the sums of one row.
 
     Args:
-        pred, clean: float32 (H, W, 2), the flow on the corrupted and on the clean frames, pixels.
-        truth: float32 (H, W, 2), the ground truth; None exactly if `regions` is. Without it the sums that need it are
-            zero.
-        regions: of the ground truth.
+        pred, clean: float32 (H, W, 2), predicted flow on the corrupted and on the clean frames, in pixels.
+        truth: float32 (H, W, 2), ground-truth flow in pixels; None if and only if `regions` is None. Sums that need
+            ground truth are then zero.
+        regions: regions of the ground truth.
 
     Raises:
-        DataError: a flow that is not float32 (H, W, 2), or sizes that differ.
+        DataError: a flow is not float32 (H, W, 2), or the sizes differ.
 
     >>> flow = np.zeros((2, 3, 2), np.float32)
     >>> row_sums(flow + 3, flow, None, None).whole["n_all"]
@@ -63,7 +64,7 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
     a, b = flow_pair(pred, clean)
     if truth is None or regions is None:
         labels = np.full(a.shape[:2], OUTSIDE, np.uint8)
-        arrays = (*dense(a, b, labels), np.empty((0, 0, 2), np.float32), np.empty((0, 0)))  # never looked at
+        arrays = (*dense(a, b, labels), np.empty((0, 0, 2), np.float32), np.empty((0, 0)))  # never read
     else:
         arrays = dense(a, b, regions.labels, flow_array(truth), regions.magnitude)
     counts, points, totals, label_counts, label_totals = _sums(*arrays)

@@ -1,34 +1,32 @@
-"""The row of one (sample, corruption, severity): sums and counts.
+"""Compute the row of one (sample, corruption, severity): sums and counts.
 
-Everything reported later is computed from rows, so that another average, a region or a confidence interval
-needs no second run. CRE is not stored: it is the difference of two errors over the same pixels, `epe_sum` and
-`clean_epe_sum`.
+All reported results are computed from rows, so a different average, a region or a confidence interval does not require
+a second run. CRE is not stored: it is the difference of two errors over the same pixels, `epe_sum` and `clean_epe_sum`.
 
-Which pixels are counted. Let *usable* be the pixels where both the prediction and the model's clean
-prediction are finite (all of them, for a sound model).
+Definition of the columns. *Usable* pixels are those where both the prediction and the model's clean prediction are
+finite (all pixels, for a model that works correctly).
 
 - `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `clean_epe_sum`, `rcre_sum`,
-  `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. Null, as those are, where the sample has no ground
+  `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. All of these are null if the sample has no ground truth.
+- `n_truth` = pixels with valid ground truth, predicted or not; `n_valid / n_truth` is the coverage. Null without ground
   truth.
-- `n_truth` = pixels with valid ground truth, predicted or not; `n_valid / n_truth` is the coverage. Null without
-  ground truth.
-- `clean_epe_sum` = the clean flow's error over the pixels that `epe_sum` is over.
-- `n_<r>` = those of `n_valid` in region r; the denominator of that region's sums. Null where the sample has
-  no such region (no ground truth, no occlusion map); 0 where the region is empty.
+- `clean_epe_sum` = the clean flow's error, summed over the same pixels as `epe_sum`.
+- `n_<r>` = pixels of `n_valid` in region r; the denominator of that region's sums. Null if the sample has no such
+  region (no ground truth, no occlusion map); 0 if the region is empty.
 - `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
-- `attack_linf`, `attack_rms` = norms of an attack's change of the 8-bit frames, grey levels; `attack_capped_sum` = the
-  error summed over the pixels of `n_valid`, each counted up to the frame's diagonal; `attack_median` = the median error
-  over them, pixels; `attack_way_gone` = share of the way from the clean flow to the target, null without a target;
-  `attack_evaluations` = flows that the attack asked for; `attack_warnings` = what makes it doubtful
-  (`robustflow.attacks.result.WARNINGS`), joined by commas, null if nothing does. All seven are null but in attacks'
-  rows.
-- `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = what the confidence knows of the error over the pixels of
-  `n_valid` (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean
-  error in pixels of the most confident, or the best, 90, 80, ... 10 %. `rejected_count` = pixels of `n_all` that the
-  forward-backward check rejects. All are null in a run without a confidence, and what it does not have.
+- `attack_linf`, `attack_rms` = norms of the attack's perturbation of the 8-bit frames, grey levels; `attack_capped_sum`
+  = the error summed over the pixels of `n_valid`, clipped to the frame's diagonal; `attack_median` = the median error
+  over these pixels, in pixels; `attack_way_gone` = fraction of the distance from the clean flow to the target that the
+  attack covered, null without a target; `attack_evaluations` = number of flows that the attack computed;
+  `attack_warnings` = warnings about the attack (`robustflow.attacks.result.WARNINGS`), separated by commas, null if
+  there are none. All seven are null except in rows of attacks.
+- `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = quality of the confidence over the pixels of `n_valid`
+  (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean error in
+  pixels of the 90, 80, ... 10 % most confident or most accurate pixels. `rejected_count` = pixels of `n_all` that the
+  forward-backward check rejects. Null in a run without a confidence, or if the confidence does not provide the value.
 - `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`,
   pixels; null in a run of one draw.
-- `n_invalid` = pixels whose own prediction is not finite, of height x width.
+- `n_invalid` = pixels whose prediction is not finite, out of height x width.
 """
 
 from __future__ import annotations
@@ -46,17 +44,18 @@ from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
 ROW_SCHEMA_VERSION = 7
-"""Incremented when a column is added, dropped, or changes its meaning; part of a run's identity. Rows of other versions
-are not read."""
+"""Version of the row schema, incremented when a column is added, removed, or changes its meaning; part of a run's
+identity. Rows of a different version are not read.
+"""
 
 CLEAN = "clean"
-"""The corruption name of the row of a sample's clean frames, with severity 0."""
+"""Corruption name in rows of clean frames; their severity is 0."""
 
 ROW_KEY = ("sample", "corruption", "severity")
-"""The key of a row: unique within a run."""
+"""Columns that identify a row uniquely within a run."""
 
 COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
-"""Percentages of pixels for which rows hold the error of the most confident and of the best ones."""
+"""Percentages of pixels at which rows report the error of the most confident and of the most accurate pixels."""
 
 _NUMBER: type[pl.DataType] = pl.Float64
 ON_REQUEST: dict[str, type[pl.DataType]] = {
@@ -66,7 +65,7 @@ ON_REQUEST: dict[str, type[pl.DataType]] = {
     **{f"{curve}_at_{share}": _NUMBER for curve in ("error", "oracle") for share in COVERAGES},
     "spread_sum": _NUMBER,
 }
-"""The columns that only runs with a confidence, or with several draws, fill."""
+"""Columns that are null except in runs with a confidence or with several draws."""
 
 ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "sample": pl.String,
@@ -117,7 +116,7 @@ SIGNED = ("confidence_spearman",)
 """The columns that may be negative."""
 
 _WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
-"""The sums of a sample that has no ground truth."""
+"""Sums for a sample without ground truth."""
 
 
 def measure(
@@ -130,22 +129,23 @@ def measure(
     severity: int = 0,
     frames_digest: str = "",
 ) -> dict[str, Any]:
-    """One row: how good `pred` is, and how far it moved from `clean_pred`.
+    """Compute one row: the errors of `pred` and its distance from `clean_pred`.
 
     Args:
         pred: float32 (H, W, 2), the model's flow on the corrupted frames (the clean ones for the clean row).
         clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
-        sample: the sample, with its ground truth if there is any.
-        regions: `Regions.of(sample)`, computed once per sample and passed to all its rows.
-        corruption, severity, frames_digest: copied into the row; the digest is the hex BLAKE3 of the two
-            frames that the model was given, the pair of the clip for a multi-frame model. That of the ground truth
+        sample: the sample, with its ground truth if available.
+        regions: regions of the sample, `Regions.of(sample)`, computed once and shared by all rows of the sample.
+        corruption, severity, frames_digest: values copied into the row; the digest is the hexadecimal BLAKE3 hash of
+            the two input frames (for a multi-frame model, the evaluated pair of the clip). The hash of the ground truth
             comes from the regions.
 
     Returns:
-        A dict with exactly the columns of `ROW_SCHEMA`; None if the sample has no ground truth or region.
+        A dict with exactly the columns of `ROW_SCHEMA`; values are None if the sample has no ground truth or region.
 
     Raises:
-        DataError: a prediction that is not float32 (H, W, 2) of the frames' size, or regions that do not fit.
+        DataError: the prediction is not float32 (H, W, 2) with the frames' size, or the regions do not match the
+            sample.
 
     >>> import numpy as np
     >>> frame, ones = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6, 2), np.float32)
@@ -183,7 +183,7 @@ def measure(
 
 
 def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:
-    """Rows as a polars DataFrame with the columns and types of `ROW_SCHEMA`.
+    """Convert rows to a polars DataFrame with the columns and types of `ROW_SCHEMA`.
 
     >>> rows_frame([]).height
     0

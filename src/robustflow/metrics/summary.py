@@ -1,4 +1,4 @@
-"""`Summary`: the means of a run, typed, as written to `summary.json`."""
+"""Define `Summary`, the typed means of a run as written to `summary.json`."""
 
 from __future__ import annotations
 
@@ -11,30 +11,33 @@ from ..validated import FrozenFinite
 from .rows import ROW_SCHEMA_VERSION
 
 Averaging = Literal["image", "pixel"]
-"""`image`: the paper's, mean over the pixels of an image, then over images. `pixel`: over the pixels of all
-images at once. Means over severities, then over corruptions, follow in both."""
+"""`image` (as in the paper): average over the pixels of each image, then over images. `pixel`: average over the pixels
+of all images at once. Both then average over severities and finally over corruptions.
+"""
 
 METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage", "spread")
 
 SUMMARY_VERSION = 4
-"""Incremented when a field is added or changes its meaning; one of another version is written again, or refused."""
+"""Version of the summary, incremented when a field is added or changes its meaning. A summary of a different version is
+rewritten or rejected.
+"""
 
 
 class Scores(FrozenFinite):
-    """Means of the metrics; None if there is nothing to average (no ground truth, no such pixels).
+    """Means of the metrics; None if there are no pixels to average (e.g. no ground truth).
 
     Attributes:
         epe: end-point error, pixels.
         cre: Corruption Robustness Error, pixels.
-        crer: CRE / clean EPE.
-        rcre: Relative Corruption Robustness Error, pixels, over the pixels with valid ground truth (over all
-            pixels for samples without ground truth).
-        rcre_all: the same over all pixels.
+        crer: Corruption Robustness Error ratio, CRE / clean EPE.
+        rcre: Relative Corruption Robustness Error, pixels, over the pixels with valid ground truth (over all pixels for
+            samples without ground truth).
+        rcre_all: Relative Corruption Robustness Error over all pixels, in pixels.
         fl: Fl-all, percent.
-        px1, px3, px5: pixels with an error above 1, 3, 5 px, percent.
+        px1, px3, px5: percentage of pixels with an error above 1, 3, 5 px.
         wauc: weighted area under the inlier curve, percent (100 is best).
-        coverage: share of the pixels with ground truth (of all pixels, without ground truth) included in the means, 0
-            to 1: the others were not predicted, here or on the clean frames.
+        coverage: fraction (0 to 1) of the pixels with ground truth (or of all pixels, if there is no ground truth)
+            included in the means; the remaining pixels have no finite prediction on the corrupted or the clean frames.
         spread: standard deviation of the flow over the draws of the corruption, pixels, over all pixels; None in a run
             of one draw.
     """
@@ -54,12 +57,12 @@ class Scores(FrozenFinite):
 
 
 class CorruptionScores(Scores):
-    """Means over the severities of one corruption, and the values at each.
+    """Means over the severities of one corruption, and the values at each severity.
 
     Attributes:
-        family: one of the paper's families, which also hold corruptions that exist only as files; None for one without.
+        family: one of the paper's families, also for corruptions that exist only as files; None if it has no family.
         severities: the measured severities, ascending.
-        by_severity: for each metric a list in the order of `severities`.
+        by_severity: values of each metric, a list in the order of `severities`.
     """
 
     family: str | None
@@ -68,11 +71,11 @@ class CorruptionScores(Scores):
 
 
 class RegionScores(Scores):
-    """Overall means inside one region; images without a pixel of it are not averaged.
+    """Overall means inside one region; images without pixels in the region are excluded.
 
     Attributes:
-        share: the region's part of the valid pixels of the clean rows of samples that have it, percent.
-        epe_clean, fl_clean: on the clean frames.
+        share: percentage of the valid pixels inside the region, over the clean rows of samples that have the region.
+        epe_clean, fl_clean: end-point error (pixels) and Fl-all (percent) on the clean frames.
     """
 
     share: float | None = None
@@ -81,7 +84,7 @@ class RegionScores(Scores):
 
 
 class MissingCells(FrozenFinite):
-    """Samples under one corruption at one severity."""
+    """Samples with one corruption at one severity."""
 
     corruption: str
     severity: int
@@ -89,29 +92,28 @@ class MissingCells(FrozenFinite):
 
 
 class Summary(Scores):
-    """The means of a run; the scores at the top are over the corruptions in `averaged_over`: all that were run.
+    """The means of a run; the overall scores average over `averaged_over`, i.e. all corruptions that were run.
 
     Attributes:
-        version: of the summary.
-        row_schema: version of the rows it was made from.
-        averaging: see `Averaging`.
+        version: version of the summary.
+        row_schema: version of the rows from which the summary was computed.
+        averaging: averaging order, see `Averaging`.
         complete: False if anything is listed in `missing` or `unmeasured`; the means are over what exists.
-        missing: planned, but not among the rows.
-        unmeasured: rows without a single pixel to measure (no predicted flow is finite, or no ground truth
-            is valid).
+        missing: samples that were planned but have no row.
+        unmeasured: rows without any pixel to measure (no finite prediction or no valid ground truth).
         samples: number of samples.
-        n_invalid: predicted pixels that are not finite, in all rows; they are excluded from all means.
-        epe_clean: end-point error on the clean frames.
-        clean_flow_length: mean length of the predicted flow on the clean frames, pixels, over all pixels: what an RCRE
-            without ground truth is read against.
-        clean: the metrics on the clean frames, where CRE and CREr are not defined.
+        n_invalid: number of pixels without a finite prediction, over all rows; excluded from all means.
+        epe_clean: end-point error on the clean frames, pixels.
+        clean_flow_length: mean magnitude of the predicted flow on the clean frames over all pixels, in pixels; the
+            scale to which an RCRE without ground truth is compared.
+        clean: metrics on the clean frames, for which CRE and CREr are undefined.
         averaged_over: corruptions in the overall means.
-        corruptions: in the paper's order, then the others by name.
+        corruptions: means per corruption, in the paper's order, then the remaining ones by name.
         families: means over the corruptions of each family.
         regions: overall means inside each region that occurs.
-        paper: the paper's mean, over only its corruptions on this benchmark; None unless all of them were run. Only
-            this mean can be compared with published averages.
-        paper_over: the corruptions of `paper`, empty if it is None.
+        paper: mean over exactly the paper's corruptions on this benchmark; None unless all of them were run. Only this
+            mean is comparable with published averages.
+        paper_over: corruptions averaged in `paper`; empty if `paper` is None.
     """
 
     version: int = SUMMARY_VERSION
@@ -133,15 +135,15 @@ class Summary(Scores):
     paper_over: list[str] = []
 
     def severities(self) -> list[int]:
-        """The severities that occur, ascending."""
+        """Return all severities in the summary, ascending."""
         return sorted({level for scores in self.corruptions.values() for level in scores.severities})
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
-        """One metric, corruption x severity, in the paper's order.
+        """Return one metric as a table, corruption x severity, in the paper's order.
 
         Returns:
-            Columns `corruption`, `family`, one per severity ("1" ... "5"), `mean`; null where nothing was
-            measured.
+            A table with the columns `corruption`, `family`, one per severity ("1" ... "5"), and `mean`; null where
+            nothing was measured.
 
         Raises:
             UsageError: unknown metric.
@@ -159,6 +161,6 @@ class Summary(Scores):
 
 
 def has_gaps(summary: Summary) -> bool:
-    """Whether the model left out pixels, so that tables need the column `coverage`."""
+    """Whether some pixels have no prediction, so tables need the column `coverage`."""
     each = (summary.clean, *summary.corruptions.values())
     return any(scores.coverage is not None and scores.coverage < 1 for scores in each)

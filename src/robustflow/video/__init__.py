@@ -1,1 +1,1 @@
-"""The video half: from high-frame-rate clips to key-frame pairs, and the corruptions that need the whole clip."""
+"""Turn high-frame-rate clips into pairs of key frames, and apply the corruptions that need the whole clip."""

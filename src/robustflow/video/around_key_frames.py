@@ -1,4 +1,4 @@
-"""Key frames that are made from the master frames around them, for several parameters at once."""
+"""Compute key frames from the surrounding master frames, for several parameters at once."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ Make = Callable[[Callable[[int], Frame], int, Sequence[int]], dict[int, Frame]]
 
 
 class AroundKeyFrames:
-    """Key frames of one clip under one corruption; the last few are remembered, since every key frame serves two pairs.
+    """Key frames of one clip with one corruption; caches the most recent ones, since each key frame belongs to two
+    pairs.
 
     Args:
-        make: function of `frame_at`, a key frame and `parameters`: parameter -> RGB uint8 (H, W, 3).
-        frame_at: RGB uint8 of a master frame.
-        parameters: those that will be needed; all are made at once.
-        keep: key frames remembered.
+        make: function that maps `frame_at`, a key frame index and `parameters` to a dict from parameter to RGB uint8
+            (H, W, 3).
+        frame_at: function that returns a master frame by index, RGB uint8 (H, W, 3).
+        parameters: all parameters that will be needed; their frames are computed together.
+        keep: number of key frames to cache.
     """
 
     def __init__(self, make: Make, frame_at: Callable[[int], Frame], parameters: Sequence[int], keep: int = 3) -> None:
@@ -28,7 +30,7 @@ class AroundKeyFrames:
         self._made: OrderedDict[int, dict[int, Frame]] = OrderedDict()
 
     def frame(self, centre: int, parameter: int) -> Frame:
-        """Key frame `centre` for a parameter."""
+        """Return key frame `centre` for a parameter, RGB uint8 (H, W, 3)."""
         if centre not in self._made:
             self._made[centre] = self._make(self._frame_at, centre, self._parameters)
             if len(self._made) > self._keep:

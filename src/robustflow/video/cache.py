@@ -1,4 +1,4 @@
-"""Folders made once and kept while there is room: the least recently used ones are removed first."""
+"""Cache folders on disk up to a size limit; the least recently used folders are removed first."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _DIGEST = ".digest"
 
 
 class FolderCache:
-    """Folders by name below `root`, at most `limit` bytes in all, shared between processes.
+    """A cache of named folders below `root`, at most `limit` bytes in total, shared between processes.
 
-    An entry appears by rename, so it is complete or absent, and holds a digest of its files: a damaged one is made
-    again. If two processes need the same entry, it is made once.
+    Entries are created by renaming, so each is either complete or absent. Each entry contains a hash of its files; a
+    damaged entry is created again. If two processes need the same entry, it is created only once.
 
     >>> from tempfile import mkdtemp
     >>> cache = FolderCache(Path(mkdtemp()), limit=10)
@@ -40,14 +40,14 @@ class FolderCache:
         self.limit = limit
 
     def use(self, name: str, make: Callable[[Path], object], read: Callable[[Path], T]) -> T:
-        """Read the entry `name`, making it first if it does not exist.
+        """Read the entry `name`, creating it first if it does not exist.
 
         Args:
-            make: fills a folder that does not exist yet.
-            read: called with the entry's folder; nothing is evicted while it runs.
+            make: function that creates and fills the folder at the given path.
+            read: function called with the entry's folder; nothing is evicted during the call.
 
         Raises:
-            DataError: the cache's folder cannot be written.
+            DataError: the cache folder cannot be written.
         """
         make_folder(self.root)
         entry = self.root / name
@@ -57,7 +57,7 @@ class FolderCache:
                     shutil.rmtree(entry, ignore_errors=True)
                     self._make(entry, make)
             with self._lock("all.lock"):
-                if entry.is_dir():  # another process may have evicted it in between
+                if entry.is_dir():  # a different process may have evicted the entry in the meantime
                     os.utime(entry)
                     return read(entry)
 
@@ -91,13 +91,14 @@ class FolderCache:
 
     @contextmanager
     def _lock(self, name: str) -> Iterator[None]:
-        """Hold a lock; the system releases it when the process that holds it dies."""
+        """Hold a file lock."""
         try:
-            # The operating system releases this lock; a mere lock file would outlive a killed process.
+            # The operating system releases this lock when the process dies; a plain lock file would remain after a
+            # kill.
             lock = FileLock(self.root / f".{name}", fallback_to_soft=False)
             lock.acquire()
         except OSError as error:
-            raise DataError(f"cannot write {self.root}: {error.strerror or error}; is it a folder of yours?") from error
+            raise DataError(f"cannot write {self.root}: {error.strerror or error}; check its owner") from error
         try:
             yield
         finally:
@@ -112,7 +113,7 @@ def _is_intact(entry: Path) -> bool:
 
 
 def _digest(folder: Path) -> str:
-    """The hash of the names and the content of a folder's files, which are at its top level."""
+    """Hash the names and contents of a folder's files (top level only)."""
     files = sorted(path for path in folder.iterdir() if path.name != _DIGEST)
     return digest_of_value([(path.name, quick_digest_of_file(path)) for path in files], size=16)
 

@@ -1,7 +1,6 @@
-"""Our own clips on disk: MP4 files with one H.264 stream of known length and constant frame rate.
+"""Write and read RobustFlow's clips: MP4 files with one H.264 stream of known length and constant frame rate.
 
-They are written completely or not at all, and read as packets (to damage or to decode from the start) or by frame
-index.
+Clips are written atomically, and read as packets (to damage them or to decode from the start) or by frame index.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .colour import I420, even_size
 
 @dataclass(frozen=True)
 class ClipFile:
-    """A clip on disk. `height` and `width` are those of the frames, before padding to even sides."""
+    """A clip on disk; `height` and `width` are the frame size before padding to even sides."""
 
     path: Path
     count: int
@@ -32,24 +31,24 @@ class ClipFile:
 
     @property
     def stored_size(self) -> tuple[int, int]:
-        """(H, W) of the coded pictures: even."""
+        """Return (H, W) of the coded pictures; both are even."""
         return even_size(self.height, self.width)
 
 
 def write_clip(
     path: Path, pictures: Iterable[I420], size: tuple[int, int], fps: Fraction, encoding: Encoding
 ) -> ClipFile:
-    """Encode I420 pictures to an MP4 file; memory does not grow with their number.
+    """Encode I420 pictures as an MP4 file, using constant memory.
 
     Args:
-        path: where the file appears once it is complete.
-        size: (H, W) of the frames before padding.
+        path: path of the MP4 file, which appears once it is complete.
+        size: size (H, W) of the frames before padding, in pixels.
         fps: frames per second.
     """
     temporary = path.with_name(f".{path.name}.part")
     height, width = even_size(*size)
     count = 0
-    # without FFmpeg's version in the file, equal pictures from equal encoders are equal files
+    # omit FFmpeg's version, so that the same pictures and encoder always give the same file
     with av.open(str(temporary), "w", format="mp4", options={"fflags": "+bitexact"}) as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         configure(stream.codec_context, height, width, fps, encoding)
@@ -64,13 +63,13 @@ def write_clip(
 
 
 def read_header(clip: ClipFile) -> bytes:
-    """The parameter sets of a clip's stream."""
+    """Return the H.264 parameter sets of a clip's stream."""
     with _open(clip) as container:
         return bytes(container.streams.video[0].codec_context.extradata or b"")
 
 
 def read_packets(clip: ClipFile, start: int = 0) -> Iterator[Packet]:
-    """The packets in the order of the file, from the last one at which decoding of frame `start` can begin."""
+    """Yield packets in file order, starting at the last packet from which frame `start` can be decoded."""
     with _open(clip) as container:
         stream = container.streams.video[0]
         if start:
@@ -84,10 +83,10 @@ def read_packets(clip: ClipFile, start: int = 0) -> Iterator[Packet]:
 
 
 def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
-    """Every picture from index `start` on, in order.
+    """Yield every picture from index `start` on, in order.
 
     Raises:
-        DataError: the file lacks some of its frames.
+        DataError: some frames are missing from the file.
     """
     decoder = Decoder(read_header(clip), *clip.stored_size)
     expected = start
@@ -103,10 +102,10 @@ def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
 
 
 class ClipReader:
-    """Frames of a clip by index. Reading forwards decodes each frame once; going back seeks.
+    """Random access to the frames of a clip. Reading forwards decodes each frame once; reading backwards seeks.
 
-    Holds the last `keep` pictures, so that overlapping windows cost nothing extra. Opens the file on first use, and
-    again after being sent to another process.
+    Caches the last `keep` pictures, so overlapping windows are not decoded twice. The file is opened on first use, and
+    reopened after the reader is sent to a different process.
     """
 
     def __init__(self, clip: ClipFile, keep: int = 64) -> None:
@@ -120,12 +119,12 @@ class ClipReader:
         return {"clip": self.clip, "_keep": self._keep, "_recent": OrderedDict(), "_rest": None, "_next": 0}
 
     def picture(self, index: int) -> I420:
-        """The I420 picture of frame `index`; not to be written to."""
+        """Return the I420 picture of frame `index`; callers must not modify it."""
         if not 0 <= index < self.clip.count:
             raise IndexError(f"{self.clip.path.name} has frames 0 to {self.clip.count - 1}, not {index}")
         if index in self._recent:
             return self._recent[index]
-        # a seek lands up to a group of pictures (x264: 250) earlier, so reading on is cheaper for nearer frames
+        # a seek lands up to one group of pictures (x264: 250) earlier, so decoding on is cheaper for closer frames
         if self._rest is None or not self._next <= index < self._next + 250:
             self._rest, self._next = read_pictures(self.clip, index), index
         for number, picture in self._rest:

@@ -1,8 +1,8 @@
-"""H.264 through PyAV: encode pictures to packets, decode packets to pictures by presentation time.
+"""Encode and decode H.264 with PyAV: pictures to packets, and packets to pictures by presentation time.
 
-One thread on both sides. Two decoder threads give different pictures on damaged streams, and x264's rate control
-(ABR) depends on its thread count. A packet carries the display index of its picture, so nothing downstream has to count
-pictures.
+Encoder and decoder use one thread each: several decoder threads give different pictures for damaged streams, and x264's
+rate control (ABR) depends on the thread count. Each packet carries the display index of its picture, so later steps do
+not have to count pictures.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .colour import I420
 
 @dataclass(frozen=True)
 class Packet:
-    """One coded picture: its bytes, and the display index of the picture in the clip."""
+    """One coded picture: its bytes and its display index in the clip."""
 
     data: bytes
     index: int
@@ -31,7 +31,7 @@ class Packet:
 
 @dataclass(frozen=True)
 class Encoding:
-    """How to encode: a name for records, and libx264's options."""
+    """Encoder settings: a name for records, and libx264 options."""
 
     name: str
     options: tuple[tuple[str, str], ...]
@@ -44,7 +44,9 @@ PRESETS = (
 
 
 def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
-    """CRF 0, as the reference makes its master (whose preset is veryslow). `every_frame`: no picture needs another."""
+    """Encode losslessly with CRF 0, as the reference code does for its master (with preset veryslow). With
+    `every_frame`, all frames are intra-coded.
+    """
     if preset not in PRESETS:
         raise unknown_name("x264 preset", preset, PRESETS)
     options = [("crf", "0"), ("preset", preset)]
@@ -54,54 +56,56 @@ def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
 
 
 EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", "amd64") else "asm=0"),)
-"""Options of every lossy encoding, so that equal pictures make equal streams on every machine.
+"""Options of all lossy encodings, chosen so that the same pictures give the same stream on every machine.
 
-x264's macroblock tree decides how good each part of a picture must be. Its AVX-512 code (core 165) reads memory that
-was never written, so the stream differs from call to call; SSSE3 and later round its sums differently from the C code,
-and SSE2 uses reciprocals that differ between makers of processors. With MMX2 the tree runs in C, and the rest is
-integer arithmetic that is exact at any level. Lossless encoding has no such tree and may use whatever the processor
-offers.
+x264's macroblock tree sets the quality of each part of a picture. Its AVX-512 code (core 165) reads uninitialised
+memory, so the stream differs between calls; the SSSE3 and later versions round sums differently from the C code, and
+SSE2 uses reciprocal instructions whose results differ between processor vendors. With MMX2 the tree runs in C, and the
+remaining code is exact integer arithmetic at any level. Lossless encoding does not use the tree, so it may use all
+instruction sets of the processor.
 """
 
 
 def crf(value: int) -> Encoding:
-    """Constant rate factor, 0 (lossless) to 51, preset medium, as the reference's call without a preset."""
+    """Encode with a constant rate factor, 0 (lossless) to 51, and preset medium, the default that the reference code
+    uses.
+    """
     if not 0 <= value <= 51:
-        raise UsageError(f"a CRF of {value} does not exist: choose 0 (lossless) to 51")
+        raise UsageError(f"a CRF of {value} is out of range: choose 0 (lossless) to 51")
     return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))
 
 
 def abr(rate: int) -> Encoding:
-    """Average bit rate in bit/s, with maxrate = bufsize = rate as in the reference code."""
+    """Encode with an average bit rate in bit/s and maxrate = bufsize = rate, as in the reference code."""
     if rate <= 0:
         raise UsageError(f"the bit rate cannot be {rate}: give bits per second")
     return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
 
 
 def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
-    """Set an encoder context up; `height` and `width` are even."""
+    """Set up an encoder context; `height` and `width` are even."""
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"
-    context.flags |= Flags.global_header  # as in an MP4 file; otherwise the header counts in the rate control
+    context.flags |= Flags.global_header  # as in an MP4 file; otherwise the rate control includes the header
     context.options = dict(encoding.options)
 
 
 def video_frame(picture: I420, index: int, fps: Fraction) -> Any:
-    """The PyAV frame of an I420 picture."""
+    """Convert an I420 picture to a PyAV frame."""
     frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="yuv420p")
     frame.pts, frame.time_base = index, 1 / fps
     return frame
 
 
 class Encoder:
-    """Streams I420 pictures of one clip into packets, in coded order.
+    """Encodes the I420 pictures of one clip as a stream of packets, in coded order.
 
     Args:
-        height, width: of the pictures, both even.
-        fps: frames per second; rate control needs it.
+        height, width: size of the pictures in pixels, both even.
+        fps: frames per second, used by the rate control.
 
-    `header` holds the parameter sets that a decoder needs.
+    `header` contains the parameter sets that a decoder needs.
     """
 
     def __init__(self, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
@@ -112,7 +116,7 @@ class Encoder:
         self.header = bytes(self._context.extradata or b"")
 
     def encode(self, pictures: Iterable[tuple[int, I420]]) -> Iterator[Packet]:
-        """Packets of (index, picture) pairs given in display order."""
+        """Encode (index, picture) pairs, given in display order, and yield their packets."""
         for index, picture in pictures:
             for packet in self._context.encode(video_frame(picture, index, self._fps)):
                 yield self._packet(packet)
@@ -125,18 +129,21 @@ class Encoder:
 
 @dataclass
 class DecodeLog:
-    """What a decoder found in a damaged stream."""
+    """Errors that a decoder encountered in a damaged stream."""
 
     refused_packets: int = 0
     strange_pictures: int = 0
-    """Pictures without a time, or whose size or format differs from the clip's; they count as lost."""
+    """Number of pictures without a presentation time, or with a different size or format than the clip; counted as
+    lost.
+    """
 
 
 class Decoder:
-    """Streams packets of one clip into (display index, picture) pairs, in the order the decoder releases them.
+    """Decodes the packets of one clip to (display index, picture) pairs, in the order in which the decoder outputs
+    them.
 
-    A packet that cannot be decoded is counted in `log` and skipped, as the reference's ffmpeg does. The output is
-    that of FFmpeg's decoder with one thread and its default error concealment.
+    Packets that cannot be decoded are counted in `log` and skipped, as in the reference code. The output equals that of
+    FFmpeg's decoder with one thread and default error concealment.
     """
 
     def __init__(self, header: bytes, height: int, width: int) -> None:
@@ -147,7 +154,7 @@ class Decoder:
         self.log = DecodeLog()
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[tuple[int, I420]]:
-        """Pictures as I420 uint8 (H * 3 / 2, W)."""
+        """Yield pictures as I420 uint8 (H * 3 / 2, W) with their display indices."""
         for packet in packets:
             if not packet.data:
                 continue  # an empty packet would end the stream
@@ -174,7 +181,7 @@ def _is_420(frame: Any) -> bool:
 
 
 def encoder_versions() -> dict[str, str]:
-    """The versions that decide what the codec does, for manifests.
+    """Return the library versions that affect the codec's output, for manifests.
 
     >>> sorted(encoder_versions())
     ['libavcodec', 'libx264', 'pyav']

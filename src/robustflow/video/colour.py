@@ -1,8 +1,8 @@
-"""RGB <-> YUV 4:2:0 in exact integer arithmetic, so that no version of a scaling library changes a pixel.
+"""Convert between RGB and YUV 4:2:0 in exact integer arithmetic, independent of the version of any scaling library.
 
-BT.601, limited range, 8 bit: what FFmpeg assumes when it turns PNG files into H.264 and back, which is how the
-published GoPro-FC was made. Chroma is the mean of 2x2 pixels on the way in and is repeated on the way out, as in
-FFmpeg's unscaled converter. Frames travel as I420: uint8 (H * 3 / 2, W), the Y plane, then U, then V.
+The colour space is 8-bit BT.601 with limited range, which FFmpeg assumes when it converts PNG files to H.264 and back;
+the published GoPro-FC was created this way. As in FFmpeg's unscaled converter, chroma is averaged over 2x2 pixels when
+encoding and repeated when decoding. Frames are stored as I420: uint8 (H * 3 / 2, W), the Y plane, then U, then V.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ I420 = npt.NDArray[np.uint8]
 
 
 def even_size(height: int, width: int) -> tuple[int, int]:
-    """The size that 4:2:0 needs: both sides rounded up to even numbers.
+    """Round both sides up to even numbers, as 4:2:0 requires.
 
     >>> even_size(375, 1242)
     (376, 1242)
@@ -46,7 +46,7 @@ def rgb_to_i420(frame: Frame) -> I420:
 
 
 def i420_to_rgb(picture: I420, height: int, width: int) -> Frame:
-    """Convert I420 to RGB uint8 (height, width, 3), cropping the padding of odd sizes away.
+    """Convert I420 to RGB uint8 (height, width, 3), cropping off the padding of odd sizes.
 
     >>> import numpy as np
     >>> grey = np.full((5, 3, 3), 128, np.uint8)
@@ -65,7 +65,7 @@ def i420_to_rgb(picture: I420, height: int, width: int) -> Frame:
 
 @njit(cache=True, nogil=True)
 def _to_yuv(rgb: Any, luma: Any, blue: Any, red: Any) -> None:
-    # coefficients times 2**16; chroma works on the sum of four pixels, hence 2**18
+    # coefficients times 2**16; chroma is computed from the sum of four pixels, hence 2**18
     for i in range(blue.shape[0]):
         for j in range(blue.shape[1]):
             r_sum = 0

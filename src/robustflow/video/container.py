@@ -1,4 +1,4 @@
-"""Open a user's video file safely: known containers only, complete according to its own headers, decoded strictly."""
+"""Open user video files safely: accept only known containers, check the stated length, and decode strictly."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ import av
 from ..errors import DataError
 
 CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
-"""Demuxers that a video may be read with; never a playlist, which could name other files or addresses."""
+"""Allowed demuxers; playlists are excluded, because they can refer to different files or addresses."""
 
 STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
-"""Options of a decoder that raises where it would otherwise fill in what it cannot decode. With more than one thread
-the decoder of H.264 forgets the error, so there is one."""
+"""Decoder options that raise an error instead of concealing what cannot be decoded. With more than one thread the H.264
+decoder loses the error, so a single thread is used.
+"""
 
 _CUT = "copy or download it again"
 
 
 def open_video(path: Path) -> Any:
-    """A container whose video stream decodes strictly, in one thread.
+    """Open a container whose video stream decodes strictly, in one thread.
 
     Raises:
-        DataError: no such file, not a video, an unsupported container, or not as long as it states.
+        DataError: the file does not exist, is not a video, uses an unsupported container, or does not have the stated
+            length.
     """
     if not path.is_file():
         raise DataError(f"{path}: no such file; check the path")
     try:
         options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
         container = av.open(str(path.absolute()), options=options)
-    except av.error.ArgumentError as error:  # what is not on the list
+    except av.error.ArgumentError as error:  # containers not on the list
         raise DataError(f"{path}: not a readable video (an unsupported container); convert it to .mp4") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise DataError(f"{path}: not a readable video ({reason(error)}); check or convert the file") from error
@@ -51,10 +53,10 @@ def open_video(path: Path) -> Any:
 
 
 def check_stated_length(path: Path, kind: str) -> None:
-    """Raise if a file is shorter or longer than its container states; what a container does not state is not checked.
+    """Raise if the length of a file differs from the length stated by its container, if any.
 
     Args:
-        kind: FFmpeg's name of the container.
+        kind: name of the container in FFmpeg.
     """
     size = path.stat().st_size
     with open(path, "rb") as file:
@@ -67,7 +69,7 @@ def check_stated_length(path: Path, kind: str) -> None:
 
 
 def reason(error: BaseException) -> str:
-    """The reason that FFmpeg or the system gave, in one line."""
+    """Return the error reason from FFmpeg or the operating system on one line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0]
 
@@ -77,7 +79,7 @@ def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
     position = 0
     for identity, start, length in _elements(file, size):
         if length is None:
-            return  # a live recording, which ends where it ends
+            return  # a live recording, which states no length
         if identity not in _TOP:
             break
         position = start + length
@@ -87,7 +89,7 @@ def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
 
 
 _TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
-"""EBML header, segment, void, check sum."""
+"""Element IDs: EBML header, segment, void, checksum."""
 
 
 def _elements(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int | None]]:
@@ -127,7 +129,7 @@ def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
 
 
 def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
-    """Check that packets of one length fill the file."""
+    """Check that packets of equal length fill the file."""
     start = file.read(1024)
     for length, first in ((188, 0), (192, 4), (204, 0)):
         if all(start[place : place + 1] in (b"G", b"") for place in range(first, 1024, length)):

@@ -1,8 +1,8 @@
-"""Bit errors: FFmpeg's `noise` bitstream filter with an integer amount, exactly, in our own arithmetic.
+"""Inject bit errors, reproducing exactly FFmpeg's `noise` bitstream filter with an integer amount.
 
-The paper's Bit Error (appendix, "Video corruptions") runs this filter over the packets of the clip. Its rule, per
-byte and across packets: `state += byte + 1` (uint32, from 0); where `state` is a multiple of the amount N, the byte
-becomes the low byte of `state`. So about one byte in N is hit, always the same ones.
+The paper's Bit Error (appendix, "Video corruptions") applies this filter to the packets of the clip. For each byte, and
+continuing across packets, `state += byte + 1` (uint32, initially 0); if `state` is a multiple of the amount N, the byte
+is replaced by the low byte of `state`. So about one byte in N is changed, and the positions are deterministic.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .codec import Packet
 
 @dataclass
 class Damage:
-    """The effect of bit errors on a stream: counts, and the display indices of the frames whose packets were hit."""
+    """The effect of bit errors on a stream: counts, and the display indices of the frames with damaged packets."""
 
     amount: int
     bytes_total: int = 0
@@ -29,7 +29,7 @@ class Damage:
 
 
 class NoiseFilter:
-    """The state of the filter over one stream; feed it the packets in the order of the file.
+    """The filter state for one stream; packets must be passed in file order.
 
     >>> noise = NoiseFilter(3)
     >>> noise(bytes([1, 0, 2]))  # state 2, 3 (hit: becomes 3), 6 (hit: becomes 6)
@@ -43,7 +43,7 @@ class NoiseFilter:
         self.state = 0
 
     def __call__(self, data: bytes) -> tuple[bytes, int]:
-        """The damaged bytes, and how many of them changed."""
+        """Return the damaged bytes and the number of changed bytes."""
         buffer = np.frombuffer(data, np.uint8).copy()
         state, changed = _apply(buffer, self.state, self.amount)
         self.state = int(state)
@@ -51,7 +51,7 @@ class NoiseFilter:
 
 
 def damage_packets(packets: Iterable[Packet], damage: Damage) -> Iterator[Packet]:
-    """Run the filter of `damage.amount` over packets, keeping count in `damage`."""
+    """Apply the filter with `damage.amount` to packets and update the counts in `damage`."""
     noise = NoiseFilter(damage.amount)
     for packet in packets:
         data, changed = noise(packet.data)

@@ -1,4 +1,4 @@
-"""How much disk space preparation needs, estimated before it starts from the clips' own first frames."""
+"""Estimate the disk space that preparation needs from the first frames of the clips."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .prepare import Preparation, clip_timing
 from .source import Source
 
 PROBE = 8
-"""Source frames encoded for the estimate."""
+"""Number of source frames encoded for the estimate."""
 
 RELEASED_BYTES = 681 * 10**9
 """Size of the released GoPro-FC in bytes."""
@@ -29,7 +29,7 @@ RELEASED_BYTES = 681 * 10**9
 
 @dataclass(frozen=True)
 class DiskEstimate:
-    """Bytes that stay, that are needed in addition while the largest clip is made, and that are free now."""
+    """Bytes needed permanently, additional bytes needed while the largest clip is prepared, and free bytes."""
 
     masters: int
     key_frames: int
@@ -39,7 +39,7 @@ class DiskEstimate:
 
     @property
     def kept(self) -> int:
-        """Masters and key frames."""
+        """Return the size of masters and key frames in bytes."""
         return self.masters + self.key_frames
 
     def __str__(self) -> str:
@@ -54,12 +54,12 @@ class DiskEstimate:
 def estimate_disk(
     sources: Sequence[Source], output: Path, preparation: Preparation, cache_limit: int, workers: int = 1
 ) -> DiskEstimate:
-    """Estimate from the first `PROBE` frames of every clip, interpolated by flow whatever will be used later.
+    """Estimate from the first `PROBE` frames of every clip, always interpolated by flow.
 
-    The probe is encoded with a fast preset and begins with an intra-coded frame, so the estimate is on the high side.
+    The probe is encoded with a fast preset and starts with an intra-coded frame, so the estimate is an overestimate.
 
     Raises:
-        DataError: a clip too short or unreadable.
+        DataError: a clip is too short or unreadable.
     """
     masters, key_frames, segments, variants = 0, 0, [0], 0
     for source in sources:
@@ -77,14 +77,14 @@ def check_room(estimate: DiskEstimate, output: Path) -> None:
     """Raise if there is not enough room.
 
     Raises:
-        DataError: less is free than masters, key frames and temporary files need.
+        DataError: there is less free space than masters, key frames and temporary files need.
     """
     if estimate.kept + estimate.temporary > estimate.free:
         raise DataError(f"{output}: not enough room: {estimate}; choose another --output, or fewer clips")
 
 
 def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:
-    """Bytes of a master frame and of a key frame's PNG."""
+    """Return the size in bytes of a master frame and of a key frame's PNG."""
     probe = list(islice(source.frames(), PROBE))
     frames = list(interpolate(probe, FlowInterpolator(), factor)) if factor > 1 else probe
     height, width = even_size(*source.size)

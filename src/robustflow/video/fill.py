@@ -1,8 +1,8 @@
-"""Put decoded pictures at their positions, and fill the positions that remain empty.
+"""Put decoded pictures at their positions and fill the gaps.
 
-Damage can cost a stream any of its frames. Renaming the remaining ones in order of output, as the reference code does,
-shifts every later frame by one per loss; here a picture belongs to its presentation time. As in a player, a lost frame
-shows the picture before it, or the first decoded picture if there is none.
+Damage can remove any frame from a stream. The reference code numbers the remaining frames in output order, which shifts
+all later frames by one per lost frame; here each picture is placed by its presentation time. As in a player, a lost
+frame is replaced by the previous picture, or by the first decoded picture if there is none.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from ..errors import DataError
 from .colour import I420
 
 REORDER = 32
-"""Pictures buffered to restore display order; H.264 never needs more than 16."""
+"""Number of pictures buffered to restore display order; H.264 needs at most 16."""
 
 
 @dataclass
 class Fill:
-    """Which frames of a clip were lost and what replaces them.
+    """A record of the lost frames of a clip and their replacements.
 
     Attributes:
-        count: frames the clip has.
-        lost: runs of lost frames, `(first, last, source)`: frames first..last show decoded frame `source`.
-        dropped: pictures that were decoded twice, too late, or with a time outside the clip; they are not shown.
+        count: number of frames in the clip.
+        lost: runs of lost frames, `(first, last, source)`; frames first..last are replaced by decoded frame `source`.
+        dropped: number of unused pictures: decoded twice, too late, or with a time outside the clip.
     """
 
     count: int
@@ -34,13 +34,14 @@ class Fill:
 
     @property
     def frames_lost(self) -> int:
-        """How many frames were filled."""
+        """Return the number of filled frames."""
         return sum(last - first + 1 for first, last, _ in self.lost)
 
 
 def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Yield pictures by ascending index, each index once, with a bounded buffer; those that come too late count as
-    dropped."""
+    """Yield pictures by ascending index, each index once, with a bounded buffer; pictures that arrive too late are
+    counted as dropped.
+    """
     waiting: list[tuple[int, int, I420]] = []
     last = -1
     for arrival, (index, picture) in enumerate(decoded):
@@ -57,10 +58,10 @@ def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterat
 
 
 def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Yield exactly `fill.count` pictures, index 0, 1, 2, ...; lost ones as the module says, recorded in `fill`.
+    """Yield exactly `fill.count` pictures with index 0, 1, 2, ...; replace lost pictures and record them in `fill`.
 
     Raises:
-        DataError: nothing at all could be decoded.
+        DataError: no picture could be decoded.
 
     >>> import numpy as np
     >>> picture = [np.full((3, 2), i, np.uint8) for i in range(6)]
@@ -83,7 +84,7 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
         next_index = index + 1
     if previous is None:
         raise DataError(
-            f"not one of {fill.count} frames could be decoded from the damaged stream; choose a milder damage"
+            f"none of the {fill.count} frames could be decoded from the damaged stream; choose a milder damage"
         )
     if next_index < fill.count:
         source, shown = previous

@@ -1,4 +1,4 @@
-"""FLAVR: frames between two frames, from four frames (Kalluri et al., "FLAVR", WACV 2023)."""
+"""Interpolate frames with FLAVR from four neighbouring frames (Kalluri et al., "FLAVR", WACV 2023)."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from ..models.torch.weights import load_weights
 
 
 class Gate(nn.Module):
-    """Multiply each channel by a weight computed from the channels' means. Keys: `attn_layer.0`."""
+    """Multiplies each channel by a weight computed from the channel means. Keys: `attn_layer.0`."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.attn_layer = nn.Sequential(nn.Conv3d(channels, channels, 1), nn.Sigmoid())
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, T, H, W) to the same shape."""
+        """Map (N, C, T, H, W) to the same shape."""
         return x * self.attn_layer(x.mean(dim=(2, 3, 4), keepdim=True))
 
 
 class BasicBlock(nn.Module):
-    """Two 3 x 3 x 3 convolutions and a gate beside a shortcut. Keys: `conv1.0 conv2.0 fg`, and `downsample.0`.
+    """A residual block of two 3 x 3 x 3 convolutions and a gate. Keys: `conv1.0 conv2.0 fg`, and `downsample.0`.
 
-    Time is never strided.
+    The temporal stride is always 1.
     """
 
     def __init__(self, inputs: int, outputs: int, stride: int, bias: bool) -> None:
@@ -43,7 +43,7 @@ class BasicBlock(nn.Module):
             self.downsample = nn.Sequential(nn.Conv3d(inputs, outputs, 1, steps, bias=False))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, inputs, T, H, W) to (N, outputs, T, H / stride, W / stride)."""
+        """Map (N, inputs, T, H, W) to (N, outputs, T, H / stride, W / stride)."""
         shortcut = x if self.downsample is None else self.downsample(x)
         return F.relu(self.fg(self.conv2(self.conv1(x))) + shortcut)
 
@@ -60,7 +60,7 @@ class ResNet18(nn.Module):
         self.layer4 = nn.Sequential(BasicBlock(256, 512, 1, bias), BasicBlock(512, 512, 1, bias))
 
     def forward(self, clip: Tensor) -> list[Tensor]:
-        """(N, 3, T, H, W) to five maps: 1/2, 1/2, 1/4, 1/8, 1/8 of the size."""
+        """Map (N, 3, T, H, W) to five feature maps at 1/2, 1/2, 1/4, 1/8 and 1/8 of the spatial size."""
         maps = [self.stem(clip)]
         for layer in (self.layer1, self.layer2, self.layer3, self.layer4):
             maps.append(layer(maps[-1]))
@@ -76,7 +76,7 @@ class Widen(nn.Module):
         self.upconv = nn.Sequential(up, Gate(outputs))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, inputs, T, H, W) to (N, outputs, T, 2H, 2W)."""
+        """Map (N, inputs, T, H, W) to (N, outputs, T, 2H, 2W)."""
         return F.leaky_relu(self.upconv(x), 0.2)
 
 
@@ -88,47 +88,47 @@ class Refine(nn.Module):
         self.conv = nn.Sequential(nn.Conv3d(inputs, outputs, 3, padding=1), Gate(outputs))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, inputs, T, H, W) to (N, outputs, T, H, W)."""
+        """Map (N, inputs, T, H, W) to (N, outputs, T, H, W)."""
         return F.leaky_relu(self.conv(x), 0.2)
 
 
 class Fuse(nn.Module):
-    """All times of a pixel to one feature. Key: `conv.0`."""
+    """Fuses all frames at a pixel into one feature vector. Key: `conv.0`."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
         self.conv = nn.Sequential(nn.Conv2d(inputs, outputs, 1, bias=False))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, T, H, W) to (N, outputs, H, W); channels of one time are together, in time order."""
+        """Map (N, C, T, H, W) to (N, outputs, H, W); the input channels are grouped by frame, in time order."""
         return F.leaky_relu(self.conv(x.transpose(1, 2).flatten(1, 2)), 0.2)
 
 
 class FLAVR(nn.Module):
-    """A 3D U-Net without flow: four frames in, `n_outputs` frames between the second and the third out.
+    """A 3D U-Net without flow that predicts `n_outputs` frames between the second and third of four input frames.
 
-    Keys are those of the authors' files without `module.`.
+    The state dict keys equal those of the authors' files without `module.`.
 
     Args:
-        n_outputs: 1, 3 or 7, for 2, 4 or 8 times the frame rate.
+        n_outputs: number of predicted frames: 1, 3 or 7, for 2, 4 or 8 times the frame rate.
     """
 
     def __init__(self, n_outputs: int = 3) -> None:
         super().__init__()
-        # The authors' encoder has biases only in the networks for several frames.
+        # The authors' encoder has biases only in the networks that predict several frames.
         self.encoder = ResNet18(bias=n_outputs > 1)
         self.decoder = nn.Sequential(Refine(512, 256), Widen(512, 128), Widen(256, 64), Refine(128, 64), Widen(128, 64))
         self.feature_fuse = Fuse(4 * 64, 64)
         self.outconv = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(64, 3 * n_outputs, 7))
 
     def forward(self, frames: Sequence[Tensor]) -> list[Tensor]:
-        """The frames between the middle two of four.
+        """Predict the frames between the middle two of four frames.
 
         Args:
-            frames: four in time order, RGB in 0..1, float (N, 3, H, W), H and W multiples of 8.
+            frames: four frames in time order, RGB float (N, 3, H, W), range 0..1, H and W multiples of 8.
 
         Returns:
-            `n_outputs` frames in time order, float (N, 3, H, W), around 0..1, not clamped.
+            `n_outputs` frames in time order, float (N, 3, H, W), range roughly 0..1, not clamped.
 
         >>> between = FLAVR(n_outputs=1).eval()([torch.rand(1, 3, 16, 24)] * 4)
         >>> len(between), between[0].shape
@@ -146,16 +146,16 @@ class FLAVR(nn.Module):
 
 
 def load_flavr(checkpoint: str | Path, device: str = "cpu", n_outputs: int = 3, sha256: str | None = None) -> FLAVR:
-    """The network with the authors' weights, ready to predict.
+    """Load the network with the authors' weights in evaluation mode.
 
     Args:
-        checkpoint: the authors' file for this number of outputs (their 2x, 4x or 8x network).
-        device: as `find_device` takes it.
-        n_outputs: see `FLAVR`.
-        sha256: see `read_checkpoint`.
+        checkpoint: path of the authors' file for this number of outputs (their 2x, 4x or 8x network).
+        device: device name, see `find_device`.
+        n_outputs: number of predicted frames, see `FLAVR`.
+        sha256: expected hash of the file, see `read_checkpoint`.
 
     Raises:
-        ModelError: a file that is not these weights, or no such device.
+        ModelError: the file does not contain these weights, or the device does not exist.
     """
     net = FLAVR(n_outputs)
     load_weights(net, read_checkpoint(checkpoint, sha256), f"flavr ({n_outputs + 1}x)")

@@ -1,4 +1,4 @@
-"""FLAVR behind the interpolator's protocol: uint8 frames in, the network's tensors, uint8 frames out."""
+"""Wrap FLAVR as an interpolator of uint8 frames."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from ..errors import UsageError
 from ..sample import Frame
 
 MULTIPLE = 8
-"""Frame sides the network takes are multiples of this; others are padded by repeating the border, then cropped."""
+"""Frame sides must be multiples of this number; other sizes are padded by repeating the border, then cropped."""
 
 
 class FlavrInterpolator:
     """The interpolator called "flavr", 4x (Kalluri et al., WACV 2023; the paper's choice). Needs the torch extra.
 
-    Whole frames go through the network: its gates average over the whole picture, so tiles would change the result.
+    Frames are not split into tiles: the network's gates average over the whole picture, so tiling would change the
+    result.
 
     Args:
-        checkpoint: the official 4x weights.
-        device: "cpu", "cuda", "cuda:0", ...
+        checkpoint: path of the official 4x weights.
+        device: device name: "cpu", "cuda", "cuda:0", ...
     """
 
     name = "flavr"
@@ -36,10 +37,10 @@ class FlavrInterpolator:
         self._sha256 = sha256_of_file(checkpoint)
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """The three frames between the middle two.
+        """Return the three frames between the middle two frames of the window.
 
         Raises:
-            UsageError: a factor other than 4.
+            UsageError: the factor is not 4.
         """
         if factor != 4:
             raise UsageError(
@@ -58,7 +59,7 @@ class FlavrInterpolator:
         return [self._frame(output)[:height, :width] for output in outputs]
 
     def describe(self) -> dict[str, Any]:
-        """Method, checkpoint hash, versions and device."""
+        """Return the method, checkpoint hash, versions and device."""
         import torch
 
         return {

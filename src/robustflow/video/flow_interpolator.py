@@ -1,8 +1,8 @@
-"""Interpolation by optical flow, for machines without FLAVR's weights: bidirectional DIS, occlusion-aware.
+"""Interpolate frames with bidirectional DIS flow, handling occlusions; needs no FLAVR weights.
 
-The scheme is that of the Middlebury benchmark (Baker et al., IJCV 2011, Sec. 3.3 "Interpolation error"): carry the
-flow forward to the new time, keep the most consistent of several claims on a pixel, fill what no flow reached, and
-blend both images except where one of them cannot see the point.
+The scheme follows the Middlebury benchmark (Baker et al., IJCV 2011, Sec. 3.3 "Interpolation error"): warp the flow
+forward to the new time, keep the most consistent vector where several land on the same pixel, fill holes, and blend
+both images except where the point is occluded in one of them.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from ..threads import one_opencv_thread
 Field = npt.NDArray[np.float32]
 
 CONSISTENT = 1.0
-"""A point is visible in both frames where forward and backward flow cancel within this many pixels,
-plus a tenth of the flow's length."""
+"""A point is visible in both frames if forward and backward flow cancel to within this many pixels, plus a tenth of the
+flow magnitude.
+"""
 
 
 class FlowInterpolator:
-    """The interpolator called "flow". Deterministic: DIS runs with one thread."""
+    """The interpolator called "flow". DIS runs with one thread, so the result is deterministic."""
 
     name = "flow"
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """`factor - 1` frames between the middle two; any factor of 2 or more."""
+        """Return `factor - 1` frames between the middle two frames of the window; `factor` is at least 2."""
         if factor < 2:
             raise UsageError(f"a factor of {factor} leaves nothing to interpolate: give 2 or more")
         first, second = (np.ascontiguousarray(frame) for frame in window[1:3])
@@ -46,12 +47,12 @@ class FlowInterpolator:
         return out
 
     def describe(self) -> dict[str, Any]:
-        """Method and version."""
+        """Return the method and its version."""
         return {"name": self.name, "method": "bidirectional DIS (medium), occlusion-aware", "opencv": cv2.__version__}
 
 
 def _dis(first: Frame, second: Frame) -> Field:
-    """Flow by DIS on grey frames, float32 (H, W, 2)."""
+    """Compute DIS flow on grey frames, float32 (H, W, 2)."""
     with one_opencv_thread():
         grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (first, second)]
         solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
@@ -60,7 +61,7 @@ def _dis(first: Frame, second: Frame) -> Field:
 
 @njit(cache=True, nogil=True)
 def _visible(flow: Any, back: Any) -> Any:
-    """bool (H, W): the point is still inside and not hidden in the other frame."""
+    """Return bool (H, W): whether the point remains inside the frame and is not occluded in the other frame."""
     height, width = flow.shape[:2]
     out = np.zeros((height, width), np.bool_)
     for y in range(height):
@@ -75,7 +76,9 @@ def _visible(flow: Any, back: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first: Any, second: Any, time: Any) -> Any:
-    """The flow from frame 1 to 2 at `time`, float32 (H, W, 2), and which frame sees each point: 0 both, 1 or 2."""
+    """Return the flow from frame 1 to 2 at `time`, float32 (H, W, 2), and where each point is visible: in both frames
+    (0), only in frame 1 (1) or only in frame 2 (2).
+    """
     height, width = forward.shape[:2]
     flow = np.zeros((height, width, 2), np.float32)
     sight = np.zeros((height, width), np.uint8)
@@ -102,7 +105,7 @@ def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first
                         claim += abs(np.float32(here[c]) - np.float32(there[c]))
                     mark = 0
                 else:
-                    claim = np.float32(1e6) + span * np.hypot(u, v)  # a hidden point only where there is no other
+                    claim = np.float32(1e6) + span * np.hypot(u, v)  # only if no visible point claims the pixel
                     mark = 1 + side
                 for dy in range(2):
                     for dx in range(2):
@@ -117,7 +120,7 @@ def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first
 
 @njit(cache=True, nogil=True)
 def _fill_holes(flow: Any, cost: Any) -> None:
-    """Give points that no flow reached the flow of the nearest reached one in their row, else column."""
+    """Fill holes with the flow of the nearest filled point in the same row, or else in the same column."""
     height, width = cost.shape
     empty = np.float32(1e9)
     for axis in range(2):
@@ -143,8 +146,9 @@ def _fill_holes(flow: Any, cost: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(first: Any, second: Any, flow: Any, sight: Any, time: Any) -> Any:
-    """Sample both frames along the flow and blend them by time, or take one of them where only that one sees the
-    point."""
+    """Sample both frames along the flow and blend them by time; where a point is visible in only one frame, use that
+    frame.
+    """
     height, width = flow.shape[:2]
     out = np.empty((height, width, 3), np.uint8)
     for y in range(height):
@@ -164,7 +168,7 @@ def _blend(first: Any, second: Any, flow: Any, sight: Any, time: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def _sample(image: Any, x: Any, y: Any, channel: int) -> Any:
-    """Bilinear, the border repeated."""
+    """Sample bilinearly with a repeated border."""
     height, width = image.shape[:2]
     x = min(max(x, 0.0), width - 1.0)
     y = min(max(y, 0.0), height - 1.0)

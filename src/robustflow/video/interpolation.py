@@ -1,4 +1,4 @@
-"""Raise the frame rate of a clip of any length with an interpolator, streaming."""
+"""Increase the frame rate of a clip of any length with an interpolator, as a stream."""
 
 from __future__ import annotations
 
@@ -10,41 +10,43 @@ from ..errors import AssetError, UsageError
 from ..sample import Frame
 
 WINDOW = 4
-"""Frames an interpolator sees: the two around the gap and one more on each side, as FLAVR was built."""
+"""Number of frames passed to an interpolator: the two frames around the gap and one more on each side, as FLAVR
+requires.
+"""
 
 
 class Interpolator(Protocol):
-    """Makes the frames between two frames.
+    """Interpolates frames between two frames.
 
     Attributes:
-        name: as `--interpolator` and manifests say it.
+        name: name of the interpolator in `--interpolator` and in manifests.
     """
 
     name: str
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
-        """The `factor - 1` frames at even times between `window[1]` and `window[2]`.
+        """Return the `factor - 1` evenly spaced frames between `window[1]` and `window[2]`.
 
         Args:
             window: four consecutive frames, RGB uint8 (H, W, 3).
-            factor: how many times the frame rate.
+            factor: ratio of the new to the old frame rate.
 
         Raises:
-            UsageError: a factor that it cannot do.
+            UsageError: the interpolator does not support the factor.
         """
 
     def describe(self) -> dict[str, Any]:
-        """What determines its output (method, checkpoint hash, versions), for the manifest."""
+        """Return what determines the output (method, checkpoint hash, versions), for the manifest."""
 
 
 def load_interpolator(
     name: str | None, factor: int, checkpoint: Path | None, device: str = "cpu"
 ) -> Interpolator | None:
-    """The requested interpolator; None if the factor is 1 and nothing has to be interpolated.
+    """Return the requested interpolator, or None if the factor is 1.
 
     Raises:
-        UsageError: a factor above 1 without a named interpolator, or an unknown name.
-        AssetError: FLAVR without its checkpoint.
+        UsageError: the factor exceeds 1 and no interpolator is named, or its name is unknown.
+        AssetError: FLAVR was requested without a checkpoint.
     """
     if factor < 1:
         raise UsageError(f"--factor {factor}: give 1 (no interpolation) or more")
@@ -71,7 +73,7 @@ def load_interpolator(
 
 
 def interpolated_count(count: int, factor: int) -> int:
-    """How many frames `interpolate` makes of `count`.
+    """Return the number of frames that `interpolate` produces from `count` frames.
 
     >>> interpolated_count(100, 4), interpolated_count(100, 1)
     (389, 100)
@@ -80,16 +82,16 @@ def interpolated_count(count: int, factor: int) -> int:
 
 
 def interpolate(frames: Iterable[Frame], interpolator: Interpolator, factor: int) -> Iterator[Frame]:
-    """Yield the frames from the second to the last but one, with `factor - 1` new ones in every gap.
+    """Yield the frames from the second to the second to last, with `factor - 1` new frames in every gap.
 
-    The clip's first and last frame only serve as neighbours, as in FLAVR's own script: so frame 0 of the result is
-    frame 1 of the source, for every interpolator. Holds four frames.
+    The first and last frames of the clip serve only as neighbours, as in FLAVR's script, so frame 0 of the result is
+    frame 1 of the source for every interpolator. At most four frames are kept in memory.
     """
     return fill_gaps(windows(frames), interpolator, factor)
 
 
 def windows(frames: Iterable[Frame]) -> Iterator[tuple[Frame, ...]]:
-    """The four frames around every gap that has a frame on either side of it."""
+    """Yield the four frames around every gap that has two frames on either side."""
     window: tuple[Frame, ...] = ()
     for frame in frames:
         window = (*window[-WINDOW + 1 :], frame)
@@ -100,7 +102,7 @@ def windows(frames: Iterable[Frame]) -> Iterator[tuple[Frame, ...]]:
 def fill_gaps(
     around: Iterable[tuple[Frame, ...]], interpolator: Interpolator, factor: int, first: bool = True
 ) -> Iterator[Frame]:
-    """For each window the new frames and the frame after them; with `first`, also the frame before them."""
+    """Yield, for each window, the new frames and the frame after them; with `first`, also the frame before them."""
     for window in around:
         if first:
             yield window[1]

@@ -1,4 +1,4 @@
-"""Object motion blur: the mean of 2c + 1 master frames around a key frame (paper appendix, "Object Motion Blur")."""
+"""Apply object motion blur: average 2c + 1 master frames around a key frame (paper appendix, "Object Motion Blur")."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from ..sample import Frame
 
 
 def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequence[int]) -> dict[int, Frame]:
-    """The means over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window.
+    """Compute the means over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window.
 
     Args:
-        frame_at: RGB uint8 (H, W, 3) of a master frame; asked in ascending order.
-        centre: the key frame.
-        reaches: values of c, 0 or more.
+        frame_at: function that returns a master frame by index, RGB uint8 (H, W, 3); called in ascending order.
+        centre: index of the key frame.
+        reaches: values of c, each 0 or more.
 
     Returns:
-        c -> RGB uint8 (H, W, 3), rounded to the nearest; an odd number of frames leaves no ties.
+        A dict from c to the mean, RGB uint8 (H, W, 3), rounded to the nearest integer; there are no ties, because the
+        number of frames is odd.
 
     >>> import numpy as np
     >>> ramp = lambda index: np.full((1, 1, 3), index * index, np.uint8)

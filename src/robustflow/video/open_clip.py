@@ -1,7 +1,7 @@
-"""An open prepared clip: its key frames under the five corruptions that need the whole clip.
+"""Read the key frames of a prepared clip with the five corruptions that need the whole clip.
 
-Object motion blur and rolling shutter take master frames decoded on demand. A video corruption transcodes the master
-once per severity; its key frames are kept in a cache of limited size.
+Object motion blur and rolling shutter use master frames decoded on demand. A video corruption transcodes the master
+once per severity; its key frames are stored in a cache of limited size.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from .variants import FRAMES_FILE, make_variant
 RECORDS_FOLDER = ".records"
 
 _AROUND: dict[str, Make] = {"object_motion_blur": mean_of_windows, "rolling_shutter": rolling_frames}
-"""What makes key frames from the master frames around them."""
+"""Functions that compute key frames from the surrounding master frames."""
 
 
 class OpenClip:
-    """Readers of one clip: of its master, and of each variant's key frames.
+    """Readers for the master of one clip and for the key frames of each variant.
 
     Args:
-        clip: from `prepared.read_folder`.
-        cache: where transcoded variants are kept.
-        parameters: of the corruptions, by name, at their five severities.
+        clip: prepared clip, from `prepared.read_folder`.
+        cache: cache for transcoded variants.
+        parameters: parameters of the corruptions at the five severities, by corruption name.
     """
 
     def __init__(self, clip: PreparedClip, cache: FolderCache, parameters: Mapping[str, tuple[int, ...]]) -> None:
@@ -52,9 +52,9 @@ class OpenClip:
         self._variants: dict[tuple[str, int], ClipReader] = {}
 
     def corrupted(self, index: int, corruption: str, parameter: int) -> Frame:
-        """A key frame under a corruption, RGB uint8 (H, W, 3); a video corruption transcodes the clip on first use.
+        """Return a corrupted key frame, RGB uint8 (H, W, 3); a video corruption transcodes the clip on first use.
 
-        Warns (`UserWarning`) when it does, where a damage changed nothing or cost frames.
+        Warns (`UserWarning`) after transcoding if bit errors changed nothing or frames were lost.
         """
         if corruption not in self._around:
             return self._transcoded(index, corruption, parameter)
@@ -84,7 +84,7 @@ class OpenClip:
         master = self.clip.master
         count = len(self.clip.manifest.key_frames)
         reader = ClipReader(ClipFile(folder / FRAMES_FILE, count, master.fps, master.height, master.width), keep=2)
-        reader.picture(position)  # opens the file, so that evicting it does no harm
+        reader.picture(position)  # opens the file, so that it stays readable after eviction
         return reader
 
     def _master_frame(self, index: int) -> Frame:
@@ -95,10 +95,10 @@ class OpenClip:
 
 
 def check_master(clip: PreparedClip) -> None:
-    """Check that a clip's master is the one that was prepared; once per process, as it takes a second per gigabyte.
+    """Verify the hash of a clip's master, once per process, because hashing takes about a second per gigabyte.
 
     Raises:
-        DataError: it cannot be read, or is damaged.
+        DataError: the master cannot be read or is damaged.
     """
     path = clip.master.path
     try:
@@ -116,7 +116,7 @@ def _sha256(path: Path, changed: int, size: int) -> str:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """How a variant was made.
+    """Read the record of how a variant was created.
 
     Raises:
         DataError: the record is damaged.
@@ -131,10 +131,10 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, parameter: int) -> Path:
-    """The file that says how a variant was made. It outlives the frames, which may be evicted."""
+    """Return the path of a variant's record, which remains after its frames are evicted."""
     return cache.root / RECORDS_FOLDER / f"{_variant_name(clip, corruption, parameter)}.json"
 
 
 def _variant_name(clip: PreparedClip, corruption: str, parameter: int) -> str:
-    """The cache's name for a transcoded clip, which depends on the master."""
+    """Return the cache key of a transcoded clip, which depends on the master."""
     return f"{clip.name}-{clip.manifest.master_sha256[:12]}-{corruption}-{parameter}"

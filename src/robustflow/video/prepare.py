@@ -1,9 +1,8 @@
-"""Make the lossless master and key frames of a clip from its source, resumable, in memory that does not grow with
-length.
+"""Create the lossless master and key frames of a clip from its source; resumable and in constant memory.
 
-A source is interpolated in segments, each a separate lossless file that a stopped run keeps; then one encoder makes
-the master from all of them (so it is the same file whether or not there was a stop) and the key frames are written
-as they pass; `clip.json` comes last.
+A source is interpolated in segments, each a separate lossless file that survives an interruption. A single encoder then
+writes the master from all segments, so an interruption does not change the file, and the key frames are written in the
+same pass. `clip.json` is written last.
 """
 
 from __future__ import annotations
@@ -39,10 +38,10 @@ from .prepared import (
 from .source import Source
 
 SEGMENT = 64
-"""Gaps between source frames that one segment interpolates: the most that is lost when stopped."""
+"""Number of gaps between source frames per segment; at most one segment of work is lost by an interruption."""
 
 PAIR_FPS = 30
-"""Pairs per second where no step is given; the paper's."""
+"""Default number of pairs per second, as in the paper."""
 
 Progress = Callable[[str, str, int, int], None]
 """Called with (clip, stage, frames done, total frames)."""
@@ -50,15 +49,15 @@ Progress = Callable[[str, str, int, int], None]
 
 @dataclass(frozen=True)
 class Preparation:
-    """How clips are prepared.
+    """Settings for preparing clips.
 
     Attributes:
-        fps: frames per second of the source, overriding the source's own; None to use that.
-        factor: how many times the frame rate; 4 is the paper's (240 -> 960).
-        step: master frames from one key frame to the next; None for 30 pairs per second.
-        interpolator: "flavr" or "flow"; needed where `factor` is above 1.
-        checkpoint, device: of FLAVR.
-        preset: of x264 for the master; it changes the file, and so what bit errors hit, but no pixel.
+        fps: frames per second of the source; None to use the rate stated by the source.
+        factor: ratio of the master's frame rate to the source's; the paper uses 4 (240 -> 960).
+        step: distance between key frames in master frames; None for 30 pairs per second.
+        interpolator: name of the interpolator, "flavr" or "flow"; required if `factor` exceeds 1.
+        checkpoint, device: path of FLAVR's weights, and device on which FLAVR runs.
+        preset: x264 preset for the master; affects the file, and thus the effect of bit errors, but not the pixels.
     """
 
     fps: Fraction | None = None
@@ -72,7 +71,7 @@ class Preparation:
 
 @dataclass(frozen=True)
 class ClipTiming:
-    """The result of preparing one source: rate and length of the master, and its key frames."""
+    """The plan for one source: frame rate and length of the master, and its key frames."""
 
     fps: Fraction
     count: int
@@ -84,8 +83,8 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     """Plan one clip.
 
     Raises:
-        UsageError: an unknown frame rate, or a factor or step below 1.
-        DataError: too short for a single pair.
+        UsageError: the frame rate is unknown, or the factor or step is below 1.
+        DataError: the source is too short for a single pair.
     """
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
@@ -111,10 +110,11 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
 def prepare_clip(
     source: Source, folder: Path, preparation: Preparation, progress: Progress = lambda clip, what, done, total: None
 ) -> PreparedClip:
-    """Prepare one clip in `folder`; what an earlier call finished is not repeated.
+    """Prepare one clip in `folder`, continuing from where an earlier call stopped.
 
     Raises:
-        DataError: a source that cannot be read to its end, or a folder that holds the clip with other settings.
+        DataError: the source cannot be read to its end, or the folder contains the clip prepared with different
+            settings.
     """
     timing = clip_timing(source, preparation)
     interpolator = load_interpolator(
@@ -156,7 +156,9 @@ def prepare_clip(
 
 
 def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
-    """The clip if it exists and was made in the same way; encoder versions may differ, no pixel depends on them."""
+    """Return the clip if it exists and has the same settings; encoder versions may differ, since they do not affect
+    pixels.
+    """
     path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None
@@ -166,7 +168,9 @@ def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
         manifest = None
     same = {"master_sha256": "", "encoder": {}}
     if manifest is None or manifest.model_copy(update=same) != wanted.model_copy(update=same):
-        raise DataError(f"{folder} holds this clip prepared with other settings; choose another --output or delete it")
+        raise DataError(
+            f"{folder} contains this clip prepared with different settings; choose a different --output or delete it"
+        )
     return PreparedClip(folder, manifest)
 
 
@@ -177,7 +181,7 @@ def _converted(source: Source) -> Iterator[I420]:
 def _segments(
     source: Source, work: Path, wanted: ClipManifest, interpolator: Interpolator, progress: Progress
 ) -> Iterator[I420]:
-    """The interpolated clip, from segments on disk; those that are missing are made first."""
+    """Yield the interpolated clip from segments on disk, creating missing segments first."""
     make_folder(work)
     gaps = source.count - WINDOW + 1
     size, factor, fps = (wanted.height, wanted.width), wanted.factor, Fraction(wanted.fps)
@@ -211,7 +215,9 @@ def _is_intact(segment: Path) -> bool:
 def _with_key_frames(
     pictures: Iterator[I420], folder: Path, wanted: ClipManifest, progress: Progress
 ) -> Iterator[I420]:
-    """Pass pictures on, writing key frames as PNG: what a lossless yuv420p master decodes to."""
+    """Yield the pictures unchanged, and write the key frames, as decoded from the lossless yuv420p master, to PNG
+    files.
+    """
     keys = set(wanted.key_frames)
     for index, picture in enumerate(pictures):
         if index in keys:

@@ -1,4 +1,4 @@
-"""All clips of a prepared folder: which ones, in how many processes, and the folder's manifest."""
+"""Find and prepare all clips of a folder, in several processes, and write the folder's manifest."""
 
 from __future__ import annotations
 
@@ -28,24 +28,27 @@ from .prepared import (
 from .source import PictureFolder, Source, VideoFile, pictures_in
 
 SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
-"""The five of the paper (appendix, "GoPro-FC")."""
+"""The five GoPro sequences of the paper (appendix, "GoPro-FC")."""
 
 CAMERA_FPS = Fraction(240)
 
 
 PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
-"""Prepares every clip in a folder of its name below the given one."""
+"""Prepares every clip in a subfolder, named after the clip, of the given folder."""
 
 
 def find_sources(data: Path, evenly: bool = False) -> list[Source]:
-    """The clips in `data`: GoPro's five sequences, one video, one folder of pictures, or a folder of such folders.
+    """Return the clips in `data`: GoPro's five sequences, one video, one folder of pictures, or a folder of such
+    folders.
 
     Args:
-        data: the GoPro folder as downloaded (GoPro_Large_all, with or without train/ and test/), or any of the above.
-        evenly: take a video's frames as evenly spaced (its rate is given by hand).
+        data: path of the downloaded GoPro folder (GoPro_Large_all, with or without train/ and test/), or of any of the
+            above.
+        evenly: whether to treat a video's frames as evenly spaced, at a frame rate given by the user.
 
     Raises:
-        DataError: nothing usable, some of the five sequences missing, or the 7-to-13-frames-apart GoPro_Large.
+        DataError: there is nothing usable, some of the five sequences are missing, or the folder is GoPro_Large, whose
+            frames are 7 to 13 camera frames apart.
     """
     if data.is_file():
         return [VideoFile(data, evenly=evenly)]
@@ -76,19 +79,19 @@ def prepare_folder(
     progress: Progress = lambda clip, what, done, total: None,
     prepare_all: PrepareAll | None = None,
 ) -> list[PreparedClip]:
-    """Prepare all clips below `output`. Every number of workers, and every place, gives the same files.
+    """Prepare all clips below `output`. The number of workers and the machine do not affect the files.
 
     Args:
-        sources: from `find_sources`.
-        output: a folder, which is made.
-        preparation: how.
-        workers: processes, where `prepare_all` is not given.
-        cache_limit: bytes of transcoded variants that may be kept later.
-        progress: notified of the progress.
-        prepare_all: does the work instead, on a cluster.
+        sources: clips to prepare, from `find_sources`.
+        output: path of the output folder, which is created.
+        preparation: settings for preparing the clips.
+        workers: number of processes; ignored if `prepare_all` is given.
+        cache_limit: size limit of the cache for transcoded variants, in bytes.
+        progress: function called with progress updates.
+        prepare_all: function that prepares the clips instead, e.g. on a cluster.
 
     Raises:
-        DataError: `output` holds other clips already, or a source fails.
+        DataError: `output` already contains different clips, or a source fails.
     """
     if workers < 1:
         raise UsageError(f"--workers {workers}: give 1 or more")
@@ -110,9 +113,9 @@ def prepare_folder(
 
 
 def prepare_video(path: Path) -> Path:
-    """Prepare a video file as it is (no interpolation, key frames 1/30 s apart) in the user's cache folder.
+    """Prepare a video file without interpolation, with key frames 1/30 s apart, in the user's cache folder.
 
-    Returns the prepared folder; made on the first call, found on later ones.
+    Returns the prepared folder, which is created on the first call and reused by later calls.
     """
     sources = find_sources(path)
     output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}"
@@ -144,9 +147,9 @@ def _claim(output: Path, manifest: FolderManifest) -> None:
         except ValueError:
             on_disk = None
         if on_disk is None:
-            raise DataError(f"{path} is damaged; delete {output}, and the same command prepares its clips again")
+            raise DataError(f"{path} is damaged; delete {output}, then run the same command again")
         if on_disk.clips != manifest.clips:
-            raise DataError(f"{output} holds other prepared clips; choose another --output")
+            raise DataError(f"{output} contains different prepared clips; choose a different --output")
     write_json(path, sealed(manifest.model_dump()))
 
 

@@ -1,7 +1,7 @@
-"""The output of `robustflow prepare`, and how it is read.
+"""Define and read the output folder of `robustflow prepare`.
 
-gopro_fc.json                      the clips, and how they were made
-GOPR0374_11_02/clip.json           written last: a clip without it is not finished
+gopro_fc.json                      the clips and the settings used to prepare them
+GOPR0374_11_02/clip.json           written last; missing if the clip is unfinished
 GOPR0374_11_02/master.mp4          every frame, lossless yuv420p
 GOPR0374_11_02/keyframes/000032.png
 variants/...                       transcoded on demand, see `cache`
@@ -27,17 +27,19 @@ KEY_FRAMES = "keyframes"
 VERSION = 2
 
 REACH = 15
-"""Object motion blur looks this many master frames to either side of a key frame at its most severe."""
+"""Number of master frames on either side of a key frame that object motion blur averages at the highest severity."""
 
 CACHE_LIMIT = 20 * 10**9
 
 
 ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
-"""A clip's name, which is also that of a folder, so that a manifest cannot lead out of its own folder."""
+"""A clip's name, which must be a valid folder name, so that a manifest cannot point outside its folder."""
 
 
 class ClipManifest(Frozen):
-    """`clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's, as a fraction."""
+    """The content of `clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's frame rate, as
+    a fraction.
+    """
 
     version: int
     name: ClipName
@@ -57,7 +59,7 @@ class ClipManifest(Frozen):
 
 
 class FolderManifest(Frozen):
-    """`gopro_fc.json`: the clips, and how many bytes of transcoded variants may be kept."""
+    """The content of `gopro_fc.json`: the clips, and the cache limit for transcoded variants in bytes."""
 
     version: int
     clips: list[ClipName]
@@ -76,29 +78,29 @@ class PreparedClip:
 
     @property
     def name(self) -> str:
-        """The clip's (sequence's) name."""
+        """Return the clip's (sequence's) name."""
         return self.manifest.name
 
     @property
     def master(self) -> ClipFile:
-        """The lossless master."""
+        """Return the lossless master."""
         r = self.manifest
         return ClipFile(self.folder / MASTER, r.count, Fraction(r.fps), r.height, r.width)
 
     def key_frame_path(self, index: int) -> Path:
-        """The PNG of master frame `index`."""
+        """Return the path of the PNG of master frame `index`."""
         return self.folder / KEY_FRAMES / f"{index:06d}.png"
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Master indices of adjacent key frames."""
+        """Return the master indices of adjacent key frames."""
         return list(zip(self.manifest.key_frames, self.manifest.key_frames[1:], strict=False))
 
 
 def choose_key_frames(count: int, step: int) -> list[int]:
-    """Every `step`-th frame, the first and the last such frame dropped (paper appendix, "GoPro-FC").
+    """Return every `step`-th frame except the first and the last such frame (paper appendix, "GoPro-FC").
 
-    Frames nearer than `REACH` to an end are dropped as well, which only happens for steps below 16.
+    Frames closer than `REACH` to either end are dropped as well, which only happens for steps below 16.
 
     >>> choose_key_frames(161, 32)
     [32, 64, 96, 128]
@@ -108,10 +110,10 @@ def choose_key_frames(count: int, step: int) -> list[int]:
 
 
 def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
-    """The clips of a prepared folder.
+    """Read the clips of a prepared folder.
 
     Raises:
-        DataError: no such folder, not a prepared one, or a clip that was not finished.
+        DataError: the folder does not exist, was not prepared, or contains an unfinished clip.
     """
     manifest = _read(root / FOLDER_MANIFEST, FolderManifest)
     clips = []
@@ -130,9 +132,9 @@ def _read(path: Path, kind: type[R]) -> R:
     try:
         manifest = kind.model_validate_json(content or b"")
     except ValidationError as error:
-        raise DataError(f"{path}: not what prepare writes, or damaged; prepare the clips again") from error
+        raise DataError(f"{path}: not written by prepare, or damaged; prepare the clips again") from error
     if manifest.version != VERSION:
-        raise DataError(f"{path}: of another version of RobustFlow; prepare the clips again")
+        raise DataError(f"{path}: written by a different version of RobustFlow; prepare the clips again")
     return manifest
 
 
@@ -142,6 +144,8 @@ def is_prepared(data: Path) -> bool:
 
 
 def slow_blur(clip: PreparedClip) -> Fraction | None:
-    """Seconds that the most severe object motion blur averages over, where that is longer than the paper's 31/960."""
+    """Return the duration in seconds over which the most severe object motion blur averages, if it exceeds the paper's
+    31/960 s, else None.
+    """
     span = (2 * REACH + 1) / clip.master.fps
     return span if span > Fraction(2 * REACH + 1, 960) else None

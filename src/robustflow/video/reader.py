@@ -1,8 +1,8 @@
-"""Frames of a video by number: decoding forward if the frame is near, seeking to a key frame if it is not.
+"""Read video frames by number: decode forward to nearby frames, and seek to a key frame for distant ones.
 
-The list of frames comes from the container's packets, without decoding, and is checked by decoding the first frame
-and everything after the last key frame. Where that check fails (no or repeated time stamps, two packets per frame,
-an end that was cut off) the whole file is decoded once instead and frames are counted.
+The list of frames is read from the container's packets, without decoding, and checked by decoding the first frame and
+everything after the last key frame. If the check fails (missing or repeated time stamps, two packets per frame, a
+truncated end), the whole file is decoded once to count the frames.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from .container import open_video, reason
 from .upright import upright
 
 _NEAR = 48
-"""Frames worth decoding forward rather than seeking."""
+"""Largest distance, in frames, for which decoding forward is preferred to seeking."""
 
 _KEYS_BACK = 2
-"""Key frames to begin decoding with, where the nearest does not do (an open group of pictures)."""
+"""Number of earlier key frames to try if decoding cannot start at the nearest one (an open group of pictures)."""
 
 
 class VideoReader:
-    """Random access to the frames of a video's first video stream, turned as the file asks.
+    """Random access to the frames of a file's first video stream, rotated as its metadata specify.
 
-    Holds one decoded frame and an open file. Can be pickled, and survives a fork: the copy opens the file again.
+    Keeps one decoded frame and the open file. Readers can be pickled and forked; the copy reopens the file.
 
     Raises:
-        DataError: not a video, damaged, cut short, or without a video stream.
+        DataError: the file is not a video, is damaged or truncated, or has no video stream.
     """
 
     _container: Any
@@ -56,10 +56,10 @@ class VideoReader:
         return self._count
 
     def frame(self, index: int) -> Frame:
-        """Frame number `index`, RGB uint8 (H, W, 3).
+        """Return frame number `index`, RGB uint8 (H, W, 3).
 
         Raises:
-            DataError: it cannot be decoded.
+            DataError: the frame cannot be decoded.
         """
         if not 0 <= index < self._count:
             raise IndexError(f"{self._path} has frames 0 to {self._count - 1}, not {index}")
@@ -70,8 +70,8 @@ class VideoReader:
         return self._image.copy()
 
     def index_at(self, seconds: float) -> int:
-        """The number of the first frame that is shown at this time after the first frame, or later; also in videos of
-        variable frame rate.
+        """Return the number of the first frame shown at or after this time, measured from the first frame; supports
+        variable frame rates.
 
         Raises:
             DataError: the video has no usable times.
@@ -126,7 +126,7 @@ class VideoReader:
             raise ValueError("no frame can be decoded")
 
     def _holds(self) -> bool:
-        """Whether the packets are right about the first frame and about the end."""
+        """Whether the packets agree with the decoded first frame and the decoded end of the video."""
         try:
             self._open()
             first = next(self._frames or iter(()), None)
@@ -139,14 +139,14 @@ class VideoReader:
         return first is not None and first.pts == self._stamps[0] and tail == expected
 
     def _tail(self) -> list[int]:
-        """Time stamps of what can be decoded from the last key frame on; "" where one has none."""
+        """Return the time stamps of the frames that decode from the last key frame on; "" for frames without one."""
         stamps: list[int] = []
         for key in self._key_stamps[-1 : -1 - _KEYS_BACK : -1]:
             self._container.seek(key, stream=self._container.streams.video[0])
             try:
                 stamps = [-1 if frame.pts is None else frame.pts for frame in self._container.decode(video=0)]
                 break
-            except FFmpegError:  # frames before the key frame in time need those before it in the file
+            except FFmpegError:  # frames displayed before the key frame depend on frames stored before it
                 self._open()
         return [stamp for stamp in stamps if stamp >= self._key_stamps[-1]]
 
@@ -157,7 +157,7 @@ class VideoReader:
                 try:
                     self._start(index, back)
                     return self._advance(index)
-                except FFmpegError:  # as above: begin a key frame earlier, at last with the file's first
+                except FFmpegError:  # as above: start one key frame earlier, finally at the first frame of the file
                     self._close()
             self._open()
         return self._advance(index)
@@ -175,7 +175,7 @@ class VideoReader:
         raise ValueError(f"frame {index} cannot be decoded")
 
     def _start(self, index: int, back: int) -> None:
-        """Open the file, some key frames before the last one not after `index` where seeking is possible."""
+        """Open the file; if seeking is possible, start some key frames before the last one up to `index`."""
         if self._container is None:
             self._open()
         place = bisect_right(self._key_stamps, self._stamps[index]) - 1 - back if self._stamps else -1
@@ -185,7 +185,7 @@ class VideoReader:
         self._container.seek(self._key_stamps[place], stream=self._container.streams.video[0])
         self._frames = iter(self._container.decode(video=0))
         first = next(self._frames, None)
-        if first is None or first.pts > self._stamps[index]:  # the container's index led past it
+        if first is None or first.pts > self._stamps[index]:  # the container's index pointed past the frame
             self._open()
         else:
             self._frames = _again(first, self._frames)

@@ -1,4 +1,4 @@
-"""Rolling shutter: the rows of a key frame, each from the master frame of its time."""
+"""Simulate a rolling shutter: take each row of a key frame from the master frame at the row's readout time."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ..sample import Frame
 
 
 def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequence[int]) -> dict[int, Frame]:
-    """A key frame as rolling shutters read it, in one pass over the longest readout.
+    """Compute a key frame for several rolling shutters, in one pass over the longest readout.
 
     Args:
-        frame_at: RGB uint8 (H, W, 3) of a master frame; asked in ascending order.
-        centre: the key frame, at whose time the middle of the frame is read.
-        readouts: times from the first row to the last, in master frames, 0 or more.
+        frame_at: function that returns a master frame by index, RGB uint8 (H, W, 3); called in ascending order.
+        centre: index of the key frame, at whose time the middle row is read.
+        readouts: readout times from the first to the last row, in master frames, each 0 or more.
 
     Returns:
-        Readout -> RGB uint8 (H, W, 3).
+        A dict from readout time to RGB uint8 (H, W, 3).
 
     >>> frames = rolling_frames(lambda index: np.full((4, 1, 3), index, np.uint8), 10, [0, 4])
     >>> {readout: frame[:, 0, 0].tolist() for readout, frame in frames.items()}
@@ -38,7 +38,7 @@ def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequ
 
 
 def row_offsets(height: int, readout: int) -> np.ndarray:
-    """The master frame of each row, counted from the key frame: readout ((y + 1/2) / height - 1/2), rounded; int
+    """Return the master frame of each row relative to the key frame, readout ((y + 1/2) / height - 1/2), rounded; int
     (height,).
 
     >>> row_offsets(6, 4).tolist()

@@ -1,4 +1,4 @@
-"""H.264 and bit errors on a few frames of a user's clip, applied as in GoPro-FC."""
+"""Apply H.264 compression and bit errors to a few frames of a user's clip, as in GoPro-FC."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from .container import open_video
 from .variants import corrupted_stream
 
 DEFAULT_RATE = Fraction(30)
-"""Frames per second assumed for pictures."""
+"""Default frame rate for folders of pictures, in frames per second."""
 
 
 def frame_rate(path: Path) -> Fraction:
-    """The mean frame rate of a video file; `DEFAULT_RATE` for a folder of pictures or a file that states none.
+    """Return the mean frame rate of a video file; `DEFAULT_RATE` for a folder of pictures or a file that states no
+    rate.
 
     Raises:
         DataError: the file is not a readable video.
@@ -34,18 +35,18 @@ def frame_rate(path: Path) -> Fraction:
 
 
 class ShortClip:
-    """A part of a clip, encoded once without loss, as the benchmark's master is; memory does not grow with its length.
+    """A part of a clip, encoded once losslessly like the benchmark's master, in constant memory.
 
-    Unlike a prepared clip it is not interpolated in time, and it is encoded with a faster preset: bit errors, which are
-    counted in bytes, hit about as often but not the same ones.
+    Unlike a prepared clip it is not interpolated in time, and it is encoded with a faster preset: bit errors, whose
+    rate is per byte, are about as frequent but hit different bytes.
 
     Args:
-        frames: RGB uint8 (H, W, 3) in order.
-        rate: frames per second, which decides what a bit rate buys.
-        folder: an empty one for the encoded clip.
+        frames: frames in order, RGB uint8 (H, W, 3).
+        rate: frames per second, used by the rate control.
+        folder: path of an empty folder for the encoded clip.
 
     Raises:
-        DataError: no frames, or frames of different size.
+        DataError: there are no frames, or their sizes differ.
     """
 
     def __init__(self, frames: Iterable[Frame], rate: Fraction, folder: Path) -> None:
@@ -67,16 +68,16 @@ class ShortClip:
         self._master = write_clip(folder / "master.mp4", pictures(), size, rate, lossless("veryfast"))
 
     def corrupted(self, corruption: str, parameter: int, wanted: range) -> tuple[list[Frame], bool]:
-        """Some frames after a corruption of the whole part.
+        """Return some frames after corrupting the whole part.
 
         Args:
             corruption: "h264_crf", "h264_abr" or "bit_error".
             parameter: CRF, bit/s, or N of the noise filter.
-            wanted: their numbers, ascending.
+            wanted: indices of the frames, ascending.
 
         Returns:
-            RGB uint8 (H, W, 3) each, and whether anything was changed up to the last of them; a stream that is too
-            short for an amount of bit errors is not.
+            The frames, RGB uint8 (H, W, 3), and whether the stream was changed up to the last frame; bit errors change
+            nothing if the stream is too short for their amount.
         """
         master = self._master
         stream = corrupted_stream(master, corruption, parameter)

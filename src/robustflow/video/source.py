@@ -1,4 +1,4 @@
-"""The source of a clip: a folder of pictures, or a user's video file, checked before any work begins."""
+"""Read source clips from a folder of pictures or from a user's video file, checked before any work starts."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from .upright import upright
 
 
 class Source(Protocol):
-    """The frames of a clip in order, which can be read repeatedly."""
+    """The frames of a clip in order; they can be read repeatedly."""
 
     name: str
     count: int
     size: tuple[int, int]
     fps: Fraction | None
-    """Frames per second, None where the source does not say (pictures)."""
+    """Frames per second; None if the source states no rate (pictures)."""
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """RGB uint8 (H, W, 3) from frame `start` on, one at a time."""
+        """Yield frames from `start` on, RGB uint8 (H, W, 3)."""
 
     def describe(self) -> dict[str, Any]:
-        """Describes it for the manifest."""
+        """Describe the source for the manifest."""
 
 
 class PictureFolder:
@@ -44,12 +44,12 @@ class PictureFolder:
         self.name = name or folder.resolve().name.lstrip(".") or "clip"
         self.paths = pictures_in(folder)
         if not self.paths:
-            raise DataError(f"{folder}: there are no pictures in it; give the folder that holds a clip's frames")
+            raise DataError(f"{folder}: there are no pictures in it; give the folder that contains a clip's frames")
         self.count = len(self.paths)
         self.size = image_size(self.paths[0])
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """RGB uint8 (H, W, 3); a picture of another size than the first is a DataError."""
+        """Yield RGB uint8 (H, W, 3) frames; raise a DataError if a picture differs in size from the first one."""
         for path in self.paths[start:]:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
@@ -60,18 +60,18 @@ class PictureFolder:
             yield frame
 
     def describe(self) -> dict[str, Any]:
-        """Kind, and first and last name."""
+        """Return the kind of source, and the first and last file names."""
         return {"kind": "pictures", "first": self.paths[0].name, "last": self.paths[-1].name}
 
 
 class VideoFile:
-    """The video stream of a file; sound is ignored, rotation applied, more than 8 bits reduced to 8.
+    """The video stream of a file. Audio is ignored, rotation is applied, and higher bit depths are reduced to 8 bits.
 
     Args:
-        evenly: take frames as evenly spaced whatever their times say (for a variable frame rate).
+        evenly: whether to treat frames as evenly spaced and ignore their time stamps (for variable frame rates).
 
     Raises:
-        DataError: no such file, not a video, cut short, or a variable frame rate without `evenly`.
+        DataError: the file does not exist, is not a video, is truncated, or has a variable frame rate without `evenly`.
     """
 
     def __init__(self, path: Path, name: str = "", evenly: bool = False) -> None:
@@ -91,19 +91,19 @@ class VideoFile:
             low, high = self.variable
             raise DataError(
                 f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give --fps "
-                f"{float(self.fps or 30):.4g} to take its frames as evenly spaced, or resample it in time: "
+                f"{float(self.fps or 30):.4g} to treat its frames as evenly spaced, or resample it in time: "
                 f"{resample_command(path, self.fps)}"
             )
         first = next(self.frames(), None)
         if first is None:
-            raise DataError(f"{path}: not one frame can be decoded; is it a video?")
+            raise DataError(f"{path}: no frame can be decoded; is it a video?")
         self.size = (first.shape[0], first.shape[1])
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """RGB uint8 (H, W, 3), rotated as the file asks.
+        """Yield frames as RGB uint8 (H, W, 3), rotated as the file's metadata specify.
 
         Raises:
-            DataError: a frame that cannot be decoded, or the file ends early.
+            DataError: a frame cannot be decoded, or the file ends early.
         """
         size: tuple[int, ...] | None = None
         read = 0
@@ -126,7 +126,7 @@ class VideoFile:
             raise DataError(f"{self.path}: {read} of {self.count} frames can be decoded; copy or convert it again")
 
     def describe(self) -> dict[str, Any]:
-        """Kind, codec, pixel format, declared rate, and the frame gaps where the rate is variable."""
+        """Return the kind, codec, pixel format, declared rate, and the frame intervals if the rate is variable."""
         return {
             "kind": "video",
             "file": self.path.name,
@@ -137,7 +137,7 @@ class VideoFile:
         }
 
     def _times(self, container: Any, stream: Any) -> tuple[list[int], int]:
-        """Presentation times of the frames to show, and how many there are; nothing is decoded."""
+        """Return the presentation times and the number of the displayed frames, without decoding."""
         times: list[int] = []
         count = 0
         try:
@@ -152,7 +152,7 @@ class VideoFile:
 
 
 def resample_command(path: Path, fps: Fraction | None) -> str:
-    """The command that gives a video a constant frame rate without loss.
+    """Return a command that losslessly converts a video to a constant frame rate.
 
     >>> resample_command(Path("holiday.mov"), Fraction(30))
     'ffmpeg -i holiday.mov -vf fps=30 -c:v libx264 -crf 0 -an holiday_constant.mkv'
@@ -163,12 +163,12 @@ def resample_command(path: Path, fps: Fraction | None) -> str:
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The pictures directly in a folder, by name."""
+    """Return the pictures directly inside a folder, sorted by name."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
 
 
 def _variable(times: list[int], tick: Fraction) -> tuple[float, float] | None:
-    """The shortest and longest gap in seconds where they differ by more than rounding to ticks explains, else None.
+    """Return the shortest and longest frame interval in seconds if they differ by more than tick rounding, else None.
 
     >>> _variable([0, 33, 67, 100, 133], Fraction(1, 1000)) is None
     True

@@ -1,4 +1,4 @@
-"""Turn decoded pictures as players do: phones store a rotation beside the frames (a display matrix)."""
+"""Rotate decoded pictures as players do; phones store a display matrix instead of rotating the frames."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..sample import Frame
 
 
 def upright(picture: Any, path: Path) -> Frame:
-    """RGB uint8 (H, W, 3) of a decoded picture, turned as its display matrix asks.
+    """Convert a decoded picture to RGB uint8 (H, W, 3), rotated as its display matrix specifies.
 
     Raises:
-        DataError: a rotation by other than multiples of 90 degrees.
+        DataError: the rotation is not a multiple of 90 degrees.
     """
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
-        raise DataError(f"{path}: rotated by {picture.rotation} degrees; only quarter turns can be followed")
+        raise DataError(f"{path}: rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
     return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), quarter % 4))

@@ -1,7 +1,7 @@
-"""A clip under H.264 CRF, H.264 ABR and Bit Error (paper appendix, "Video corruptions").
+"""Corrupt a clip with H.264 CRF, H.264 ABR or Bit Error (paper appendix, "Video corruptions").
 
-A variant holds the clip's key frames only, as lossless, intra-coded yuv420p. It is made
-in one pass over the master, in memory that does not grow with the clip's length.
+A variant contains only the clip's key frames, as lossless, intra-coded yuv420p. It is created in one pass over the
+master, in constant memory.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FRAMES_FILE = "keyframes.mp4"
 
 @dataclass
 class Stream:
-    """A corrupted master: its pictures, and statistics that are complete once all have been read."""
+    """A corrupted master: its pictures, and statistics that are complete once all pictures have been read."""
 
     pictures: Iterator[tuple[int, I420]]
     decoder: Decoder
@@ -36,7 +36,7 @@ class Stream:
 
 
 def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Stream:
-    """Every picture of the master after a video corruption, in order, none missing.
+    """Yield every picture of the master after a video corruption, in order, without gaps.
 
     Args:
         corruption: "h264_crf", "h264_abr" or "bit_error".
@@ -66,7 +66,7 @@ def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Strea
 
 
 def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Path) -> dict[str, Any]:
-    """Write the variant's key frames into `folder`, and return the record of what happened."""
+    """Write the variant's key frames to `folder` and return the record of the corruption."""
     make_folder(folder)
     master, keys = clip.master, clip.manifest.key_frames
     stream = corrupted_stream(master, corruption, parameter)
@@ -86,11 +86,11 @@ def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Pa
 
 
 def warnings_of(record: dict[str, Any]) -> list[str]:
-    """Warnings about a variant, for the reader of its numbers."""
+    """Return warnings about a variant for users of its results."""
     where = f"{record['corruption']} (parameter {record['parameter']}) on {record['clip']}"
     if record["corruption"] == "bit_error" and not record["bytes_changed"]:
         return [
-            f"{where}: not one of {record['bytes_coded']} bytes was changed; the clip is too small for this severity, "
+            f"{where}: none of {record['bytes_coded']} bytes was changed; the clip is too small for this severity, "
             "and its frames are the clean ones"
         ]
     if record["frames_lost"]:
