@@ -124,14 +124,14 @@ def test_workers_do_not_matter(tmp_path):
 def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 70))
     prepare_clip(source, tmp_path / "out", PLAIN)
-    with pytest.raises(DataError, match="other settings"):
+    with pytest.raises(DataError, match="different settings"):
         prepare_clip(source, tmp_path / "out", Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast"))
     prepare_folder([source], tmp_path / "folder", PLAIN)
     other = PictureFolder(clips.folder(tmp_path / "other", 70))
     with pytest.raises(DataError, match="different prepared clips"):
         prepare_folder([other], tmp_path / "folder", PLAIN)
     (tmp_path / "folder" / "gopro_fc.json").write_text("{}")
-    with pytest.raises(DataError, match=r"gopro_fc\.json is damaged; delete .*folder, and the same command prepares"):
+    with pytest.raises(DataError, match=r"gopro_fc\.json is damaged; delete .*folder, then run the same command"):
         prepare_folder([source], tmp_path / "folder", PLAIN)
 
 
@@ -215,7 +215,7 @@ def test_a_folder_that_is_not_finished_or_not_ours(tmp_path):
         with pytest.raises(DataError, match="damaged"):
             read_folder(tmp_path / "out")
     record.write_text(json.dumps(sealed(json.loads(text) | {"version": 99})))
-    with pytest.raises(DataError, match="another version"):
+    with pytest.raises(DataError, match="a different version"):
         read_folder(tmp_path / "out")
 
 

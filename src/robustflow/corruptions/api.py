@@ -1,4 +1,4 @@
-"""Corrupt a pair or a clip by name."""
+"""Corrupt a pair or a clip with a corruption given by name."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_registered
 
 STREAM_VERSION = 2
-"""Part of every run's identity: incremented when any corruption's bytes change, so that results never mix."""
+"""Version of the corruptions' bytes, part of every run's identity; incremented when the output of any corruption
+changes, so that results are never mixed.
+"""
 
 _STREAMS = ("robustflow", 1)
-"""The first parts of every random stream's name: incremented to draw all corruptions differently."""
+"""First parts of the name of every random stream; incrementing the number changes all draws."""
 
 _PACKAGE = __name__.rpartition(".")[0] + "."
 
@@ -35,20 +37,22 @@ def load_corruption(
     scale: str = "paper",
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
 ) -> Corruption:
-    """The corruption registered as `name`, or the stack described by a name such as `"fog+jpeg_compression:2"`.
+    """Return the corruption registered as `name`, or the stack described by a name such as `"fog+jpeg_compression:2"`.
 
     Args:
-        name: as `robustflow list corruptions` prints it, or several joined by "+"; or a corruption of your own, as a
-            class or an object (docs/add-your-corruption.md), which is known by its `name` from then on. Nothing is
-            imported for a name: `module.path:Attribute` goes through `corruption_name` first.
-        variant: "default", "reference", "reference-bgr" (as the published tables were measured: the corruptions were
-            handed BGR frames for RGB) or "paper"; the calibrated scale exists only for the default.
-        scale: "paper" (its five severities) or "calibrated" (equal mean SSIM; see docs/severity-scales.md).
-        classes: name -> class used in place of the registered one, see `Benchmark.classes`.
+        name: name listed by `robustflow list corruptions`, or several names joined by "+"; or a custom corruption, as a
+            class or an object (docs/add-your-corruption.md), which is then registered under its `name`. Names are never
+            imported; convert `module.path:Attribute` with `corruption_name` first.
+        variant: variant of the corruption: "default", "reference", "reference-bgr" (as in the published tables, where
+            the corruptions received BGR instead of RGB frames) or "paper"; the calibrated scale exists only for
+            "default".
+        scale: severity scale, "paper" (the paper's five severities) or "calibrated" (equal mean SSIM; see
+            docs/severity-scales.md).
+        classes: dict from corruption name to the class used instead of the registered one, see `Benchmark.classes`.
 
     Raises:
-        UsageError: unknown name, variant or scale, a severity of a stack's part that the scale lacks, or a corruption
-            that exists only as files.
+        UsageError: the name, variant or scale is unknown, the scale lacks a severity used in a stack, or the corruption
+            exists only as files.
 
     >>> load_corruption("gaussian_noise").parameter(1)
     0.08
@@ -82,7 +86,7 @@ def load_corruption(
 
 
 def list_corruptions() -> list[str]:
-    """Return the names that `load_corruption` knows, in the paper's order, those of installed packages last.
+    """Return the names that `load_corruption` supports, in the paper's order, followed by those of installed packages.
 
     >>> list_corruptions()[:3]
     ['jpeg_compression', 'pixelate', 'contrast']
@@ -91,9 +95,9 @@ def list_corruptions() -> list[str]:
 
 
 def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
-    """The name under which a corruption is run and reported; a user's own corruption is known by it afterwards.
+    """Return the name under which a corruption is run and reported, and register a user's corruption under this name.
 
-    Only for what the user requests: `module.path:Attribute`, alone or in a stack, is imported.
+    Call this only with trusted user input: `module.path:Attribute`, alone or in a stack, is imported.
 
     Raises:
         UsageError: it cannot be imported, or is not a corruption.
@@ -105,8 +109,9 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
 
 
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
-    """The random stream of (benchmark seed, corruption, severity, sample key); with `common_draws` one for all five
-    severities, which then differ only in strength."""
+    """Return the random stream for (benchmark seed, corruption, severity, sample key); with `common_draws` the five
+    severities share one stream and differ only in strength.
+    """
     return Rng.of(*_STREAMS, seed, corruption.name, 0 if common_draws else severity, key)
 
 
@@ -144,26 +149,27 @@ def corrupt(
     """Corrupt a pair of frames, or a single image.
 
     Args:
-        frame1, frame2: RGB uint8 (H, W, 3), the same size; or images of Pillow, which come back as such (RGB). Without
-            `frame2` the image is treated as the first frame of a pair, byte for byte. So a corruption that changes one
-            frame of the two (`over_exposure`, `under_exposure`) leaves it unchanged in half of the draws.
-        corruption: a name (`robustflow list corruptions`), `module.path:Attribute`, or a corruption of your own.
-        severity: 1 (mild) to 5 (severe).
-        seed: the benchmark's seed.
-        key: the pair's name; pairs with different keys get different draws.
-        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (on frames whose channels are
-            in the order BGR, as that code read them) or "paper" (the literal text).
-        scale: scale of the severities, "paper" or "calibrated"; variant and scale are ignored for a `Corruption`.
-        common_draws: the same draw at all five severities: the same drops, flakes and exposed frame, only stronger. By
-            default each severity is drawn independently, as the paper's frames were.
-        depth: depth of both frames, for the corruptions of the family "depth".
+        frame1, frame2: frames of the same size, RGB uint8 (H, W, 3) or Pillow images; Pillow images are returned as RGB
+            Pillow images. Without `frame2` the image is treated as the first frame of a pair, so a corruption that
+            changes only one of two frames (`over_exposure`, `under_exposure`) leaves it unchanged in half of the draws.
+        corruption: name of a corruption (`robustflow list corruptions`), `module.path:Attribute`, or a custom
+            corruption.
+        severity: severity, 1 (mild) to 5 (severe).
+        seed: seed of the benchmark.
+        key: name of the pair; pairs with different keys get different draws.
+        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (applied to frames in BGR
+            order, as in the reference code) or "paper" (the literal text).
+        scale: severity scale, "paper" or "calibrated"; variant and scale are ignored for a `Corruption` object.
+        common_draws: whether to use the same draw (drops, flakes, exposed frame) at all five severities. By default
+            each severity is drawn independently, as for the paper's frames.
+        depth: depth maps of both frames, for corruptions of the family "depth".
 
     Returns:
-        Two new frames of the same shape; of a single image, one. The same arguments give the same bytes, always.
+        Two new frames of the same shape, or one for a single image. The same arguments always give the same bytes.
 
     Raises:
-        UsageError: unknown name, variant, scale or severity, or one that the scale lacks.
-        DataError: frames that are not RGB uint8 of one size, or depth maps of a different size.
+        UsageError: the name, variant, scale or severity is unknown, or the scale lacks the severity.
+        DataError: the frames are not RGB uint8 of the same size, or the depth maps have a different size.
 
     >>> import numpy as np
     >>> grey = np.full((32, 48, 3), 128, np.uint8)
@@ -195,13 +201,12 @@ def corrupt_clip(
     common_draws: bool = False,
     depth: SceneDepth | None = None,
 ) -> Iterator[Frame]:
-    """Corrupt frames one at a time: what the frames of a clip share is drawn once, what differs from frame to frame is
-    drawn per frame.
+    """Corrupt the frames of a clip one at a time; shared parameters are drawn once, per-frame parameters for each
+    frame.
 
-    Arguments as for `corrupt`, with `first`, the number of the first frame given; `depth` is of frames 0 and 1. These
-    equal the pair that `corrupt` returns for the same seed and key; a clip that begins before that pair begins with a
-    negative number.
-    Yields RGB uint8 arrays; holds one frame at a time.
+    Takes the arguments of `corrupt`, plus `first`, the number of the first given frame; `depth` belongs to frames 0 and
+    1. Frames 0 and 1 equal the pair that `corrupt` returns for the same seed and key; frames before the pair have
+    negative numbers. Yields RGB uint8 arrays and keeps one frame in memory at a time.
 
     >>> import numpy as np
     >>> clip = [np.full((32, 48, 3), level, np.uint8) for level in (90, 100, 110, 120)]
@@ -225,7 +230,7 @@ def corrupt_clip(
 def _applied(corruption: Corruption, frame: Frame, state: Any, index: int) -> Frame:
     if corruption.needs_depth and index not in (0, 1):
         raise UsageError(
-            f"{corruption.name} needs depth, which the two frames of a pair have and those around it do not; "
-            "give it pairs and a model of two frames"
+            f"{corruption.name} needs depth, which is available only for the two frames of a pair; "
+            "use pairs and a model with two input frames"
         )
     return corruption.apply(frame, state, index)

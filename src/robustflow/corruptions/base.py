@@ -1,9 +1,9 @@
-"""What a corruption is: draw once, then apply to every frame.
+"""Define corruptions: draw once, then apply to every frame.
 
-`draw` makes every random choice of a pair (or clip) and returns a state; `apply` is a pure function of
-(frame, state, index). What the frames share is in the state; what changes from frame to frame is derived inside
-`apply` from a stream spawned with the frame's index, so a clip of any length can be streamed and frame `i` of a clip
-equals frame `i` of a pair.
+`draw` makes every random choice for a pair (or clip) and returns a state; `apply` is a pure function of (frame, state,
+index). Values shared by the frames are stored in the state; per-frame values are derived inside `apply` from a stream
+spawned with the frame's index, so a clip of any length can be streamed and frame `i` of a clip equals frame `i` of a
+pair.
 """
 
 from __future__ import annotations
@@ -17,38 +17,41 @@ from ..sample import Frame, SceneDepth
 from ..severity import SEVERITIES, check_severity
 
 VARIANTS = ("default", "reference", "paper")
-"""`default`: the rule of docs/design/discrepancies.md; `reference`: the reference code's behaviour; `paper`: the
-paper's text followed literally. If a corruption makes no difference, the three are the same."""
+"""`default` follows docs/design/discrepancies.md, `reference` follows the reference code, and `paper` follows the
+paper's text literally. For many corruptions the three are identical.
+"""
 
 BGR = "reference-bgr"
 """Like `reference`, with BGR frames passed to code that expects RGB, as in the reference code: see channel_order."""
 
 SCALES = ("paper", "calibrated")
-"""`paper`: the paper's numbers. `calibrated`: equal mean SSIM for all corruptions (docs/severity-scales.md)."""
+"""`paper` uses the paper's parameters; `calibrated` gives all corruptions the same mean SSIM (docs/severity-scales.md).
+"""
 
 
 class Corruption(ABC):
-    """One corruption at its five severities.
+    """A corruption with five severities.
 
-    Subclasses set `name`, `family` and `severities` (the paper's numbers, one entry per severity) and implement
-    `draw` and `apply`. Instances carry no random state and may be shared between threads.
+    Subclasses set `name`, `family` and `severities` (the paper's parameters, one entry per severity) and implement
+    `draw` and `apply`. Instances have no random state and can be shared between threads.
     """
 
     name: ClassVar[str]
     family: ClassVar[str]
     temporal: ClassVar[bool] = False
-    """Whether the paper calls it temporal: made for pairs and clips, not for single images."""
+    """Whether the paper calls the corruption temporal, i.e. designed for pairs and clips rather than single images."""
     paper_severities: ClassVar[tuple[Any, ...]]
     level: ClassVar[type[NamedTuple] | None] = None
-    """The names of a severity's parameters, if it has several."""
+    """Names of the parameters, if a severity has several."""
     needs_depth: bool = False
-    """Whether the depth of the sample decides the result; see `DepthCorruption`."""
+    """Whether the result depends on the depth of the sample; see `DepthCorruption`."""
     source_key: ClassVar[str] = ""
-    """The name of `source` in a run's identity; empty if no user's file affects the result."""
+    """Key of `source` in a run's identity; empty if no user file affects the result."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
-        """`severities` replaces the paper's five parameters (the calibrated scale does that); a None among them is a
-        severity that does not exist."""
+        """Create the corruption; `severities` replaces the paper's five parameters (for the calibrated scale), where
+        None marks a severity that does not exist.
+        """
         if variant not in VARIANTS:
             raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
@@ -59,14 +62,14 @@ class Corruption(ABC):
         return parameters if self.level is None or parameters is None else self.level(*parameters)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """The five parameters of a variant; override where the reference code's numbers differ."""
+        """Return the five parameters of a variant; override this if the reference code uses different values."""
         return self.paper_severities
 
     def parameter(self, severity: int) -> Any:
-        """The parameter of a severity, 1 (mild) to 5 (severe).
+        """Return the parameter of a severity, 1 (mild) to 5 (severe).
 
         Raises:
-            UsageError: no such severity, or one that does not exist on this scale.
+            UsageError: the severity is invalid or does not exist on this scale.
         """
         value = self.severities[check_severity(severity) - 1]
         if value is None:
@@ -79,7 +82,7 @@ class Corruption(ABC):
 
     @property
     def source(self) -> str:
-        """Identifies the user's files that affect the result, for a run's identity; empty if there are none.
+        """Identify the user files that affect the result, for a run's identity; empty if there are none.
 
         A class that overrides this also sets `source_key`.
         """
@@ -90,19 +93,19 @@ class Corruption(ABC):
         """Make every random choice for frames of `shape` (H, W), and return the state for `apply`."""
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """`draw` for a sample whose depth may be known; `corrupt_clip` calls it."""
+        """Call `draw` for a sample whose depth may be known; used by `corrupt_clip`."""
         return self.draw(rng, severity, shape)
 
     @abstractmethod
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Corrupt frame number `index` (0 is the first of the pair); RGB uint8 in, a new RGB uint8 array out.
+        """Corrupt frame number `index` (0 is the first frame of the pair) and return a new RGB uint8 array.
 
-        Frames before the pair have negative numbers, and are frames of the same clip like any other.
+        Frames before the pair have negative numbers and belong to the same clip.
         """
 
 
 def sample_without_depth(name: str) -> UsageError:
-    """The error for a corruption that needs depth and is given none."""
+    """Return the error for a depth corruption without depth."""
     return UsageError(
         f"{name} needs the depth of the sample: choose a data set that has it ('robustflow list datasets'), "
         "or give your own with --depth DIR"
@@ -110,10 +113,10 @@ def sample_without_depth(name: str) -> UsageError:
 
 
 class DepthCorruption(Corruption):
-    """A corruption of the scene in three dimensions: it needs the depth of both frames.
+    """A corruption of the 3D scene, which needs the depth of both frames.
 
-    Subclasses implement `draw_scene` in place of `draw`; the state it returns holds whatever `apply` needs of the depth
-    maps. Only frames 0 and 1 have depth, so frames around a pair cannot be corrupted.
+    Subclasses implement `draw_scene` instead of `draw`; its state contains the depth data that `apply` needs. Only
+    frames 0 and 1 have depth, so frames around a pair cannot be corrupted.
 
     >>> import numpy as np
     >>> from robustflow.testing import check_corruption
@@ -130,7 +133,7 @@ class DepthCorruption(Corruption):
     needs_depth = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Refused: there is no depth to draw from.
+        """Raise an error, because depth is missing.
 
         Raises:
             UsageError: always.
@@ -138,7 +141,7 @@ class DepthCorruption(Corruption):
         raise sample_without_depth(self.name)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """The state for a sample with depth.
+        """Return the state for a sample with depth.
 
         Raises:
             UsageError: the sample has no depth.
@@ -154,4 +157,4 @@ class DepthCorruption(Corruption):
 
     @abstractmethod
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
-        """Make every random choice for a pair, and return it with the depth that `apply` needs."""
+        """Make every random choice for a pair, and return a state that includes the depth data needed by `apply`."""

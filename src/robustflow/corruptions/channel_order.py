@@ -1,4 +1,4 @@
-"""The channel order of the published measurements: the reference code reads BGR frames and corrupts them as RGB."""
+"""Reproduce the channel order of the published results: the reference code treats BGR frames as RGB."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from .base import BGR, Corruption
 
 
 class ChannelsReversed(Corruption):
-    """A corruption whose code is given blue where it expects red (variant "reference-bgr"); frames stay RGB outside.
+    """A corruption applied with red and blue swapped (variant "reference-bgr"); input and output frames are RGB.
 
-    Mud turns blue, JPEG uses a wrong luma, and psf_blur blurs red as the lens blurs blue.
+    As a result mud is blue, JPEG uses the wrong luma, and psf_blur applies the PSF for blue to red.
 
     >>> import numpy as np
     >>> from robustflow.corruptions import load_corruption
@@ -37,7 +37,7 @@ class ChannelsReversed(Corruption):
 
     @property
     def source(self) -> str:
-        """The inner corruption's."""
+        """Return the inner corruption's source."""
         return self._inner.source
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
@@ -49,6 +49,6 @@ class ChannelsReversed(Corruption):
         return self._inner.draw_with_depth(rng, severity, shape, depth)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Reverse the channels, corrupt, and reverse them back."""
+        """Reverse the channels, corrupt the frame, and restore the channel order."""
         corrupted = self._inner.apply(np.ascontiguousarray(frame[..., ::-1]), state, index)
         return np.ascontiguousarray(corrupted[..., ::-1])

@@ -1,4 +1,4 @@
-"""Convert users' images: arrays, or images of Pillow."""
+"""Convert user images, given as arrays or Pillow images."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _EIGHT_BITS = ("RGB", "L", "P", "1")
 
 
 def as_frame(image: Any) -> Frame:
-    """Convert an image to RGB uint8 (H, W, 3); an array is returned as it is, and checked where it is used.
+    """Convert an image to RGB uint8 (H, W, 3); arrays are returned unchanged and checked later.
 
     Raises:
-        DataError: an image of Pillow with transparency, or not of 8 bits: the user has to choose a conversion.
+        DataError: a Pillow image is transparent or not 8-bit, so the user has to choose a conversion.
 
     >>> as_frame(Image.new("L", (4, 3), 7)).shape
     (3, 4, 3)
@@ -25,10 +25,10 @@ def as_frame(image: Any) -> Frame:
     if not isinstance(image, Image.Image):
         return image
     if image.mode not in _EIGHT_BITS or "transparency" in image.info:
-        raise DataError(f"an image has the mode {image.mode}: corruptions need RGB of 8 bits; use image.convert('RGB')")
+        raise DataError(f"an image has the mode {image.mode}: corruptions need 8-bit RGB; use image.convert('RGB')")
     return np.asarray(image.convert("RGB"))
 
 
 def to_input_type(frame: Frame, given: Any) -> Any:
-    """Convert a corrupted frame to the type of the input: an image of Pillow, or an array."""
+    """Convert a corrupted frame to the type of the input: a Pillow image or an array."""
     return Image.fromarray(frame) if isinstance(given, Image.Image) else frame

@@ -1,4 +1,4 @@
-"""Check that this machine gives the promised bytes: every corruption of pairs against stored digests."""
+"""Check on this machine that every corruption of pairs gives the expected bytes, using stored hashes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .api import corrupt
 from .registry import CLIP, SHIPPED
 
 CHECKED: tuple[str, ...] = tuple(name for name in SHIPPED if name not in CLIP)
-"""The corruptions with digests: all but those of clips."""
+"""Corruptions with stored hashes: all except clip corruptions."""
 SEVERITIES = (1, 3, 5)
 _SEED = 3
 _BLOCKS, _SIDE = (12, 20), 8
@@ -25,7 +25,7 @@ _SHIFT = (2, 5)
 
 
 def compare_with_package() -> Iterator[tuple[str, str]]:
-    """Yield each corruption and how this machine's frames differ from the package's; an empty text if they do not."""
+    """Yield each corruption and a description of how this machine's frames differ, empty if they are identical."""
     path = resources.files(__package__) / "data" / "digests.json"
     expected = json.loads(path.read_text(encoding="utf-8"))
     for name in CHECKED:
@@ -39,7 +39,7 @@ def compare_with_package() -> Iterator[tuple[str, str]]:
 
 
 def digests_of(name: str) -> dict[str, str]:
-    """Severity -> the digest of this machine's corrupted pair.
+    """Return the hash of this machine's corrupted pair for each severity.
 
     >>> sorted(digests_of("contrast"))
     ['1', '3', '5']
@@ -54,7 +54,9 @@ def digests_of(name: str) -> dict[str, str]:
 
 
 def _pair() -> tuple[Frame, Frame]:
-    """Coloured blocks under noise, 96x160, and the same moved; computed in integers, so that no machine differs."""
+    """Return a 96x160 frame of coloured, noisy blocks and a shifted copy, computed in integer arithmetic on every
+    machine.
+    """
     rng = Rng.of("machine check")
     height, width = (blocks * _SIDE for blocks in _BLOCKS)
     colours = rng.bits(_BLOCKS[0] * _BLOCKS[1] * 3) % 224
@@ -65,8 +67,9 @@ def _pair() -> tuple[Frame, Frame]:
 
 
 def _depth() -> SceneDepth:
-    """Blocks at 2 to 65.75 m before a camera that moves forward and to the left; the map of the second frame moves as
-    its picture does."""
+    """Return depth maps of blocks at 2 to 65.75 m, seen by a camera that moves forward and to the left; the second map
+    is shifted like the second frame.
+    """
     blocks = 2 + (Rng.of("machine check", "depth").bits(_BLOCKS[0] * _BLOCKS[1]) % 256) / 4
     first: DepthMap = blocks.astype(np.float32).reshape(_BLOCKS).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)
     second = np.roll(first, _SHIFT, axis=(0, 1))

@@ -1,6 +1,6 @@
-"""Every corruption with its own place in tables and figures: the paper's, then those that exist only as files.
+"""Order the corruptions in tables and figures: first the paper's, then those that exist only as files.
 
-Results are grouped and ordered by these names; what can be computed is in `registry`.
+Results are grouped and ordered by these names; `registry` lists the corruptions that can be computed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ MEMBERS: dict[str, tuple[str, ...]] = {
     family: (*names, *(each.local_name(own) for each in SETS for own in each.families.get(family, ())))
     for family, names in FAMILIES.items()
 }
-"""Family -> its corruptions. No benchmark has both a paper's corruption and one of files, so no mean mixes them."""
+"""Corruptions by family. No benchmark has both corruptions of the paper and corruptions from files, so no mean mixes
+them.
+"""
 
 ORDER: tuple[str, ...] = (
     *(name for names in FAMILIES.values() for name in names),
@@ -25,7 +27,7 @@ _FAMILY = {name: family for family, names in MEMBERS.items() for name in names}
 
 
 def family_of(name: str) -> str | None:
-    """The family of a corruption; None for one without: elastic_transform, a stack, a user's own.
+    """Return the family of a corruption; None for elastic_transform, stacks and user-defined corruptions.
 
     >>> family_of("fog"), family_of("robustspring_rain"), family_of("elastic_transform")
     ('weather', 'weather', None)
@@ -34,7 +36,7 @@ def family_of(name: str) -> str | None:
 
 
 def ordered(names: Iterable[str]) -> list[str]:
-    """Corruptions in the order of tables: those of `ORDER`, then the others by name.
+    """Return the corruptions in table order: those in `ORDER`, then the remaining ones by name.
 
     >>> ordered(["rain", "robustspring_fog", "fog", "contrast"])
     ['contrast', 'fog', 'robustspring_fog', 'rain']

@@ -1,7 +1,7 @@
-"""A user's own corruption: an object, a class or `module:Attribute`, which is checked and then known by its name.
+"""Register user-defined corruptions, given as an object, a class or `module:Attribute`.
 
-Its results are checked on every call, so that a mistake becomes a clear error instead of a number;
-`robustflow.testing.check_corruption` looks further (determinism, draws).
+The results of a user-defined corruption are checked on every call, so that mistakes cause clear errors instead of wrong
+numbers; `robustflow.testing.check_corruption` performs further checks (determinism, draws).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
 
 Made = Any
-"""A class of corruptions, or an object of one."""
+"""A corruption class, or an instance of one."""
 
 _own: dict[str, Made] = {}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -34,15 +34,16 @@ _GUIDE = "see the guide 'add your corruption'"
 
 
 class OwnCorruption(Corruption):
-    """Wraps a user's corruption, and checks its arguments and results.
+    """Wraps a user-defined corruption and checks its arguments and results.
 
     Args:
-        made: anything with `draw(rng, severity, shape)` and `apply(frame, state, index)`, see `Corruption`; with
-            `draw_scene(rng, severity, depth)` in place of `draw` if `needs_depth` is true, see `DepthCorruption`.
-        variant: the requested variant; a corruption without variants takes any.
+        made: any object with the methods `draw(rng, severity, shape)` and `apply(frame, state, index)`, see
+            `Corruption`; if `needs_depth` is true, with `draw_scene(rng, severity, depth)` instead of `draw`, see
+            `DepthCorruption`.
+        variant: requested variant; corruptions without variants accept any.
 
     Raises:
-        UsageError: from drawing and `apply`, what the user's code raises or returns in error.
+        UsageError: the user's code raises an error or returns an invalid result, while drawing or in `apply`.
     """
 
     family = "own"
@@ -64,7 +65,7 @@ class OwnCorruption(Corruption):
 
     @property
     def source(self) -> str:
-        """16 hexadecimal digits of the source files and the attributes that decide the result."""
+        """Return a hash (16 hexadecimal digits) of the source files and the attributes that affect the result."""
         return source_digest(self.made)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
@@ -72,7 +73,9 @@ class OwnCorruption(Corruption):
         return self.draw_with_depth(rng, severity, shape, None)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """The state that the user's `draw` returns, or `draw_scene` where depth is needed, which gets it read-only."""
+        """Return the state from the user's `draw`, or from `draw_scene` if depth is needed; depth maps are passed
+        read-only.
+        """
         self.parameter(severity)
         if self.needs_depth and depth is None:
             raise sample_without_depth(self.name)
@@ -86,7 +89,7 @@ class OwnCorruption(Corruption):
             raise self._failed("draw_scene" if self.needs_depth else "draw", error) from error
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """The frame that the user's `apply` returns, RGB uint8 of the same shape."""
+        """Return the frame from the user's `apply`, RGB uint8 of the same shape."""
         given = _read_only(np.ascontiguousarray(frame))
         try:
             out = self.made.apply(given, state, index)
@@ -108,18 +111,18 @@ class OwnCorruption(Corruption):
 
 
 def register_custom(made: Made) -> str:
-    """Register a class or an object under its name, which is returned; a later registration replaces an earlier one.
+    """Register a class or an object under its name and return the name; a later registration replaces an earlier one.
 
     Raises:
-        UsageError: it has no `draw` (`draw_scene` where it needs depth) and `apply`, an unusable name, or one of this
-            package's.
+        UsageError: the methods `draw` (`draw_scene` if it needs depth) or `apply` are missing, or the name is invalid
+            or belongs to this package.
     """
     for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
         if not callable(getattr(made, method, None)):
             raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
-        raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
+        raise UsageError(f"a corruption cannot be called '{name}': use a name of letters, digits and '_'")
     if name in SHIPPED or on_disk(name) is not None:
         raise UsageError(f"{described(made)} has the name of the corruption '{name}': give it another `name`")
     _own[name] = made
@@ -136,11 +139,11 @@ def register_target(target: str) -> str:
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
-    """The user's or an installed package's corruption of a name; None where it is one of this package's, or
-    exists only as files.
+    """Return the corruption registered by the user or by an installed package under a name; None if it belongs to this
+    package or exists only as files.
 
     Raises:
-        UsageError: unknown name, or a class that cannot be built.
+        UsageError: the name is unknown, or the class cannot be instantiated.
     """
     if name not in _own:
         if name in SHIPPED or on_disk(name) is not None:
@@ -153,12 +156,14 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
 
 
 def is_known(name: str) -> bool:
-    """Whether a corruption has this name: a shipped one, an installed package's or one that was registered."""
+    """Whether a corruption of this package, of an installed package or of the user has this name."""
     return name in _own or name in CORRUPTIONS.names()
 
 
 def own_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """The registered corruptions among some names, or parts of stacks, for another process to `register_custom`."""
+    """Return the user-registered corruptions among some names or parts of stacks, so that a different process can pass
+    them to `register_custom`.
+    """
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)
 
@@ -170,7 +175,7 @@ def _read_only(array: npt.NDArray[Any]) -> Any:
 
 
 def _scene_read_only(depth: SceneDepth) -> SceneDepth:
-    """The same depth, which the next corruption of the pair gets, too."""
+    """Return read-only views of the depth maps, because later corruptions of the pair use the same depth."""
     (first, second), (known, also_known), camera = depth.maps, depth.measured, depth.camera
     if camera.rotation is not None and camera.translation is not None:
         camera = replace(camera, rotation=_read_only(camera.rotation), translation=_read_only(camera.translation))

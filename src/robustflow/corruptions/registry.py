@@ -1,4 +1,4 @@
-"""Every corruption by name, in the paper's order, without importing any of them."""
+"""List every corruption by name, in the paper's order, without importing any."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     ),
     "video": ("h264_crf", "h264_abr", "bit_error"),
 }
-"""Families of the paper (Sec. 3) and their corruptions, in the order of its tables' columns."""
+"""The paper's families (Sec. 3) and their corruptions, in the column order of its tables."""
 
 PAPER_ORDER: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in names)
 BETWEEN_FRAMES: tuple[str, ...] = ("object_motion_blur", "rolling_shutter")
-"""The corruptions that need the frames between those of a pair."""
+"""Corruptions that need the frames between those of a pair."""
 CLIP: tuple[str, ...] = (*BETWEEN_FRAMES, *FAMILIES["video"])
-"""The corruptions that need the whole clip that the images come from."""
+"""Corruptions that need the whole clip from which the images were taken."""
 IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
-"""The corruptions that only need the two images."""
+"""Corruptions that need only the two images."""
 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),
     "depth": ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus", "motion_blur_3d"),
     "sensor": ("raw_noise", "rolling_shutter"),
 }
-"""Corruptions that are in none of the paper's means, nor in those of its families; "depth" needs the scene's."""
+"""Corruptions excluded from the paper's means and family means; those of "depth" need the depth of the scene."""
 
 CORRUPTIONS: Registry[type[Corruption]] = Registry("corruption", entry_point_group="robustflow.corruptions")
 
@@ -79,7 +79,7 @@ _CLASSES = {
     "rolling_shutter": "clip.rolling_shutter:RollingShutter",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
-"""The corruptions of this package; installed packages add others."""
+"""The corruptions of this package; installed packages can add more."""
 
 for _name, _target in _CLASSES.items():
     CORRUPTIONS.add(_name, f"robustflow.corruptions.{_target}")

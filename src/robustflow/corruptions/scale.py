@@ -1,8 +1,8 @@
-"""The calibrated scale: the shipped table, as `robustflow calibrate` writes it.
+"""Load the calibrated severity scale, i.e. the table written by `robustflow calibrate`.
 
-The paper says that its severities cannot be compared between corruptions. On this scale they can, by SSIM: severity s
-of any corruption leaves the same mean SSIM to the clean image. A severity that a corruption cannot reach does not exist
-on the scale, and nothing replaces it.
+According to the paper, its severities are not comparable between corruptions. On the calibrated scale they are
+comparable by SSIM: severity s of every corruption gives the same mean SSIM to the clean image. A severity that a
+corruption cannot reach does not exist on the scale and is not replaced.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..severity import SEVERITIES
 from ..validated import FrozenFinite
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
-"""Environment variable that names a table to use instead of the shipped one."""
+"""Environment variable with the path of a table to use instead of the shipped one."""
 
 Similarity = Annotated[float, Field(ge=-1.0, le=1.0)]
 _Number = bool | int | float
@@ -32,8 +32,8 @@ class Level(FrozenFinite):
     """One severity of one corruption.
 
     Attributes:
-        parameter: what the corruption's `severities` hold; None where the target cannot be reached.
-        ssim: the mean SSIM of that parameter, or of the nearest one found if there is none.
+        parameter: entry of the corruption's `severities`; None if the target cannot be reached.
+        ssim: mean SSIM at the parameter; if it is None, the mean SSIM closest to the target that was measured.
     """
 
     parameter: _Number | tuple[_Number, ...] | None
@@ -41,24 +41,24 @@ class Level(FrozenFinite):
 
 
 class CalibratedCorruption(FrozenFinite):
-    """One corruption: its five levels, and the lowest and highest mean SSIM on its path."""
+    """Calibration of one corruption: its five levels, and the lowest and highest mean SSIM on its path."""
 
     reachable: tuple[Similarity, Similarity]
     levels: Annotated[tuple[Level, ...], Field(min_length=5, max_length=5)]
 
 
 class CalibrationTable(FrozenFinite):
-    """The table, and everything needed to reproduce it.
+    """The calibration table and everything needed to reproduce it.
 
     Attributes:
-        version: of this layout.
-        method: describes how the parameters were found.
-        seed: of every draw.
-        draws: of a random corruption, per picture.
-        images: name of each picture of the reference set, and the SHA-256 of its pixels.
-        targets: mean SSIM of severities 1 to 5, falling.
-        tolerance: how far from its target a level may be.
-        corruptions: by name.
+        version: version of the table's format.
+        method: description of how the parameters were determined.
+        seed: seed of all draws.
+        draws: number of draws per picture for random corruptions.
+        images: names of the pictures in the reference set with the SHA-256 of their pixels.
+        targets: target mean SSIM of severities 1 to 5, decreasing.
+        tolerance: largest allowed difference of a level from its target.
+        corruptions: calibration of each corruption, by name.
     """
 
     version: Literal[2]
@@ -82,10 +82,10 @@ class CalibrationTable(FrozenFinite):
 
 
 def read_table(path: Path) -> CalibrationTable:
-    """A table from a file.
+    """Read a calibration table from a file.
 
     Raises:
-        DataError: no such file, not a calibration table, or a damaged one.
+        DataError: the file does not exist, is not a calibration table, or is damaged.
     """
     try:
         content = unsealed(path.read_bytes())
@@ -105,19 +105,19 @@ def read_table(path: Path) -> CalibrationTable:
 
 
 def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
-    """`old` with its corruptions replaced by those of `new`.
+    """Merge two tables; corruptions in `new` replace those in `old`.
 
     Raises:
-        UsageError: the two were made in different ways.
+        UsageError: the two tables were created with different settings.
     """
     for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
         if getattr(old, name) != getattr(new, name):
-            raise UsageError(f"the two calibrations differ in their {name}; choose another --output")
+            raise UsageError(f"the two calibrations differ in their {name}; choose a different --output")
     return old.model_copy(update={"corruptions": {**old.corruptions, **new.corruptions}})
 
 
 def shipped() -> CalibrationTable:
-    """The table that ships with the package.
+    """Return the table shipped with the package.
 
     >>> shipped().targets
     (0.92, 0.85, 0.78, 0.71, 0.64)
@@ -126,7 +126,7 @@ def shipped() -> CalibrationTable:
 
 
 def calibration() -> CalibrationTable:
-    """The table in use: the file that `ROBUSTFLOW_CALIBRATION` names, else the shipped one."""
+    """Return the table in use: the file given by `ROBUSTFLOW_CALIBRATION`, or else the shipped one."""
     chosen = os.environ.get(CALIBRATION_VARIABLE)
     return _cached(Path(chosen).expanduser()) if chosen else shipped()
 
@@ -137,7 +137,7 @@ def _cached(path: Path) -> CalibrationTable:
 
 
 def calibrated_severities(name: str) -> tuple[Any, ...]:
-    """The five parameters of a corruption, None where the severity does not exist on this scale.
+    """Return the five parameters of a corruption; None marks severities that do not exist on this scale.
 
     >>> calibrated_severities("h264_crf")
     (None, None, None, None, None)
@@ -147,10 +147,10 @@ def calibrated_severities(name: str) -> tuple[Any, ...]:
 
 
 def calibrated_levels(name: str) -> tuple[int, ...]:
-    """The severities at which a corruption exists on this scale."""
+    """Return the severities at which a corruption exists on this scale."""
     return tuple(s for s, value in zip(SEVERITIES, calibrated_severities(name), strict=True) if value is not None)
 
 
 def calibration_digest() -> str:
-    """16 hexadecimal digits that name the table, for the identity of a run."""
+    """Return a hash of the table (16 hexadecimal digits) for the identity of a run."""
     return digest_of_bytes(calibration().model_dump_json().encode(), size=8)

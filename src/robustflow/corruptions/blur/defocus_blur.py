@@ -1,4 +1,4 @@
-"""Defocus blur: frames are convolved with a disk, see disk.py."""
+"""Apply defocus blur by convolution with a disk, see disk.py."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ..kernels.disk import convolve_disk
 
 
 class Disk(NamedTuple):
-    """A severity: the disk."""
+    """Parameters of a severity."""
 
     radius: float
-    """Pixels."""
+    """Radius of the disk, in pixels."""
     smoothing: float
-    """Standard deviation of the anti-aliasing, pixels."""
+    """Standard deviation of the anti-aliasing, in pixels."""
 
 
 class DefocusBlur(Corruption):
-    """Both frames convolved with an anti-aliased disk (paper, appendix "Corruption Details", blur).
+    """Convolves both frames with an anti-aliased disk (paper, appendix "Corruption Details", blur).
 
     A severity is (radius in pixels, standard deviation of the anti-aliasing). The paper says "circular mean filter";
-    the reference code smooths a disk inside an array that at radius 8 and 10 is too small for it, and mirrors it at the
-    array's edge, so that these kernels sum to 1.013 and 1.011 and brighten the image. That is kept: it is what the
-    published numbers measured. Borders mirror the image without repeating the edge pixel. `variant="paper"` is the
-    plain disk; `variant="reference"` cuts the fraction off instead of rounding.
+    the reference code smooths a disk inside an array that is too small at radius 8 and 10, and mirrors it at the
+    array's edge, so these kernels sum to 1.013 and 1.011 and brighten the image. This behaviour is kept, because the
+    published results include it. Borders mirror the image without repeating the edge pixel. `variant="paper"` uses the
+    plain disk; `variant="reference"` truncates instead of rounding.
     """
 
     name = "defocus_blur"
@@ -35,7 +35,7 @@ class DefocusBlur(Corruption):
     paper_severities = ((3, 0.1), (4, 0.5), (6, 0.5), (8, 0.5), (10, 0.5))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, float]:
-        """Nothing is random; the state is (radius, anti-aliasing), the latter 0 in the variant `paper`."""
+        """Nothing is random; the state is (radius, anti-aliasing), with anti-aliasing 0 in the variant `paper`."""
         disk: Disk = self.parameter(severity)
         return float(disk.radius), 0.0 if self.variant == "paper" else float(disk.smoothing)
 

@@ -9,10 +9,10 @@ from ..kernels.separable import FLOOR, gaussian_frame
 
 
 class GaussianBlur(Corruption):
-    """Both frames through a Gaussian filter (paper, appendix "Corruption Details", blur).
+    """Applies a Gaussian filter to both frames (paper, appendix "Corruption Details", blur).
 
-    A severity is the standard deviation in pixels. Borders repeat the edge and the kernel is cut at four standard
-    deviations, as the reference code does. `variant="reference"` also cuts the fraction off instead of rounding.
+    A severity is the standard deviation in pixels. Borders repeat the edge, and the kernel is truncated at four
+    standard deviations, as in the reference code. `variant="reference"` also truncates the result instead of rounding.
 
     >>> GaussianBlur().parameter(5)
     6.0

@@ -1,4 +1,4 @@
-"""Glass blur: blur, shuffle pixels within their neighbourhood, blur again."""
+"""Apply glass blur: blur, shuffle pixels within their neighbourhood, and blur again."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from ..base import Corruption
 from ..kernels.separable import FLOOR, gaussian_frame
 
 SourceIndex = npt.NDArray[np.int32]
-"""int32 (H, W): the flat index of the source of each pixel."""
+"""Flat source index of each pixel, int32 (H, W)."""
 
 
 class Glass(NamedTuple):
-    """A severity: the pane of glass."""
+    """Parameters of a severity."""
 
     sigma: float
-    """Standard deviation of both blurs, pixels."""
+    """Standard deviation of both blurs, in pixels."""
     reach: int
-    """alpha, pixels: largest distance of a pixel's partner."""
+    """Largest distance alpha between swapped pixels, in pixels."""
     iterations: int
-    """beta: passes of the shuffle."""
+    """Number of shuffle passes, beta."""
 
 
 class GlassBlur(Corruption):
-    """Gaussian blur, local shuffle, Gaussian blur; one shuffle for the pair (paper, appendix, blur).
+    """Applies a Gaussian blur, a local shuffle shared by both frames, and a second Gaussian blur (paper, appendix,
+    blur).
 
-    A severity is (sigma, neighbourhood alpha, iterations beta). The shuffle runs from the bottom right to the top
-    left; each pixel meets the one at an offset drawn from -alpha, ..., alpha - 1 in both directions. The paper says
-    they are swapped. In the reference code the swap goes through array views and copies instead: the pixel takes its
-    partner's value and the partner keeps it, so that values die out and content drifts by up to 2 px, alike in both
-    frames. The published numbers measured that, so it is the default; `variant="paper"` swaps.
-
-    The first blur cuts the fraction off, as the code does.
+    A severity is (sigma, neighbourhood alpha, iterations beta). The shuffle runs from the bottom right to the top left
+    and pairs each pixel with the one at an offset drawn from -alpha, ..., alpha - 1 in both directions. According to
+    the paper the two are swapped. In the reference code the swap uses array views and copies instead: the pixel gets
+    its partner's value and the partner keeps its value, so some values disappear and content drifts by up to 2 px,
+    equally in both frames. The published results include this behaviour, so it is the default; `variant="paper"` swaps.
+    The first blur truncates its result, as in the reference code.
     """
 
     name = "glass_blur"
@@ -46,7 +46,7 @@ class GlassBlur(Corruption):
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, SourceIndex]:
-        """Draw the shuffle; the state is (sigma, the source of each pixel)."""
+        """Draw the shuffle; the state is (sigma, source index of each pixel)."""
         glass: Glass = self.parameter(severity)
         return float(glass.sigma), draw_shuffle(rng, shape, glass.reach, glass.iterations, swap=self.variant == "paper")
 
@@ -60,8 +60,9 @@ class GlassBlur(Corruption):
 
 
 def draw_shuffle(rng: Rng, shape: tuple[int, int], reach: int, iterations: int, swap: bool) -> SourceIndex:
-    """Shuffle the indices of an image of `shape` (H, W); pixels closer than `reach` to the border only serve as
-    partners."""
+    """Shuffle the indices of an image of `shape` (H, W); pixels closer than `reach` to the border are only used as
+    partners.
+    """
     height, width = shape
     source = np.arange(height * width, dtype=np.int32)
     steps = np.arange(-reach, reach)
@@ -74,7 +75,7 @@ def draw_shuffle(rng: Rng, shape: tuple[int, int], reach: int, iterations: int, 
 
 @njit(cache=True, nogil=True)
 def _shuffle(key: Any, source: Any, height: int, width: int, reach: int, offsets: Any, swap: bool) -> None:
-    """One pass. Sixteen bits of a hash choose one of at most 64 offsets: a bias below 1e-3."""
+    """Run one pass. Sixteen bits of a hash choose one of at most 64 offsets, with a bias below 1e-3."""
     count = np.uint64(offsets.size)
     bits = np.uint64(0)
     drawn = 0

@@ -1,4 +1,4 @@
-"""PSF blur: the blur of a real, poor lens, which changes from the centre of the image to its corners."""
+"""Blur like a real low-quality lens, with a PSF that varies from the image centre to the corners."""
 
 from __future__ import annotations
 
@@ -19,22 +19,25 @@ from ...sample import Frame
 from ..base import Corruption
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
-"""Environment variable with the folder of the reference's stacks, for instances made without `psf_dir`."""
+"""Environment variable with the folder of the reference code's PSF stacks, used if `psf_dir` is not given."""
 
 _WHOLE = np.float32(1e-3)
-"""Grey levels by which rounding errors may put a value of `blur` below a whole number: ten times the largest."""
+"""Tolerance in grey levels for rounding errors that push a result of `blur` below an integer; ten times the largest
+error.
+"""
 
 
 class PsfBlur(Corruption):
-    """Spatially varying blur by one of five lenses (paper, Sec. 3 and appendix, PSF blur).
+    """Applies the spatially varying blur of one of five lenses (paper, Sec. 3 and appendix, PSF blur).
 
-    A severity is the nominal RMS radius of the lens in mm. The lenses are this package's own (`robustflow optics`),
-    designed to blur like those of the paper; `psf_dir` takes the paper's from the reference code's files instead.
-    Both frames are blurred alike, nothing is random, and a PSF is centred so that the blur moves nothing.
+    A severity is the nominal RMS radius of the lens in mm. The lenses belong to this package (`robustflow optics`) and
+    are designed to blur like those of the paper; set `psf_dir` to load the paper's lenses from the reference code's
+    files. Both frames are blurred identically, nothing is random, and PSFs are centred so that the blur causes no
+    shift.
 
-    `variant="reference"` cuts fractions of a grey level off, as the reference code does; otherwise they are rounded.
-    The reference code leaves the last H % 16 rows and W % 16 columns black, and a tile at the centre where both
-    counts of tiles are odd; no variant repeats that.
+    `variant="reference"` truncates grey levels, as the reference code does; otherwise they are rounded. The reference
+    code leaves the last H % 16 rows and W % 16 columns black, as well as a central tile if both tile counts are odd; no
+    variant reproduces this.
 
     >>> import numpy as np
     >>> grey = np.full((40, 60, 3), 90, np.uint8)
@@ -53,7 +56,9 @@ class PsfBlur(Corruption):
         severities: tuple[Any, ...] | None = None,
         psf_dir: str | Path | None = None,
     ) -> None:
-        """`psf_dir` is a folder with the reference code's five `.pth` stacks; `ROBUSTFLOW_PSF_DIR` if None."""
+        """Create the corruption; `psf_dir` is the folder of the reference code's five `.pth` stacks, by default the
+        value of `ROBUSTFLOW_PSF_DIR`.
+        """
         super().__init__(variant, severities)
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
         self.psf_dir = Path(chosen) if chosen else None
@@ -63,20 +68,20 @@ class PsfBlur(Corruption):
                 raise UsageError(f"psf_blur has no lens of RMS radius {rms} mm: choose from {known}")
 
     def field(self, rms: float) -> PsfField:
-        """The PSFs of the lens of a nominal RMS radius."""
+        """Return the PSFs of the lens with a nominal RMS radius in mm."""
         if self.psf_dir is not None:
             return _reference(self.psf_dir, rms)
         return shipped_field(self.paper_severities.index(rms) + 1)
 
     @property
     def source(self) -> str:
-        """Empty for this package's lenses, else a digest of each of the reference's five stacks."""
+        """Return the hashes of the reference code's five stacks; empty for this package's lenses."""
         if self.psf_dir is None:
             return ""
         return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """The lens, by its RMS radius; nothing is random."""
+        """Nothing is random; the state is the RMS radius of the lens."""
         return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:

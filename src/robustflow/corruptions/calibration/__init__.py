@@ -1,1 +1,1 @@
-"""Severities that are comparable between corruptions: the search for them and the shipped scale."""
+"""Calibrate severities so that corruptions are comparable: paths, search and SSIM."""

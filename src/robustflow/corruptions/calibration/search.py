@@ -1,9 +1,9 @@
-"""Find the parameters at which every corruption leaves the same mean SSIM.
+"""Find the parameters at which every corruption gives the same mean SSIM.
 
-Along a corruption's path (paths.py) the mean SSIM is measured at fixed shares of every segment; between the two
-that enclose a target, ten halvings follow. The measured parameter nearest to the target is chosen, if it is within the
-tolerance. Nothing else decides, and both SSIM and corruptions are the same on every machine, so the same seed and
-pictures give the same table.
+The mean SSIM is measured at fixed fractions of every segment of a corruption's path (paths.py), followed by ten
+bisection steps between the two points that enclose a target. The measured parameter closest to the target is chosen if
+it is within the tolerance. SSIM and corruptions are identical on every machine, so the same seed and pictures give the
+same table.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .paths import Segment, path
 from .ssim import Ssim
 
 TARGETS = (0.92, 0.85, 0.78, 0.71, 0.64)
-"""Mean SSIM of severities 1 to 5, which most corruptions can reach."""
+"""Target mean SSIM of severities 1 to 5; most corruptions can reach these values."""
 TOLERANCE = 0.01
 DRAWS = 4
 PHOTOGRAPHS = (
@@ -38,7 +38,7 @@ PHOTOGRAPHS = (
     "motorcycle_right.png",
     "rocket.jpg",
 )
-"""The colour photographs of everyday scenes in scikit-image's wheel: the reference set."""
+"""The reference set: colour photographs of everyday scenes shipped with scikit-image."""
 METHOD = (
     "mean over pictures and draws of the SSIM (luma, 11x11 Gaussian of sigma 1.5) of a corrupted frame to the clean "
     "one; of over_exposure and under_exposure the exposed frame is measured, the other is untouched"
@@ -48,10 +48,10 @@ _HALVINGS = 10
 
 
 def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
-    """The pictures of a folder by name, or of the reference set, RGB uint8.
+    """Read the pictures of a folder, or of the reference set, as RGB uint8 by name.
 
     Raises:
-        DataError: a folder without pictures, or a picture that cannot be read.
+        DataError: the folder contains no pictures, or a picture cannot be read.
     """
     if folder is None:
         home = Path(skimage.__file__).parent / "data"
@@ -65,7 +65,7 @@ def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
 
 
 def calibratable() -> list[str]:
-    """The corruptions that have a path, in the paper's order."""
+    """Return the corruptions that have a path, in the paper's order."""
     return [name for name in CORRUPTIONS.names() if path(name)]
 
 
@@ -77,20 +77,21 @@ def calibrate(
     targets: Sequence[float] = TARGETS,
     report: Callable[[str, CalibratedCorruption], None] = lambda name, calibrated: None,
 ) -> CalibrationTable:
-    """The calibration of some corruptions on some pictures.
+    """Calibrate some corruptions on some pictures.
 
     Args:
-        names: corruptions that have a path.
-        pictures: RGB uint8 by name; the name is part of each draw's stream.
-        seed, draws: of random corruptions; `draws` per picture.
-        targets: five values of mean SSIM, falling.
-        report: called with each corruption when it is done.
+        names: names of corruptions that have a path.
+        pictures: dict from name to picture, RGB uint8 (H, W, 3); the name is part of the name of each draw's random
+            stream.
+        seed, draws: seed and number of draws per picture for random corruptions.
+        targets: five target values of the mean SSIM, decreasing.
+        report: function called with each corruption when it is finished.
 
     Raises:
-        UsageError: a corruption without a path, or no draws.
+        UsageError: a corruption has no path, or `draws` is below 1.
     """
     if draws < 1:
-        raise UsageError(f"{draws} draws show nothing: give 1 or more")
+        raise UsageError(f"{draws} draws are too few: give 1 or more")
     references = {name: (picture, Ssim(picture)) for name, picture in pictures.items()}
     corruptions = {}
     for name in names:
@@ -114,7 +115,7 @@ def calibrate(
 
 
 class _Curve:
-    """Mean SSIM of a corruption by parameter, each measured once."""
+    """Mean SSIM of a corruption by parameter; each parameter is measured once."""
 
     def __init__(self, name: str, references: Mapping[str, tuple[Frame, Ssim]], seed: int, draws: int) -> None:
         self._kind: type[Corruption] = CORRUPTIONS.get(name)
@@ -135,8 +136,9 @@ class _Curve:
         return self.measured[parameter]
 
     def _measure(self, corruption: Corruption, key: str, picture: Frame, ssim: Ssim) -> list[float]:
-        """The mean SSIM of a parameter. All parameters use the same streams, so that the curve is smooth; a corruption
-        without random choices is drawn once."""
+        """Return the mean SSIM of a parameter. All parameters use the same streams, so that the curve is smooth;
+        deterministic corruptions are drawn once.
+        """
         values: list[float] = []
         first: Frame | None = None
         for draw in range(self._draws):

@@ -1,8 +1,8 @@
-"""Structural similarity of two images, the same number on every machine.
+"""Compute the structural similarity of two images, with identical results on every machine.
 
 Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity", IEEE
-Transactions on Image Processing 13(4), 2004: on luma, an 11 x 11 Gaussian window of sigma 1.5, K1 = 0.01, K2 = 0.03,
-borders mirrored about the edge pixel, the mean over all pixels.
+Transactions on Image Processing 13(4), 2004. SSIM is computed on luma with an 11 x 11 Gaussian window of sigma 1.5, K1
+= 0.01, K2 = 0.03 and borders mirrored about the edge pixel, and averaged over all pixels.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _C1, _C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
 
 
 class Ssim:
-    """Similarity to one image, whose own moments are computed once.
+    """Similarity to one reference image, whose moments are computed once.
 
     Args:
-        reference: RGB uint8 (H, W, 3).
+        reference: reference image, RGB uint8 (H, W, 3).
 
     >>> image = np.arange(32 * 48 * 3).astype(np.uint8).reshape(32, 48, 3)
     >>> ssim = Ssim(image)
@@ -41,10 +41,10 @@ class Ssim:
         self._mean, self._square, _ = _moments(self._luma, self._luma)
 
     def __call__(self, image: Frame) -> float:
-        """The mean SSIM of `image`, RGB uint8 of the reference's shape, to the reference.
+        """Return the mean SSIM between `image`, RGB uint8 (H, W, 3), and the reference.
 
         Raises:
-            DataError: another shape.
+            DataError: the shapes differ.
         """
         luma = _luma(image)
         if luma.shape != self._luma.shape:
@@ -66,7 +66,7 @@ def _window() -> npt.NDArray[np.float64]:
 
 
 def _moments(image: Any, other: Any) -> tuple[npt.NDArray[np.float64], ...]:
-    """Windowed means of image, image^2 and image * other, float64 (H, W) each."""
+    """Compute the windowed means of image, image^2 and image * other, each float64 (H, W)."""
     mean, square, product = (np.empty(image.shape, np.float64) for _ in range(3))
     _filter_moments(image, other, _window(), mean, square, product)
     return mean, square, product
@@ -74,7 +74,7 @@ def _moments(image: Any, other: Any) -> tuple[npt.NDArray[np.float64], ...]:
 
 @njit(cache=True, nogil=True)
 def _along(padded: Any, taps: Any, out: Any) -> None:
-    """Mirror the two ends of `padded`, whose middle is filled, and filter it into `out`."""
+    """Mirror both ends of `padded`, whose interior is already filled, and write the filtered result to `out`."""
     width = out.size
     for j in range(RADIUS):
         padded[RADIUS - 1 - j] = padded[RADIUS + mirrored(-1 - j, width)]

@@ -1,1 +1,1 @@
-"""The five corruptions that need the whole clip around a pair: names and numbers; `robustflow.video` does the work."""
+"""Names and parameters of the five corruptions that need the whole clip; `robustflow.video` implements them."""

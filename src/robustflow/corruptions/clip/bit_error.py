@@ -8,9 +8,9 @@ from .clip_corruption import ClipCorruption
 
 
 class BitError(ClipCorruption):
-    """Bytes of the lossless clip overwritten (appendix, "Bit Error"); parameter N of FFmpeg's noise filter.
+    """Overwrites bytes of the lossless clip (appendix, "Bit Error"); the parameter is N of FFmpeg's noise filter.
 
-    The reference code's severity 5 is 5 M where the paper says 1 M.
+    At severity 5 the reference code uses 5 M, whereas the paper says 1 M.
     """
 
     name = "bit_error"
@@ -18,7 +18,7 @@ class BitError(ClipCorruption):
     paper_severities = (50_000_000, 25_000_000, 15_000_000, 10_000_000, 1_000_000)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """The reference's numbers for the variant "reference", the paper's otherwise."""
+        """Return the reference code's parameters for the variant "reference", otherwise those of the paper."""
         if variant == "reference":
             return (*self.paper_severities[:4], 5_000_000)
         return self.paper_severities

@@ -1,4 +1,4 @@
-"""A corruption of a whole clip, for code that only has images: a name, five numbers, and an error."""
+"""Describe clip corruptions for code that only has images: name, parameters, and an error on use."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..registry import BETWEEN_FRAMES
 
 
 class ClipCorruption(Corruption):
-    """A corruption of a clip. Nothing in it is random, and two images are not enough for it.
+    """A deterministic corruption of a clip, which cannot be applied to two images.
 
-    A dataset that holds the clips (`robustflow.datasets.gopro_fc_prepared`) gives its frames already corrupted.
+    A dataset with clips (`robustflow.datasets.gopro_fc_prepared`) provides frames that are already corrupted.
     """
 
     temporal: ClassVar[bool] = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
-        """Refuse, because there is no clip.
+        """Raise an error, because there is no clip.
 
         Raises:
             UsageError: always.
@@ -32,5 +32,5 @@ class ClipCorruption(Corruption):
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:
-        """Refuse, like `draw`."""
+        """Raise an error, like `draw`."""
         raise UsageError(f"{self.name} needs the clip that the frames come from, not one image")

@@ -6,7 +6,9 @@ from .clip_corruption import ClipCorruption
 
 
 class H264Abr(ClipCorruption):
-    """H.264 at an average bit rate (appendix, "H.264 ABR"); parameter bit/s, also maxrate and bufsize."""
+    """Compresses with H.264 at an average bit rate (appendix, "H.264 ABR"); the parameter in bit/s also sets maxrate
+    and bufsize.
+    """
 
     name = "h264_abr"
     family = "video"

@@ -1,1 +1,1 @@
-"""Digital corruptions (paper, appendix "Digital corruptions")."""
+"""Corruptions of the family "digital" (paper, appendix "Digital corruptions")."""

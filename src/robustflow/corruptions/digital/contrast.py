@@ -14,10 +14,10 @@ from ..kernels.rounding import to_bytes
 
 
 class Contrast(Corruption):
-    """out = (I - mean) c + mean; `severities` are c (paper, "Contrast").
+    """Reduces the contrast: out = (I - mean) c + mean; `severities` are c (paper, "Contrast").
 
-    The mean is per channel, as in the code; `variant="paper"` takes one mean over the frame, as its formula reads.
-    `variant="reference"` cuts fractions of a grey level off, as the code does.
+    The mean is per channel, as in the reference code; `variant="paper"` uses one mean over the frame, as in the paper's
+    formula. `variant="reference"` truncates grey levels, as the reference code does.
     """
 
     name = "contrast"

@@ -1,4 +1,4 @@
-"""Elastic transform: both frames warped by one smooth random field."""
+"""Apply an elastic transform: warp both frames by the same smooth random field."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from ..kernels.borders import mirrored_with_edge
 from ..kernels.smooth_field import SmoothField, field_row, smooth_field
 
 _BITS = 11
-"""Positions have this many binary places; a weight is a product of two, and times a pixel stays below 2**31."""
+"""Fractional bits of positions; a weight is the product of two fractions, and weight times pixel stays below 2**31."""
 
 
 class ElasticState(NamedTuple):
-    """Displacements in pixels: out[y, x] = in[y + dy, x + dx]."""
+    """Displacement field in pixels: out[y, x] = in[y + dy, x + dx]."""
 
     dy: SmoothField
     dx: SmoothField
 
 
 class ElasticTransform(Corruption):
-    """Both frames displaced by one smooth random field (paper, appendix "Corruption Details", digital).
+    """Warps both frames by the same smooth random field (paper, appendix "Corruption Details", digital).
 
-    A severity is alpha: displacements are alpha times uniform noise from +-0.05 H, blurred by a Gaussian of standard
-    deviation 0.01 H down and 0.01 W along, cut at three of them. The reference code draws from +-0.005 H instead
-    (`variant="reference"`). Sampling is bilinear; borders mirror the image with the edge pixel repeated.
-    Part of the paper's appendix but of none of its averages.
+    A severity is alpha. Displacements are alpha times uniform noise from +-0.05 H, blurred by a Gaussian with a
+    standard deviation of 0.01 H vertically and 0.01 W horizontally, truncated at three standard deviations. The
+    reference code draws from +-0.005 H instead (`variant="reference"`). Sampling is bilinear; borders mirror the image
+    with the edge pixel repeated. Described in the paper's appendix, but excluded from its averages.
     """
 
     name = "elastic_transform"
@@ -58,7 +58,9 @@ class ElasticTransform(Corruption):
 
 @njit(cache=True, nogil=True)
 def _warp(frame: Any, samples_y: Any, steps: Any, samples_x: Any, out: Any) -> None:
-    """Positions are rounded to 1/2048 px, which moves a value by at most 1/8 of a grey level; the rest is integer."""
+    """Warp with positions rounded to 1/2048 px, which changes values by at most 1/8 of a grey level, in integer
+    arithmetic.
+    """
     height, width = frame.shape[:2]
     pixels = frame.reshape(-1)
     dy, dx = np.empty(width, np.float32), np.empty(width, np.float32)

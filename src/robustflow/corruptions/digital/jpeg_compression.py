@@ -12,7 +12,7 @@ from ..base import Corruption
 
 
 class JpegCompression(Corruption):
-    """Encodes frames as baseline JPEG with 4:2:0 chroma; `severities` are the quality (paper, "JPEG compression")."""
+    """Applies baseline JPEG with 4:2:0 chroma; `severities` are the quality (paper, "JPEG compression")."""
 
     name = "jpeg_compression"
     family = "digital"
@@ -23,7 +23,7 @@ class JpegCompression(Corruption):
         return int(self.parameter(severity))
 
     def apply(self, frame: Frame, state: int, index: int) -> Frame:
-        """Write and read one frame."""
+        """Encode and decode one frame."""
         bgr = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR)
         done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, state])
         if not done:

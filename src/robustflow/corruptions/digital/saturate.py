@@ -13,19 +13,18 @@ from ..base import Corruption
 
 
 class Saturation(NamedTuple):
-    """S' = S alpha + beta."""
+    """Parameters of a severity: S' = S alpha + beta."""
 
     alpha: float
     beta: float
 
 
 class Saturate(Corruption):
-    """S' = S alpha + beta in HSV; `severities` are (alpha, beta) (paper, "Saturate").
+    """Changes the saturation in HSV: S' = S alpha + beta; `severities` are (alpha, beta) (paper, "Saturate").
 
-    The reference code exchanges the first two severities and cuts fractions of a grey level off
-    (`variant="reference"`). Hue and V stay, so
-    with V = max(R, G, B) and m = min(R, G, B) a channel c becomes V - V S' (V - c) / (V - m). Grey has hue 0: where
-    beta > 0 it turns red.
+    The reference code swaps the first two severities and truncates grey levels (`variant="reference"`). Hue and V are
+    unchanged, so with V = max(R, G, B) and m = min(R, G, B) a channel c becomes V - V S' (V - c) / (V - m). Grey has
+    hue 0, so it turns red if beta > 0.
     """
 
     name = "saturate"
@@ -34,7 +33,7 @@ class Saturate(Corruption):
     paper_severities = ((0.1, 0.0), (0.3, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2))
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """For the variant "reference", the first two in the reference code's order."""
+        """Return the parameters; in the variant "reference" the first two are swapped, as in the reference code."""
         first, second, *rest = self.paper_severities
         return (second, first, *rest) if variant == "reference" else self.paper_severities
 
@@ -53,9 +52,11 @@ class Saturate(Corruption):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _saturate(source: Any, alpha: Any, beta: Any, floor: bool, out: Any) -> None:
-    """`alpha` and `beta` are ten times the paper's, float32, so that all but the quotient is exact for its numbers."""
+    """Change the saturation. `alpha` and `beta` are ten times the paper's, float32, so that everything but the quotient
+    is exact for the paper's parameters.
+    """
     ten, one, zero = np.float32(10), np.float32(1), np.float32(0)
-    # Adding and subtracting 2**23 rounds to an integer, half to even; the conversion to an integer cuts off.
+    # Adding and subtracting 2**23 rounds to an integer, half to even; the conversion to an integer truncates.
     half_even = zero if floor else np.float32(2**23)
     for i in range(source.size // 3):
         r, g, b = np.float32(source[3 * i]), np.float32(source[3 * i + 1]), np.float32(source[3 * i + 2])

@@ -1,1 +1,1 @@
-"""Illumination corruptions: a change of V in HSV (paper, appendix "Illumination corruptions")."""
+"""Corruptions of the family "illumination", which change V in HSV (paper, appendix "Illumination corruptions")."""

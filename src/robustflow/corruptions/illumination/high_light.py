@@ -9,9 +9,10 @@ from ..kernels.value_table import Table, look_up, shift_table
 
 
 class HighLight(Corruption):
-    """V' = V + c on [0, 1]; `severities` are c (paper, "High-Light"; `brightness` in the reference code).
+    """Brightens frames: V' = V + c on [0, 1]; `severities` are c (paper, "High-Light"; `brightness` in the reference
+    code).
 
-    `variant="reference"` cuts fractions of a grey level off, as the code does here and nowhere else in the family.
+    `variant="reference"` truncates grey levels, as the reference code does here and nowhere else in the family.
     """
 
     name = "high_light"
@@ -23,5 +24,5 @@ class HighLight(Corruption):
         return shift_table(255.0 * self.parameter(severity), self.variant == "reference")
 
     def apply(self, frame: Frame, state: Table, index: int) -> Frame:
-        """Light one frame."""
+        """Brighten one frame."""
         return look_up(frame, state)

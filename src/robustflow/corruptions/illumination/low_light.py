@@ -9,7 +9,7 @@ from ..kernels.value_table import Table, look_up, shift_table
 
 
 class LowLight(Corruption):
-    """V' = V - c on [0, 1]; `severities` are c (paper, "Low-Light")."""
+    """Darkens frames: V' = V - c on [0, 1]; `severities` are c (paper, "Low-Light")."""
 
     name = "low_light"
     family = "illumination"
@@ -20,5 +20,5 @@ class LowLight(Corruption):
         return shift_table(-255.0 * self.parameter(severity))
 
     def apply(self, frame: Frame, state: Table, index: int) -> Frame:
-        """Light one frame."""
+        """Darken one frame."""
         return look_up(frame, state)

@@ -13,17 +13,17 @@ from ..kernels.value_table import Table, gain_table, look_up
 
 
 class LightState(NamedTuple):
-    """The table, and the frames to expose, by index modulo 2."""
+    """The value table, and whether to expose frames with even or odd index."""
 
     table: Table
     exposed: int
 
 
 class OverExposure(Corruption):
-    """V' = V 2**ev in one of two successive frames, chosen at random (paper, "Over Exposure").
+    """Applies V' = V 2**ev to one of two successive frames, chosen at random (paper, "Over Exposure").
 
-    `severities` are ev. The paper says "one image"; which one is random, as in the reference code. In a clip every
-    second frame is exposed.
+    `severities` are ev. The paper says "one image", which is chosen at random, as in the reference code. In a clip
+    every second frame is overexposed.
     """
 
     name = "over_exposure"
@@ -32,7 +32,7 @@ class OverExposure(Corruption):
     paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        """Draw the frame to expose; the state also holds the table."""
+        """Draw the frame to expose; the state also contains the table."""
         return LightState(gain_table(2.0 ** self.parameter(severity)), rng.integer(0, 2))
 
     def apply(self, frame: Frame, state: LightState, index: int) -> Frame:

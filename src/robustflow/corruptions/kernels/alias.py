@@ -1,10 +1,10 @@
-"""Draw from a discrete distribution with one table look-up: Walker's alias method on integers.
+"""Draw from a discrete distribution with one table lookup: Walker's alias method on integers.
 
-A table of 2**b columns of equal height holds at most two outcomes per column. A 32-bit random word picks the column by
-its top b bits and, by the next bits, which of the two. Everything is an integer: probabilities are counts that sum to
-the number of (column, height) positions, so the table is bit for bit the same wherever it is built.
+A table has 2**b columns of equal height with at most two outcomes per column. The top b bits of a 32-bit random word
+select the column, and the next bits select one of its outcomes. Probabilities are integer counts that sum to the number
+of (column, height) positions, so the table is bit-identical on every machine.
 
-An entry packs (height of the primary outcome, alias outcome, primary outcome), from the high bits to the low.
+An entry packs (height of the primary outcome, alias outcome, primary outcome) from the highest to the lowest bits.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import numpy.typing as npt
 
 
 def height_bits(value_bits: int) -> int:
-    """Bits left for the height in a 32-bit entry with two outcomes of `value_bits`."""
+    """Return the bits left for the height in a 32-bit entry that contains two outcomes of `value_bits` each."""
     return 32 - 2 * value_bits
 
 
 def alias_table(counts: Sequence[int], column_bits: int, value_bits: int) -> npt.NDArray[np.uint32]:
-    """The table, uint32 (2**column_bits,), that returns outcome `i` in counts[i] of all positions.
+    """Build the table, uint32 (2**column_bits,), in which outcome `i` occupies counts[i] positions.
 
     Args:
-        counts: at most 2**column_bits non-negative integers that sum to 2**(column_bits + height_bits(value_bits)).
-        column_bits, value_bits: bits of a column's index and of an outcome; the outcomes are 0 .. len(counts) - 1.
+        counts: at most 2**column_bits non-negative integers with the sum 2**(column_bits + height_bits(value_bits)).
+        column_bits, value_bits: number of bits of a column index and of an outcome; outcomes are 0 .. len(counts) - 1.
 
     >>> table = alias_table([3 << 30, 1 << 30], column_bits=2, value_bits=1)
     >>> table.size, int(table[0]) & 1
@@ -55,13 +55,15 @@ def alias_table(counts: Sequence[int], column_bits: int, value_bits: int) -> npt
 
 
 def counts_from_cdf(cdf: Sequence[Decimal], total: int) -> list[int]:
-    """Integer counts of sum `total` whose running sums are the nearest integers to total * cdf; the last is 1."""
+    """Return integer counts whose cumulative sums are total * cdf, rounded to the nearest integer; the last cdf value
+    is 1.
+    """
     edges = [0, *(round(total * p) for p in cdf[:-1]), total]
     return [after - before for before, after in pairwise(edges)]
 
 
 def normal_cdf(x: Decimal) -> Decimal:
-    """P(N(0, 1) <= x) to about 20 digits, the same on every machine (Marsaglia 2004, J. Stat. Software 11:4).
+    """Return P(N(0, 1) <= x) to about 20 digits, identical on every machine (Marsaglia 2004, J. Stat. Software 11:4).
 
     >>> round(normal_cdf(Decimal("1.96")), 12)
     Decimal('0.975002104852')
@@ -79,7 +81,7 @@ def normal_cdf(x: Decimal) -> Decimal:
 
 
 def poisson_cdf(mean: Decimal, outcomes: int) -> list[Decimal]:
-    """P(Poisson(mean) <= k) for k = 0 .. outcomes - 1, the same on every machine.
+    """Return P(Poisson(mean) <= k) for k = 0 .. outcomes - 1, identical on every machine.
 
     >>> [str(round(p, 6)) for p in poisson_cdf(Decimal(2), 3)]
     ['0.135335', '0.406006', '0.676676']

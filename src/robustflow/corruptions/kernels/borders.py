@@ -1,4 +1,4 @@
-"""Continue an image beyond its border by mirroring, with or without repeating the edge pixel."""
+"""Extend an image beyond its border by mirroring, with or without repeating the edge pixel."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ...compiled import njit
 
 @njit(cache=True, nogil=True)
 def mirrored(i: int, n: int) -> int:
-    """Index `i` of an axis of length `n`, mirrored about its end pixels without repeating them.
+    """Mirror index `i` on an axis of length `n` about the end pixels, without repeating them.
 
     >>> [mirrored(i, 3) for i in range(-3, 6)]
     [1, 2, 1, 0, 1, 2, 1, 0, 1]
@@ -20,7 +20,7 @@ def mirrored(i: int, n: int) -> int:
 
 @njit(cache=True, nogil=True)
 def mirrored_with_edge(i: int, n: int) -> int:
-    """Index `i` of an axis of length `n`, mirrored with its end pixels repeated.
+    """Mirror index `i` on an axis of length `n`, repeating the end pixels.
 
     >>> [mirrored_with_edge(i, 3) for i in range(-3, 6)]
     [2, 1, 0, 0, 1, 2, 2, 1, 0]

@@ -1,8 +1,8 @@
-"""Shrink by a box filter and enlarge by nearest neighbour, bit for bit as in Pillow.
+"""Downscale with a box filter and upscale with nearest neighbour, bit-identical to Pillow.
 
-A box filter weighs the n pixels under it alike, so a pixel of the result is (sum * round(2**22 / n) + 2**21) >> 22.
-Columns are shrunk first, then rows, with 8-bit values between (as Pillow 10 does; Pillow 13 starts
-with the rows of tall images, which may differ by one grey level).
+A box filter weights its n pixels equally, so an output pixel is (sum * round(2**22 / n) + 2**21) >> 22. Columns are
+downscaled first, then rows, with 8-bit intermediate values (as in Pillow 10; Pillow 13 starts with the rows of tall
+images, which may differ by one grey level).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _HALF = 1 << 21
 
 
 class _AxisResize(NamedTuple):
-    """How one axis of `size` pixels shrinks to `small` pixels and is enlarged again."""
+    """Index tables for downscaling one axis from `size` to `small` pixels and upscaling it again."""
 
     first: npt.NDArray[np.int64]  # (small,) first pixel under the box
-    covered: npt.NDArray[np.int64]  # (small,) how many
+    covered: npt.NDArray[np.int64]  # (small,) number of pixels under the box
     weight: npt.NDArray[np.uint32]  # (small,) round(2**22 / covered)
-    nearest: npt.NDArray[np.int64]  # (size,) pixel of the small axis to show
+    nearest: npt.NDArray[np.int64]  # (size,) nearest pixel of the small axis
 
 
 @lru_cache(maxsize=64)
@@ -44,7 +44,7 @@ def _axis_resize(size: int, small: int) -> _AxisResize:
 
 
 def pixelated(frame: Frame, factor: float) -> Frame:
-    """Shrink `frame` to int(factor * size) by a box filter and enlarge it again, uint8 (H, W, 3)."""
+    """Downscale `frame`, uint8 (H, W, 3), to int(factor * size) with a box filter and upscale it again."""
     height, width = frame.shape[:2]
     rows = _axis_resize(height, max(1, int(height * factor)))
     columns = _axis_resize(width, max(1, int(width * factor)))

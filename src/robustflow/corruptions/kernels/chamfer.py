@@ -1,7 +1,7 @@
-"""Distance to the nearest edge, in integers.
+"""Compute the distance to the nearest edge in integer arithmetic.
 
-OpenCV's `distanceTransform` may use Intel's library and then differs in the last bits of a float, which later rounding
-turns into whole grey levels. The weights are its own for a 5 x 5 mask: 1, 1.4 and 2.1969.
+OpenCV's `distanceTransform` may use Intel IPP, and then the last bits of the floats differ, which later rounding turns
+into whole grey levels. The weights are those of OpenCV's 5 x 5 mask: 1, 1.4 and 2.1969.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _STRAIGHT, _DIAGONAL, _KNIGHT = 10_000, 14_000, 21_969
 
 
 def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np.int32]:
-    """Chamfer distance to the nearest non-zero pixel, int32 (H, W) in 1/10000 px, at most `limit` px.
+    """Compute the chamfer distance to the nearest nonzero pixel, int32 (H, W) in 1/10000 px, at most `limit` px.
 
     >>> chamfer_distance(np.array([[0, 0, 0, 255]], np.uint8), limit=2).tolist()
     [[20000, 20000, 10000, 0]]
@@ -25,12 +25,12 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
     distance = np.where(edges > 0, 0, limit * _STRAIGHT).astype(np.int32)
     for _ in range(2):  # from the upper left, then from the lower right
         _sweep(distance, limit * _STRAIGHT)
-        distance = np.ascontiguousarray(distance[::-1, ::-1])  # of one layout, so that the loops are compiled once
+        distance = np.ascontiguousarray(distance[::-1, ::-1])  # a single layout, so that the loops are compiled once
     return distance
 
 
 def mean_distance(distance: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
-    """The mean over each 3 x 3 neighbourhood in whole pixels, rounded down: uint8 (H, W). Borders are mirrored."""
+    """Compute the mean over each 3 x 3 neighbourhood in pixels, rounded down: uint8 (H, W). Borders are mirrored."""
     out = np.empty(distance.shape, np.uint8)
     _mean(distance, out)
     return out
@@ -54,7 +54,7 @@ def _mean(values: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _sweep(distance: Any, far: int) -> None:
-    """Shortest paths from the rows above and from the left."""
+    """Propagate shortest paths from the rows above and from the left."""
     height, width = distance.shape
     above = np.full((2, width + 4), far, np.int32)
     line = np.empty(width, np.int32)

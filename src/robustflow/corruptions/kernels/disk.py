@@ -1,8 +1,8 @@
-"""Convolve with an anti-aliased disk in a time proportional to its radius, not its area.
+"""Convolve with an anti-aliased disk in time proportional to the radius instead of the area.
 
-The image is first summed over the flat disk, exactly, as differences of integer running sums along the rows; then the
-sum is blurred along both axes. The rim (see disk_kernel.py) is added as rows before, and as columns after, the blur
-along the row.
+First the image is summed exactly over the flat disk, using differences of integer running sums along the rows; then the
+sum is blurred along both axes. The rim (see disk_kernel.py) is added as rows before the blur along the row, and as
+columns after it.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .separable import FLOOR
 
 _U = np.uint64  # an index that is never negative needs no test for it
 _STRIP = 640
-"""Columns processed at a time: the rows that a sum reads stay in the first-level cache."""
+"""Number of columns processed at a time, chosen so that the rows read by a sum stay in the L1 cache."""
 
 
 def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
-    """The frame convolved with the kernel of disk_kernel.py: uint8 (H, W, 3) in and out, borders mirrored.
+    """Convolve a frame, uint8 (H, W, 3), with the kernel of disk_kernel.py; borders are mirrored.
 
-    Rounds once, or truncates with `floor`.
+    The result is rounded once, or truncated if `floor` is set.
     """
     height, width = frame.shape[:2]
     source = contiguous(frame).reshape(height, width * 3)
@@ -41,7 +41,7 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
 
 @njit(cache=True, nogil=True)
 def _running_sums(row: Any, start: int, sums: Any) -> None:
-    """Running sums of each channel from column `start` on, columns outside the row mirrored.
+    """Compute the running sums of each channel from column `start` on, mirroring columns outside the row.
 
     sums[3 * (j + 1) + c] - sums[3 * i + c] is the sum of channel c over columns start + i, ..., start + j.
     """
@@ -60,7 +60,9 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
-    """Takes whole rows and the start of a segment, because a slice takes longer to compile than this loop."""
+    """Add a row segment. Whole rows and a start index are passed, because numba compiles slices more slowly than this
+    loop.
+    """
     for i in range(_U(total.size)):
         total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
 
@@ -75,7 +77,7 @@ def _add_four_segments(total: Any, a: Any, b: Any, l0: Any, r0: Any, c: Any, d: 
 
 @njit(cache=True, nogil=True)
 def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
-    """The flat disk about row `y`; total[0] is centred on column `middle` of the running sums."""
+    """Sum over the flat disk around row `y`; total[0] is centred on column `middle` of the running sums."""
     window = len(ring)
     for i in range(total.size):
         total[i] = 0
@@ -139,7 +141,9 @@ def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, columns: Any, total: Any) -> None:
-    """`columns[h]` is room for the running sums of the rows y - h, ..., y + h together; `columns[-1]` stays zero."""
+    """Compute the rim; `columns[h]` is a buffer for the running sums over rows y - h, ..., y + h, and `columns[-1]`
+    stays zero.
+    """
     window = len(ring)
     row, first_sums = ring[y % window], columns[0]
     for i in range(row.size):  # assigning slices would compile error messages, which takes three seconds
@@ -172,7 +176,7 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
 
 @njit(cache=True, nogil=True)
 def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
-    """Blur down: `taps` on rows y - g, ..., y + g of a ring."""
+    """Blur vertically: apply `taps` to rows y - g, ..., y + g of a ring buffer."""
     window = len(rows)
     row = rows[y % window]
     for i in range(out.size):
@@ -195,7 +199,7 @@ def _convolve(
     offset: Any,
     out: Any,
 ) -> None:
-    """The strip of columns that `out` is, from column `x0` of `source` on; the rim needs `tallest` rows of sums."""
+    """Compute the strip `out` of columns, starting at column `x0` of `source`; the rim needs `tallest` rows of sums."""
     height, n = out.shape
     g = len(taps) - 1
     reach = len(widths) - 1 + g

@@ -1,9 +1,9 @@
-"""The anti-aliased disk of the defocus blur, split into the parts that disk.py sums.
+"""Split the anti-aliased disk of the defocus blur into the parts summed by disk.py.
 
-The kernel is a flat disk blurred by a tiny Gaussian g (3 or 5 taps) inside an array. Where the disk comes within reach
-of the array's edge (radius 8 and 10 of the paper's five) the reference code mirrors it there, and what g would spread
-outside moves back inside: in each direction a few segments of the disk's outermost rows, or columns, are added and a
-few taken away. They are the kernel's rim.
+The kernel is a flat disk blurred by a tiny Gaussian g (3 or 5 taps) inside an array. If the disk is closer to the
+array's edge than the reach of g (radius 8 and 10 of the paper's five), the reference code mirrors it at the edge, and
+the part that g would spread outside is reflected inside: in each direction a few segments of the disk's outermost rows
+or columns are added and a few are subtracted. These segments are the kernel's rim.
 """
 
 from __future__ import annotations
@@ -16,27 +16,29 @@ import numpy as np
 import numpy.typing as npt
 
 _NEGLIGIBLE = 1e-9
-"""Taps of g below this are zero: at a smoothing of 0.1 they are 1e-22."""
+"""Taps of g below this value are set to zero; with a smoothing of 0.1 px they are about 1e-22."""
 
 _ROOM = 8
 """Smallest distance from the array's centre to its edge; a larger disk enlarges the array."""
 
 
 class DiskParts(NamedTuple):
-    """The kernel's parts."""
+    """Parts of the kernel."""
 
     widths: npt.NDArray[np.int64]
-    """Half-width of row dy of the disk, int64 (int(radius) + 1,)."""
+    """Half-width of each row dy of the disk, int64 (int(radius) + 1,)."""
     taps: npt.NDArray[np.float32]
-    """Half of g, centre first, float32 (g + 1,), divided by the square root of the disk's area."""
+    """Half of g, starting at the centre, float32 (g + 1,), divided by the square root of the disk's area."""
     rim: npt.NDArray[np.int64]
-    """int64 (n, 4): (distance, half-width) of a segment to add and of one to subtract; a half-width of -1 is none."""
+    """(distance, half-width) of a segment to add and of one to subtract, int64 (n, 4); a half-width of -1 means no
+    segment.
+    """
     rim_weights: npt.NDArray[np.float32]
-    """Their common weights, float32 (n,), in the units of `taps`."""
+    """Weights of the segment pairs, float32 (n,), in the units of `taps`."""
 
 
 def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
-    """Half of g, centre first; only the centre where there is no smoothing."""
+    """Return half of g, starting at the centre; only the centre tap if there is no smoothing."""
     if smoothing == 0:
         return np.ones(1)
     half = np.exp(-0.5 * (np.arange(2 if radius <= _ROOM else 3) / smoothing) ** 2)
@@ -46,9 +48,9 @@ def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=16)
 def disk_parts(radius: float, smoothing: float) -> DiskParts:
-    """The parts of the kernel of a radius and a smoothing, in pixels.
+    """Compute the parts of the kernel for a radius and a smoothing in pixels.
 
-    The paper's radii are whole; a disk of any other radius has the pixels whose centres it covers.
+    The paper's radii are integers; in general the disk contains the pixels whose centres it covers.
     """
     whole = int(radius)
     widths = np.array([isqrt(int(radius**2) - dy**2) for dy in range(whole + 1)])
@@ -67,10 +69,10 @@ def disk_parts(radius: float, smoothing: float) -> DiskParts:
 
 
 def _mirrored_rim(radius: int, reach: int) -> list[tuple[int, int, int, int, int]]:
-    """The segments that mirroring adds to, and subtracts from, the disk blurred by taps up to `reach`.
+    """Return the segments that mirroring adds to and subtracts from the disk blurred by taps up to `reach`.
 
-    (tap, distance and row of the disk to add there, distance and row to take away there): tap j moves a row `over`
-    beyond the edge, from where it is mirrored back.
+    Each item is (tap, distance and row of the disk to add, distance and row of the disk to subtract): tap j moves a row
+    `over` pixels beyond the edge, where it is mirrored back.
     """
     edge = max(radius, _ROOM)
     pairs = [(over, j) for over in range(1, reach + 1) for j in range(over, reach + 1)]

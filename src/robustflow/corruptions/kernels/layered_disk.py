@@ -1,10 +1,10 @@
-"""Blur with flat disks whose radius depends on depth, layer by layer, from the nearest to the farthest.
+"""Blur with flat disks whose radius depends on depth, layer by layer from the nearest to the farthest.
 
-Every layer and its mask are blurred separately, with the running sums of disk.py. What a layer covers
-of a pixel hides that share of the layers behind it, and the colours that are left are divided by the shares they have:
-a sharp foreground puts none of its colour into a blurred background, and a blurred foreground spreads over a sharp
-background. Background that the frame does not show, but a blurred foreground lets through, is the mirror image of what
-is beside the foreground (without the pixel at its edge, where the colours mix), as far inside it as its blur reaches.
+Each layer and its mask are blurred separately with the running sums of disk.py. A layer that covers a fraction of a
+pixel hides the same fraction of the layers behind it, and the visible colours are normalised by their coverage: a sharp
+foreground does not bleed into a blurred background, and a blurred foreground spreads over a sharp background.
+Background that is hidden in the frame but shows through a blurred foreground is filled with the mirror image of the
+pixels beside the foreground (excluding the edge pixel, where colours mix), as far inside as the blur reaches.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from .borders import mirrored
 from .disk_kernel import disk_parts
 
 _ROWS, _COLUMNS = 32, 128
-"""Pixels worked on at a time: their running sums stay in the second-level cache."""
+"""Number of pixels processed at a time, chosen so that their running sums stay in the L2 cache."""
 _BLOCK = 16
-"""Side of the squares for which the set of layers is stored."""
+"""Side of the blocks, in pixels, for which the set of layers is stored."""
 _U = np.uint64  # an index that is never negative needs no test for it
 
 Layers = npt.NDArray[np.uint8]
-"""uint8 (H, W): the number of each pixel's layer, 0 is nearest; at most 32 layers."""
+"""Layer index of each pixel, uint8 (H, W); 0 is the nearest of at most 32 layers."""
 
 
 def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
-    """Each layer blurred with a flat disk, seen from in front: uint8 (H, W, 3) in and out, borders mirrored.
+    """Blur each layer with a flat disk and composite the layers from front to back; borders are mirrored.
 
     Args:
-        frame: the image.
-        layers: each pixel's layer.
-        radii: of the layers' disks, pixels.
+        frame: image to blur, RGB uint8 (H, W, 3).
+        layers: layer index of each pixel, uint8 (H, W).
+        radii: radius of each layer's disk, in pixels.
 
     >>> frame = np.zeros((9, 9, 3), np.uint8)
     >>> frame[4, 4] = 250
@@ -62,10 +62,10 @@ def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
 
 @njit(cache=True, nogil=True)
 def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
-    """Continue the background under nearer pixels, in the four directions, up to the reach of their blur.
+    """Extend the background under nearer pixels, from four directions, up to the reach of their blur.
 
-    `source` becomes the place in the frame whose colour and layer a pixel has behind it, from the direction that comes
-    from nearest by (`distance`).
+    `source` is set to the position in the frame whose colour and layer lie behind a pixel, from the direction with the
+    smallest `distance`.
     """
     height, width = layers.shape
     pixels = layers.reshape(-1)
@@ -86,7 +86,7 @@ def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
-    """Draw from the last pixel of the background on, which has `behind` more before it and `ahead` after it."""
+    """Fill pixels starting at the last background pixel, which has `behind` more pixels before it and `ahead` after it."""
     depth = pixels[edge]
     for far in range(1, ahead + 1):
         at = edge + far * step
@@ -111,7 +111,7 @@ def _collect(layers: Any, source: Any, present: Any) -> None:
 
 
 def _present(layers: Layers, source: npt.NDArray[np.int32], count: int) -> npt.NDArray[np.uint32]:
-    """A bit for each layer that is in a block of pixels, or behind it."""
+    """Return bit masks of the layers in, or behind, each block of pixels."""
     height, width = layers.shape
     present = np.zeros((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint32)
     _collect(layers, source, present)
@@ -120,7 +120,7 @@ def _present(layers: Layers, source: npt.NDArray[np.int32], count: int) -> npt.N
 
 @njit(cache=True, nogil=True)
 def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, height: int, width: int) -> Any:
-    """Whether a layer may be in rows y0 ... y1 - 1, columns x0 ... x1 - 1."""
+    """Whether a layer may occur in rows y0 ... y1 - 1, columns x0 ... x1 - 1."""
     bit = np.uint32(1) << np.uint32(layer)
     for v in range(max(y0, 0) // _BLOCK, (min(y1, height) - 1) // _BLOCK + 1):
         for u in range(max(x0, 0) // _BLOCK, (min(x1, width) - 1) // _BLOCK + 1):
@@ -131,7 +131,9 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
 
 @njit(cache=True, nogil=True)
 def _layer_sums(frame: Any, layers: Any, source: Any, layer: int, y: int, x0: int, sums: Any) -> None:
-    """Running sums of a layer's colours and of its mask, from column `x0` of row `y` on; (4, n + 1), first is zero."""
+    """Compute the running sums of a layer's colours and mask from column `x0` of row `y` on; (4, n + 1), starting at
+    zero.
+    """
     width = layers.shape[1]
     pixels, numbers = frame.reshape(-1), layers.reshape(-1)
     row = y * width
@@ -164,7 +166,7 @@ def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
-    """The disk about row `y` of the running sums, which begin `reach` columns before the first of `total`."""
+    """Sum over the disk around row `y`; the running sums start `reach` columns before the first column of `total`."""
     last = sums.shape[2] - 1
     for channel in range(4):
         line = total[channel]
@@ -179,7 +181,7 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
-    """Add a layer where those before it leave room; return whether they and it leave any."""
+    """Add a layer behind the previous ones; return whether any pixel is still partly uncovered."""
     covers, open_ = total[3], np.float32(0)
     for channel in range(3):
         line, colour = total[channel], colours[channel]
@@ -195,7 +197,7 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 def _put_sharp_behind(
     frame: Any, layers: Any, source: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """Like `_put_behind`, for a layer without blur."""
+    """Add a layer like `_put_behind`, but without blur."""
     width = layers.shape[1]
     pixels, numbers, places = frame.reshape(-1), layers.reshape(-1), source.reshape(-1)
     left = False

@@ -1,10 +1,10 @@
-"""Motion along a straight line: a sparse kernel with one tap per pixel of the line.
+"""Blur along a straight line with a sparse kernel that has one tap per pixel of the line.
 
-The taps are at the line's points rounded to pixels, as in the reference code. Their weights are half of a Gaussian that
+The taps are the line's points rounded to pixels, as in the reference code. Their weights are half of a Gaussian that
 starts at the pixel itself, so the kernel is one-sided. Borders repeat the edge.
 
-Weights are 16-bit integers and pixels 16-bit fractions, so the sum is the same on every machine; each tap loses less
-than 1/256 of a grey level, and the mean of that loss is added back.
+Weights are 16-bit integers and pixels 16-bit fractions, so the sum is identical on every machine; each tap loses less
+than 1/256 of a grey level to truncation, and the mean loss is added back.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from ...sample import Frame
 
 
 class LineKernel(NamedTuple):
-    """out[y, x] = sum of weights[i] * in[y + offsets[i, 0], x + offsets[i, 1]]."""
+    """A sparse kernel: out[y, x] = sum of weights[i] * in[y + offsets[i, 0], x + offsets[i, 1]]."""
 
     offsets: npt.NDArray[np.int64]
-    """int64 (n, 2): (dy, dx) in pixels."""
+    """Offsets (dy, dx) in pixels, int64 (n, 2)."""
     weights: npt.NDArray[np.uint16]
-    """uint16 (n,) in units of 2**-16; they sum to 65535."""
+    """Weights in units of 2**-16, uint16 (n,); their sum is 65535."""
 
 
 def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
-    """2 * radius + 1 taps from the pixel in the direction `angle` (degrees; 0 is right, 90 is down).
+    """Return the 2 * radius + 1 taps that start at the pixel, in direction `angle` (degrees; 0 is right, 90 is down).
 
     >>> kernel = line_kernel(2, 1.0, -90.0)
     >>> kernel.offsets.tolist(), int(kernel.weights.sum())
@@ -41,39 +41,39 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
     # a point halfway between two pixels is rounded down; the offset hides the last bit of sin and cos
     offsets = np.ceil(steps[:, None] * np.array([down, right]) - 0.5 - 1e-9).astype(np.int64)
     profile = np.exp(-(steps**2) / (2 * sigma**2))
-    # differences of the rounded running sum: each is exact to a unit, and so is the total
+    # differences of the rounded running sum: each weight and the total are exact to one unit
     running = np.rint(np.cumsum(profile) / profile.sum() * 65535)
     return LineKernel(offsets, np.diff(running, prepend=0).astype(np.uint16))
 
 
 def move_frame(frame: Frame, kernel: LineKernel) -> Frame:
-    """Smear an image along a line: uint8 (H, W, C) in, a new uint8 array out, rounded once."""
+    """Blur an image, uint8 (H, W, C), along a line; return a new uint8 array, rounded once."""
     height, width, channels = frame.shape
     rows = contiguous(frame).reshape(height, width * channels)
     return _moved(np.left_shift(rows, 8, dtype=np.uint16), channels, kernel).reshape(frame.shape)
 
 
 def move_plane(plane: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
-    """Smear one channel given in 1/256 grey levels: uint16 (H, W), at most 65280, in; uint8 (H, W) out."""
+    """Blur one channel along a line: uint16 (H, W) in 1/256 grey levels, at most 65280; return uint8 (H, W)."""
     return _moved(np.ascontiguousarray(plane), 1, kernel)
 
 
 def _moved(rows: npt.NDArray[np.uint16], step: int, kernel: LineKernel) -> npt.NDArray[np.uint8]:
-    """Smear rows of pixels, in 1/256 grey levels, whose neighbours of a channel are `step` apart."""
+    """Blur rows of pixels, in 1/256 grey levels; horizontal neighbours within a channel are `step` values apart."""
     out = np.empty(rows.shape, np.uint8)
     _move(rows, step, kernel.offsets, *_extent(kernel), kernel.weights, out)
     return out
 
 
 def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
-    """Extent of the taps: up and left (0 or negative), down and right."""
+    """Return the extent of the taps: up and left (0 or negative), down and right."""
     (up, left), (down, right) = kernel.offsets.min(axis=0).tolist(), kernel.offsets.max(axis=0).tolist()
     return min(0, up), max(0, down), min(0, left), max(0, right)
 
 
 @njit(cache=True, nogil=True)
 def _pad(row: Any, step: int, before: int, out: Any) -> None:
-    """The row, its edge pixels repeated on both sides."""
+    """Pad a row by repeating its edge pixels on both sides."""
     n = row.size
     for i in range(before):
         out[i] = row[i % step]

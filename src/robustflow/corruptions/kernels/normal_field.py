@@ -1,4 +1,4 @@
-"""Fields of normal noise, to be blurred afterwards: one table look-up per sample."""
+"""Generate fields of normal noise, to be blurred afterwards, with one table lookup per sample."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ...random.normal import normals_from_bits
 from ...random.rng import Rng, hash64
 
 UNIT = 2.0**-12
-"""The value of one step of a field: normals are rounded to multiples of 1/4096."""
+"""Quantisation step of a field: normal samples are rounded to multiples of 1/4096."""
 
 
 def normal_field(rng: Rng, height: int, width: int) -> npt.NDArray[np.int16]:
-    """Independent standard normals, int16 (height, width) in units of `UNIT`.
+    """Generate independent standard normal samples, int16 (height, width) in units of `UNIT`.
 
-    Sixteen random bits choose one of 65536 equally likely quantiles, so the tails end at 4.3 standard deviations.
+    Sixteen random bits select one of 65536 equally likely quantiles, so the tails end at 4.3 standard deviations.
 
     >>> field = normal_field(Rng.of("demo"), 100, 100) * UNIT
     >>> bool(abs(field.mean()) < 0.05), bool(abs(field.std() - 1) < 0.05)
@@ -32,7 +32,9 @@ def normal_field(rng: Rng, height: int, width: int) -> npt.NDArray[np.int16]:
 
 @cache
 def quantiles() -> npt.NDArray[np.int16]:
-    """Quantile i of the normal distribution is that of probability (i + 1/2) / 65536; int16 in units of `UNIT`."""
+    """Return the quantiles of the normal distribution for the probabilities (i + 1/2) / 65536, int16 in units of
+    `UNIT`.
+    """
     out = np.empty(65536)
     normals_from_bits((np.arange(65536, dtype=np.uint64) << np.uint64(48)) | np.uint64(1 << 47), out)
     return np.rint(out / UNIT).astype(np.int16)

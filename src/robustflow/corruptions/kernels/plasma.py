@@ -1,8 +1,9 @@
-"""Plasma fractal by the diamond-square method: the fog map.
+"""Generate a plasma fractal with the diamond-square method, used as the fog map.
 
-A square torus of 2**k points starts as one zero and is doubled k times; each new point is the mean of its four
-neighbours plus a uniform number of amplitude 10000 / decay**(2 * level). A point's number is a hash of its position, so
-any part can be refined separately: the whole torus is only grown to 512 x 512, and then just the visible corner.
+A square torus with 2**k points per side starts as a single zero and is doubled k times; each new point is the mean of
+its four neighbours plus uniform noise of amplitude 10000 / decay**(2 * level). The noise is a hash of the point's
+position, so any part can be refined separately: the whole torus is computed up to 512 x 512, and beyond that only the
+visible corner.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ _AMPLITUDE = 100.0
 
 
 def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArray[np.float32]:
-    """The top left corner, float32 (height, width) in [0, 1], of the smallest plasma map that holds it.
+    """Return the top left corner, float32 (height, width) in [0, 1], of the smallest plasma map that contains it.
 
-    The map is scaled by its extremes over the whole torus, as the reference code does; beyond 512 x 512 points, by
-    those of the 512 x 512 points and of the corner. The rest has an amplitude below 0.2 % of the range.
+    The map is normalised by its minimum and maximum over the whole torus, as in the reference code; for larger maps, by
+    those of the 512 x 512 points and the corner. The remaining points have an amplitude below 0.2 % of the range.
 
     >>> corner = plasma_corner(Rng.of("demo"), 40, 70, 2.0)
     >>> corner.shape, bool(corner.min() >= 0), bool(corner.max() <= 1)
@@ -38,7 +39,7 @@ def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArra
     low, high = grid.min(), grid.max()
     if len(grid) < size:
         rows, columns = _reach(height, size // len(grid)), _reach(width, size // len(grid))
-        start = -2  # two points before the corner on every level: a doubling uses one and doubles the other
+        start = -2  # two points before the corner on every level: doubling consumes one and doubles the other
         corner = np.take(grid, range(start, start + rows), 0, mode="wrap")
         corner = np.take(corner, range(start, start + columns), 1, mode="wrap")
         points = len(grid)
@@ -57,7 +58,9 @@ def _noise(rng: Rng, level: int, decay: float) -> tuple[np.uint64, np.float32]:
 
 
 def _reach(length: int, factor: int) -> int:
-    """Points needed along one axis so that, after doublings by `factor` in all, `length` remain beyond the margin."""
+    """Return the number of points needed along one axis so that `length` points remain beyond the margin after
+    upscaling by `factor`.
+    """
     points = length + 2
     while factor > 1:
         points = -(-points // 2) + 2
@@ -67,15 +70,15 @@ def _reach(length: int, factor: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _wibble(bits: Any, amplitude: Any) -> Any:
-    """Uniform in +-amplitude from the lowest sixteen bits."""
+    """Convert the lowest sixteen bits to a uniform number in +-amplitude."""
     return amplitude * (np.float32(np.int32(bits & np.uint64(0xFFFF))) * np.float32(2.0**-15) - np.float32(1))
 
 
 @njit(cache=True, nogil=True)
 def _double(coarse: Any, start: int, points: int, key: Any, amplitude: Any) -> Any:
-    """Refine a part of a torus of `points`**2 whose first row and column are number `start`.
+    """Refine a part of a torus with `points`**2 points; the part starts at row and column `start`.
 
-    (R, C) points become (2R - 4, 2C - 4): the outermost ring only serves as neighbours.
+    (R, C) points become (2R - 4, 2C - 4), because the outermost ring is only used as neighbours.
     """
     rows, columns = coarse.shape
     fine = np.empty((2 * rows - 4, 2 * columns - 4), np.float32)

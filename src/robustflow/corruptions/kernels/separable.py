@@ -1,11 +1,10 @@
-"""Gaussian filtering in strict float32: the same bytes on every machine, one row in the cache at a time.
+"""Filter with a Gaussian in strict float32, with identical bytes on every machine.
 
-SciPy's filter works in float64 over whole images; OpenCV's rounds its uint8 path to 8-bit coefficients (off by up to
-two grey levels) and chooses its float path by processor. Here every output row is filtered down its columns straight
-from the source, then along the row, in a fixed order of additions, so no intermediate image is needed.
-
-Borders repeat the edge pixel (`nearest`) and the kernel is cut at four standard deviations, as scikit-image's
-`gaussian` does.
+SciPy's filter works in float64 on whole images; OpenCV's uint8 version uses 8-bit coefficients (errors of up to two
+grey levels), and its float version depends on the processor. Here every output row is filtered vertically from the
+source and then horizontally, in a fixed order of additions, so no intermediate image is needed and one row at a time
+stays in the cache. As in scikit-image's `gaussian`, borders repeat the edge pixel (`nearest`) and the kernel is
+truncated at four standard deviations.
 """
 
 from __future__ import annotations
@@ -21,16 +20,18 @@ from ...images.contiguous import contiguous
 from ...sample import Frame
 
 Plane = npt.NDArray[np.float32]
-"""float32, shape (H, W)."""
+"""A channel, float32 (H, W)."""
 
 FLOOR = -0.499
-"""`offset` with which rounding truncates, as a conversion to uint8 does. It is a little above -0.5 so that
-arithmetic noise of a few 1e-5 below an integer (a white area summing to 254.99998) does not lose a grey level."""
+"""Value of `offset` that makes rounding truncate, like a conversion to uint8. It is slightly above -0.5 so that
+numerical noise of a few 1e-5 (a white area summing to 254.99998) does not cost a grey level.
+"""
 
 
 @lru_cache(maxsize=64)
 def gaussian_weights(sigma: float, truncate: float = 4.0) -> npt.NDArray[np.float32]:
-    """Half of a normalised Gaussian kernel, centre first: float32 (r + 1,) with r = int(truncate * sigma + 0.5).
+    """Return half of a normalised Gaussian kernel, starting at the centre: float32 (r + 1,), r = int(truncate * sigma +
+    0.5).
 
     >>> half = gaussian_weights(1.0)
     >>> len(half), round(float(half[0] + 2 * half[1:].sum()), 6)
@@ -45,12 +46,12 @@ def gaussian_weights(sigma: float, truncate: float = 4.0) -> npt.NDArray[np.floa
 
 
 def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
-    """Blur an image, rounding once: uint8 (H, W, C) in, a new uint8 array of the same shape out.
+    """Blur an image and return a new uint8 array of the same shape, rounded once.
 
     Args:
-        frame: uint8 (H, W, C).
+        frame: image, uint8 (H, W, C).
         sigma: standard deviation in pixels.
-        offset: added before rounding half to even; `FLOOR` for truncation.
+        offset: offset in grey levels, added before rounding half to even; `FLOOR` truncates.
     """
     height, width, channels = frame.shape
     blurred = _blurred(contiguous(frame).reshape(height, width * channels), channels, sigma)
@@ -60,14 +61,14 @@ def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
 
 
 def gaussian_plane(plane: npt.NDArray[Any], sigma: float) -> Plane:
-    """Blur one channel: uint8, int16 or float32 (H, W) in, float32 (H, W) out, unrounded."""
+    """Blur one channel, uint8, int16 or float32 (H, W), and return it as float32 (H, W), unrounded."""
     return _blurred(plane, 1, sigma)
 
 
 def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
-    """Blur rows of pixels whose neighbours of a channel are `step` apart."""
+    """Blur rows of pixels; horizontal neighbours within a channel are `step` values apart."""
     out = np.empty(rows.shape, np.float32)
-    # Always float32, and with the step as an argument, so that the loops are compiled once.
+    # Always float32 and with the step as an argument, so that the loops are compiled only once.
     _blur_to_float(np.ascontiguousarray(rows, np.float32), step, gaussian_weights(sigma), out)
     return out
 
@@ -80,7 +81,7 @@ def _add_pair(total: Any, a: Any, b: Any, w: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2: Any, a3: Any, b3: Any, w: Any) -> None:
-    """Four taps per pass over `total`: a quarter of its loads and stores."""
+    """Add four taps per pass over `total`, which needs a quarter of the loads and stores."""
     w0, w1, w2, w3 = w[0], w[1], w[2], w[3]
     for i in range(total.size):
         first = w0 * (a0[i] + b0[i]) + w1 * (a1[i] + b1[i])
@@ -118,7 +119,9 @@ def _down_columns(source: Any, y: int, weights: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _along_row(padded: Any, step: int, weights: Any, out: Any) -> None:
-    """Filter a padded row; neighbours of a channel are `step` apart, the padding is (weights.size - 1) * step."""
+    """Filter a padded row; neighbours within a channel are `step` values apart, and the padding is (weights.size - 1) *
+    step values.
+    """
     n = out.size
     middle = (weights.size - 1) * step
     row = padded[middle : middle + n]

@@ -1,7 +1,7 @@
-"""Uniform noise blurred by a wide Gaussian, in a time that does not depend on the Gaussian's width.
+"""Generate uniform noise blurred by a wide Gaussian, in time independent of the Gaussian's width.
 
-A field blurred with standard deviation s varies slowly, so it is computed at every (s / 2.5)-th row and column only and
-interpolated by cubics between them, which leaves an error of about half a percent of the field's standard deviation.
+A field blurred with standard deviation s varies slowly, so it is computed only at every (s / 2.5)-th row and column and
+interpolated cubically in between, with an error of about half a percent of the field's standard deviation.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from .borders import mirrored_with_edge
 _SAMPLES_PER_SIGMA = 2.5
 _TRUNCATE = 3.0
 _FULL = 32767
-"""The sum of the integer weights along a row; times 16-bit noise it stays below 2**30."""
+"""Sum of the integer weights along a row; multiplied by 16-bit noise it stays below 2**30."""
 
 
 class SmoothField(NamedTuple):
-    """The field on its coarse grid."""
+    """A smooth field on a coarse grid."""
 
     samples: npt.NDArray[np.float32]
-    """float32; sample (i, j) is at row (i - 1) * steps[0], column (j - 1) * steps[1]."""
+    """Samples of the field, float32; sample (i, j) is at row (i - 1) * steps[0], column (j - 1) * steps[1]."""
     steps: tuple[int, int]
-    """Distance of the samples in rows and columns."""
+    """Spacing of the samples in rows and columns, in pixels."""
 
 
 def smooth_field(rng: Rng, shape: tuple[int, int], sigmas: tuple[float, float], amplitude: float) -> SmoothField:
-    """White noise, uniform in +-amplitude, blurred by a Gaussian that is cut at three standard deviations.
+    """Generate uniform white noise in +-amplitude, blurred by a Gaussian truncated at three standard deviations.
 
     Args:
-        rng: its stream.
-        shape: (H, W).
-        sigmas: standard deviation of the Gaussian in rows and in columns, pixels.
-        amplitude: of the noise before blurring.
+        rng: random stream of the field.
+        shape: size (H, W) of the field, in pixels.
+        sigmas: standard deviation of the Gaussian in rows and in columns, in pixels.
+        amplitude: amplitude of the noise before blurring.
 
     Borders mirror the noise with the edge sample repeated.
     """
@@ -109,7 +109,7 @@ def _blur_down(rows: Any, step: int, weights: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _cubic(t: Any) -> Any:
-    """Weights of the samples at -1, 0, 1, 2 for the cubic through them, at t in [0, 1)."""
+    """Return the weights of the samples at -1, 0, 1, 2 for cubic interpolation at t in [0, 1)."""
     one, two = np.float32(1), np.float32(2)
     a, b, c = t + one, t - one, t - two
     sixth, half = np.float32(1 / 6), np.float32(0.5)
@@ -118,7 +118,7 @@ def _cubic(t: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def field_row(samples: Any, steps: Any, y: int, out: Any) -> None:
-    """Row `y` of the field at every column: fills `out`, float32 (W,)."""
+    """Interpolate row `y` of the field at every column and write it to `out`, float32 (W,)."""
     row = np.empty(samples.shape[1], np.float32)
     i = y // steps[0]
     w0, w1, w2, w3 = _cubic(np.float32(y - i * steps[0]) / np.float32(steps[0]))

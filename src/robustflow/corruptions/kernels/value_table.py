@@ -1,7 +1,7 @@
-"""Change V in HSV by a table.
+"""Change V in HSV with a lookup table.
 
-Hue and saturation stay, so every channel is scaled by V'/V where V = max(R, G, B): one table of 256 x 256 bytes, row V,
-column the channel's value, holds the whole corruption, and is computed once in float64.
+Hue and saturation are unchanged, so every channel is scaled by V'/V with V = max(R, G, B). The whole corruption is a
+table of 256 x 256 bytes, indexed by V and the channel's value, and computed once in float64.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Table = npt.NDArray[np.uint8]
 
 
 def look_up(frame: Frame, table: Table) -> Frame:
-    """A new frame with every channel replaced by `table[V, channel]`."""
+    """Return a new frame with every channel replaced by `table[V, channel]`."""
     source = np.require(frame, requirements=("C", "W"))
     out = np.empty_like(source)
     _look_up(source, table, out)
@@ -29,21 +29,22 @@ def look_up(frame: Frame, table: Table) -> Frame:
 
 @lru_cache(maxsize=32)
 def shift_table(shift: float, floor: bool = False) -> Table:
-    """The table for V' = V + shift grey levels."""
+    """Return the table for V' = V + shift, in grey levels."""
     return value_table(np.arange(256.0) + shift, floor)
 
 
 @lru_cache(maxsize=32)
 def gain_table(factor: float) -> Table:
-    """The table for V' = V * factor."""
+    """Return the table for V' = V * factor."""
     return value_table(np.arange(256.0) * factor)
 
 
 def value_table(new_value: npt.NDArray[np.float64], floor: bool = False) -> Table:
-    """For V = 0 .. 255 (rows) and a channel's value (columns), the channel's new value, uint8 (256, 256).
+    """Return the new value of a channel for V = 0 .. 255 (rows) and the channel's old value (columns), uint8 (256,
+    256).
 
-    `new_value` is V' in grey levels for V = 0 .. 255, float64 (256,); it is clipped to [0, 255]. Black has no hue and
-    becomes grey V'. A channel above V does not occur.
+    `new_value` is V' in grey levels for V = 0 .. 255, float64 (256,), and is clipped to [0, 255]. Black has no hue and
+    becomes grey with value V'. Channel values above V do not occur.
 
     >>> table = value_table(np.arange(256.0) + 51.0)
     >>> int(table[102, 102]), int(table[102, 50]), int(table[0, 0])

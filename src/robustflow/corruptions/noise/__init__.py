@@ -1,1 +1,1 @@
-"""Noise corruptions, independent from frame to frame (paper, appendix "Noise corruptions")."""
+"""Corruptions of the family "noise", independent in each frame (paper, appendix "Noise corruptions")."""

@@ -18,11 +18,11 @@ from .noise import BLOCK, Noise
 
 
 class GaussianNoise(Noise):
-    """I + c n with n ~ N(0, 1) per sample, on [0, 1]; `severities` are c (paper, "Gaussian Noise").
+    """Adds Gaussian noise, I + c n with n ~ N(0, 1) per sample on [0, 1]; `severities` are c (paper, "Gaussian Noise").
 
-    The noise is drawn as an integer number of grey levels, from the exact probabilities of the rounded normal
-    distribution in units of 2**-23; numbers beyond +-255 saturate every sample and are merged.
-    `variant="reference"` cuts fractions of a grey level off instead of rounding, as the code does.
+    The noise is drawn as an integer number of grey levels from the rounded normal distribution, with probabilities
+    exact in units of 2**-23; values beyond +-255 saturate every sample and are merged. `variant="reference"` cuts
+    fractions of a grey level off instead of rounding, as the code does.
     """
 
     name = "gaussian_noise"
@@ -36,7 +36,7 @@ class GaussianNoise(Noise):
 
 @lru_cache(maxsize=16)
 def gaussian_table(scale: float, floor: bool = False) -> npt.NDArray[np.uint32]:
-    """Alias table, uint32 (512,), of round(255 * scale * n) + 255 with n ~ N(0, 1), clipped to 0 .. 510."""
+    """Return the alias table, uint32 (512,), of round(255 * scale * n) + 255 with n ~ N(0, 1), clipped to 0 .. 510."""
     total = 1 << (9 + height_bits(9))
     deviation = Decimal(repr(scale)) * 255
     offset = Decimal(0) if floor else Decimal("0.5")

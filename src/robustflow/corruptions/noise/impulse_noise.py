@@ -13,18 +13,18 @@ from .noise import BLOCK, Noise
 
 
 class ImpulseNoise(Noise):
-    """A share of the samples becomes 0 or 255 with equal probability; `severities` are the share (paper, "Impulse
+    """Sets a fraction of the samples to 0 or 255 with equal probability; `severities` are the fraction (paper, "Impulse
     Noise").
 
-    The paper replaces pixels, the code samples (each channel for itself): the default is the code,
-    `variant="paper"` replaces all three channels of a pixel together. The share is exact to 2**-16.
+    The paper replaces whole pixels, the reference code each channel independently. The default follows the code;
+    `variant="paper"` replaces all three channels of a pixel together. The fraction is exact to 2**-16.
     """
 
     name = "impulse_noise"
     paper_severities = (0.03, 0.06, 0.09, 0.17, 0.27)
 
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
-        """See `Noise.add`: replace samples."""
+        """Replace samples; see `Noise.add`."""
         pepper, both = np.uint16(round(parameter * 2**15)), np.uint16(round(parameter * 2**16))
         if self.variant == "paper":
             _impulse_pixels(source.reshape(-1, 3), pepper, both, key, out.reshape(-1, 3))

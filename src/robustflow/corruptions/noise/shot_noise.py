@@ -18,17 +18,18 @@ from .noise import BLOCK, Noise
 
 
 class ShotNoise(Noise):
-    """n / c with n ~ Poisson(I c) per sample, I on [0, 1]; `severities` are c (paper, "Shot Noise").
+    """Applies shot noise, n / c with n ~ Poisson(I c) per sample, I on [0, 1]; `severities` are c (paper, "Shot
+    Noise").
 
-    One alias table per grey level, exact in units of 2**-22. `variant="reference"` cuts fractions of a grey level off
-    instead of rounding, as the code does.
+    Each grey level has an alias table with probabilities exact in units of 2**-22. `variant="reference"` truncates grey
+    levels instead of rounding, as the reference code does.
     """
 
     name = "shot_noise"
     paper_severities = (60, 25, 12, 5, 3)
 
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
-        """See `Noise.add`: count the photons."""
+        """Draw the photon counts; see `Noise.add`."""
         tables, column_bits = shot_tables(parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
         _replace_levels(source.reshape(-1), tables, shift, height_shift, key, out.reshape(-1))
@@ -36,9 +37,10 @@ class ShotNoise(Noise):
 
 @lru_cache(maxsize=8)
 def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uint32], int]:
-    """Alias tables of the 256 grey levels, one after the other, uint32 (256 << column_bits,), and column_bits.
+    """Return the concatenated alias tables of the 256 grey levels, uint32 (256 << column_bits,), and column_bits.
 
-    Level v at `photons` per unit of light becomes min(255, 255 n / photons), rounded, n ~ Poisson(v / 255 * photons).
+    Level v at `photons` per unit of light becomes min(255, 255 n / photons), rounded, with n ~ Poisson(v / 255 *
+    photons).
     """
     rate = Decimal(repr(photons))
     outcomes = int(np.ceil(photons)) + 1
@@ -54,7 +56,7 @@ def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uin
 
 
 def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
-    """Replace the outcomes' numbers in the table by grey levels."""
+    """Replace the outcome indices in the table with grey levels."""
     names = np.zeros(256, np.uint32)
     names[: levels.size] = levels
     return (table & np.uint32(0xFFFF0000)) | (names[(table >> 8) & 255] << np.uint32(8)) | names[table & 255]
