@@ -86,7 +86,7 @@ def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
-    """Fill pixels starting at the last background pixel, which has `behind` more pixels before it and `ahead` after it."""
+    """Fill pixels from the last background pixel on, which has `behind` pixels before it and `ahead` after it."""
     depth = pixels[edge]
     for far in range(1, ahead + 1):
         at = edge + far * step

@@ -21,8 +21,8 @@ class GaussianNoise(Noise):
     """Adds Gaussian noise, I + c n with n ~ N(0, 1) per sample on [0, 1]; `severities` are c (paper, "Gaussian Noise").
 
     The noise is drawn as an integer number of grey levels from the rounded normal distribution, with probabilities
-    exact in units of 2**-23; values beyond +-255 saturate every sample and are merged. `variant="reference"` cuts
-    fractions of a grey level off instead of rounding, as the code does.
+    exact in units of 2**-23; values beyond +-255 saturate every sample and are merged. `variant="reference"` truncates
+    grey levels instead of rounding, as the reference code does.
     """
 
     name = "gaussian_noise"
