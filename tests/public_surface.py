@@ -1,4 +1,4 @@
-"""Everything a user can name: Python names with their signatures, commands with their options.
+"""Everything a user can refer to: Python names with their signatures, commands with their options.
 
 python -m tests.public_surface > tests/public_surface.txt    writes what there is now, when a name is added
 """
@@ -23,7 +23,7 @@ _METRICS = ("epe", "fl_all", "rcre")
 
 
 def surface() -> list[str]:
-    """One line for each name."""
+    """Return one line for each name."""
     homes = (
         (robustflow, robustflow.__all__),
         (robustflow.testing, robustflow.testing.__all__),
@@ -50,7 +50,7 @@ def _python(module: ModuleType, names: Iterable[str]) -> Iterator[str]:
 
 
 def _parameters(thing: object) -> str:
-    """Names of parameters, in order; those with a default are marked, as they may be left out."""
+    """Names of parameters, in order; those with a default are marked, because they are optional."""
     if not callable(thing):
         return ""
     try:

@@ -18,17 +18,17 @@ def channels(
     names=("image1", "image2"),
     more_outputs=(),
 ):
-    """Save a network whose u is the first frame's first channel and whose v the second frame's third.
+    """Save a network whose u is the first frame's first channel and whose v is the second frame's third channel.
 
     Args:
-        path: of the file.
-        layout: how the pair goes in.
-        batch, size: of the inputs: numbers, or names where they are dynamic.
-        flip: return the flow upside down and mirrored, so that cropping shows what the border was padded with.
-        channels_last: return (N, H, W, 2).
-        kind: of the numbers.
-        names: of two inputs.
-        more_outputs: names of other outputs, put before the flow: the first frame as it came in.
+        path: file to write.
+        layout: input layout of the pair.
+        batch, size: input dimensions: numbers, or names of dynamic dimensions.
+        flip: whether to flip the flow vertically and horizontally, so that cropping reveals the padding of the border.
+        channels_last: whether the output is (N, H, W, 2).
+        kind: element type of the tensors.
+        names: names of the two inputs.
+        more_outputs: names of additional outputs before the flow, each a copy of the first frame.
     """
     shape = [batch, *WAYS_IN[layout][1:], *size]
     pair = layout == "pair"
@@ -76,7 +76,6 @@ def channels(
 
 
 def save(path, inputs, nodes, outputs, constants=()):
-    """Save a network."""
     graph = helper.make_graph(nodes, "network", inputs, outputs, list(constants))
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     onnx.save(model, str(path))
@@ -84,7 +83,7 @@ def save(path, inputs, nodes, outputs, constants=()):
 
 
 def with_weights_beside(path, location):
-    """Save a network of two inputs whose flow is a weight of 4x4 in the file `location` of the same folder."""
+    """Save a network of two inputs whose flow is a 4x4 weight stored in the file `location` of the same folder."""
     inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, 4, 4]) for name in ("image1", "image2")]
     weight = TensorProto(name="weight", data_type=TensorProto.FLOAT, dims=[1, 2, 4, 4])
     weight.data_location = TensorProto.EXTERNAL

@@ -1,4 +1,4 @@
-"""Whatever a model raises is reported with the place where it happened."""
+"""An exception raised by a model is reported with the place where it happened."""
 
 import signal
 import subprocess

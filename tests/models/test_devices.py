@@ -1,4 +1,4 @@
-"""Which accelerators a run of a model uses."""
+"""The accelerators that a run of a model uses."""
 
 import sys
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Sizes that a network cannot take."""
+"""Input sizes that a network does not accept."""
 
 import pytest
 

@@ -61,7 +61,7 @@ def test_every_way_in_and_out(tmp_path, layout, channels_last):
     [((13, 19), 8, None), ((16, 24), 8, None), ((5, 9), 1, None), ((13, 19), 8, (20, 31))],
 )
 def test_the_border_is_repeated_and_cropped(tmp_path, size, multiple, fixed):
-    """The network flips its input, so that the crop shows what was padded."""
+    """The network flips its flow, so that the crop reveals the padding."""
     first, second = frames(*size)
     model = network(tmp_path, {"scaling": "0-255", "multiple": multiple}, flip=True, size=fixed or ("h", "w"))
     height, width = size
@@ -274,7 +274,7 @@ def test_hostile_files(tmp_path, capfd, kind):
 
 
 def test_memory_a_network_cannot_have(tmp_path):
-    """A few bytes that ask for 4 TB while the network runs."""
+    """A file of a few bytes that requests 4 TB while the network runs."""
     inputs = [helper.make_tensor_value_info(f"x{i}", TensorProto.FLOAT, ["n", 3, "h", "w"]) for i in range(2)]
     outputs = [helper.make_tensor_value_info("flow", TensorProto.FLOAT, ["a"])]
     nodes = [helper.make_node("ConstantOfShape", ["size"], ["flow"])]
@@ -313,7 +313,7 @@ def test_weights_outside_its_folder_are_refused(tmp_path, location):
         rf.load_model(str(path))
     assert "\n" not in str(error.value)
     with pytest.raises(Exception, match=r"(?i)external|outside|escape|load model"):
-        ort.InferenceSession(str(path), providers=["CPUExecutionProvider"])  # nor would the library itself
+        ort.InferenceSession(str(path), providers=["CPUExecutionProvider"])  # the library itself would not either
 
 
 def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):

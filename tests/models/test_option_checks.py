@@ -1,4 +1,4 @@
-"""Options of models: numbers and truth values given as text are not confused."""
+"""Options of models: numbers and booleans given as text are not confused."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A model's training sets decide its setting; nothing is guessed."""
+"""A model's training sets determine its setting; nothing is guessed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from robustflow.testing import BrightnessFlow
 
 
 def test_the_catalog_knows_every_model_by_name_and_no_other():
-    of_any_method = {"precomputed", *EXPORTED.values()}  # whatever the files hold
+    of_any_method = {"precomputed", *EXPORTED.values()}  # whatever the file contents
     assert set(methods()) == set(MODELS.names()) - of_any_method
 
 
@@ -30,7 +30,7 @@ def test_years_and_types_are_the_papers():
     paper = published_methods()
     for entry in methods().values():
         method = paper.get(entry.method) or paper.get(entry.method.rpartition("-")[0])
-        if entry.frames > 2 or entry.method.startswith("Tiny"):  # the paper has none of them
+        if entry.frames > 2 or entry.method.startswith("Tiny"):  # the paper contains none of them
             assert method is None
             continue
         assert (entry.year, entry.type) == (method.year, method.type)
@@ -46,9 +46,12 @@ def test_the_catalog_agrees_with_itself():
 
 
 def test_the_catalog_agrees_with_the_list_of_checkpoints(shared):
-    """The shared lists give each checkpoint its label on three benchmarks, found independently of this derivation."""
+    """The shared lists give each checkpoint its label on three benchmarks, determined independently of
+    this derivation.
+    """
     expected = {}
-    with shared("checkpoints.csv").open(newline="") as file:  # torchvision's are only here, without a label on Sintel
+    # torchvision's are listed only here, without a label on Sintel
+    with shared("checkpoints.csv").open(newline="") as file:
         for row in csv.DictReader(file):
             sintel = "OOD" if row["saw_sintel"] == "no" else "LEAKED"
             expected[row["ptlflow_file"]] = (row["label_kitti_fc"], sintel, row["label_gopro_fc"])
@@ -107,7 +110,7 @@ def _on_kitti(sets: str, keys: list[str], **protocol: str) -> Provenance:
 
 
 def test_in_domain_is_granted_by_the_evaluated_pairs():
-    """All of these were "ID" by their names."""
+    """All of these were labelled "ID" because of their names."""
     evaluation, training = kitti_split([f"{number:06d}" for number in range(200)])
     assert _on_kitti("K:train", evaluation).setting == "ID"
     leaked = _on_kitti("K:train", [*evaluation[:3], training[0]])  # a --split with one pair of the training part
@@ -115,7 +118,7 @@ def test_in_domain_is_granted_by_the_evaluated_pairs():
         "LEAKED",
         "pairs: 1 of the 4 evaluated are among the training pairs of K:train",
     )
-    assert _on_kitti("K:train", ["000002", "000003"]).setting == "LEAKED"  # a small folder, evaluated whole
+    assert _on_kitti("K:train", ["000002", "000003"]).setting == "LEAKED"  # a small folder, evaluated as a whole
     assert _on_kitti("K:train", evaluation, frames="released").setting == "UNKNOWN"
     assert _on_kitti("K:released", evaluation, frames="released").setting == "ID"
     assert _on_kitti("K:released", evaluation).setting == "UNKNOWN"
@@ -177,19 +180,19 @@ def test_what_is_not_a_training_set(text):
 
 
 def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
-    """The same run goes on when its training sets are declared later."""
+    """A run continues unchanged when its training sets are declared later."""
     runs = []
     for declared in (None, "C+T", "M"):
         options = (("preset", "ultrafast"), *((("trained_on", declared),) if declared else ()))
         spec = ModelSpec("robustflow.models.opencv:Dis", options)
         runs.append(rf.evaluate(spec, output=tmp_path / "run", corruptions=["contrast"], severities=[1]))
-    # a user's model by module and attribute, though it calls itself dis
+    # a user's model by module and attribute, although it calls itself dis
     assert {run.manifest.identity_digest for run in runs} == {runs[0].manifest.identity_digest}
     assert runs[2].rows.equals(runs[0].rows)
 
 
 class Mine(BrightnessFlow):
-    """Declares what it was trained on."""
+    """Declares its training data."""
 
     trained_on = "C+T>M:train"
 

@@ -67,7 +67,7 @@ def test_a_tile_is_the_frames_pixels_and_black_beyond_them():
 
 
 def test_blend_is_the_weighted_mean():
-    """The blend equals a loop over pixels with weights scaled so that the largest is 1."""
+    """The blend equals a loop over pixels with weights scaled to a maximum of 1."""
     flows = np.random.default_rng(0).normal(0, 5, (4, 40, 48, 2)).astype(np.float32)
 
     class Stored:
@@ -99,7 +99,7 @@ def test_where_only_a_corner_covers_the_flow_is_exact():
     np.testing.assert_allclose(TiledModel(Ramp(), "432x960").predict(frame, frame), alone, rtol=1e-6)
     weights = tile_weights(432, 960)
     assert weights.min() > np.finfo(np.float64).tiny
-    assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # why it is not float32
+    assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # the reason for not using float32
 
 
 def test_pairs_of_any_size_give_alone_and_together_the_same():

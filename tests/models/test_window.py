@@ -1,4 +1,4 @@
-"""Windows of multi-frame models: what they are given anywhere in a sequence."""
+"""Windows of multi-frame models: the frames they receive anywhere in a sequence."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Every case a pack holds becomes a test; the errors are listed at the end of the run."""
+"""Every case in a pack becomes a test; the errors are listed at the end of the run."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import pytest
 from ..shared_data import shared_root
 
 NO_CASE = "none"
-"""Without a pack, or without a case with this ending, one test remains, which skips with the reason."""
+"""If a pack, or any case with this ending, is missing, one test remains and skips with the reason."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """A test that takes `case` runs once for each letter in the pack that its class or module names as PACK, with the
-    ending that the mark `expected` names (`a_expected_ft.npz` is case a of the ending "_ft")."""
+    """A test that takes `case` runs once for each case letter in the pack that its class or module names as PACK, with
+    the file ending from the mark `expected` (`a_expected_ft.npz` is case a of the ending "_ft").
+    """
     if "case" not in metafunc.fixturenames:
         return
     marker = metafunc.definition.get_closest_marker("expected")

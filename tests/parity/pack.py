@@ -1,4 +1,4 @@
-"""A parity pack: outputs of the original implementation, for weights made from a rule."""
+"""A parity pack: outputs of the original implementation for weights defined by a rule."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import torch
 from .weight_rule import digest, weights
 
 REPORT: list[str] = []
-"""What was compared, for the end of the test run."""
+"""Compared values, for the summary at the end of the test run."""
 
 
 @dataclass(frozen=True)
 class Pack:
-    """One folder.
+    """One pack, which is a folder.
 
     Attributes:
-        folder: holds keys files, input images, expected arrays and a README that says how far off is too far.
+        folder: folder with keys files, input images, expected arrays and a README that states the tolerances.
     """
 
     folder: Path
@@ -42,7 +42,7 @@ class Pack:
             return dict(arrays)
 
     def fill(self, net: torch.nn.Module, keys: str = "keys.json") -> torch.nn.Module:
-        """Give a network the rule's weights. Its names, shapes and dtypes must be the original's, in its order."""
+        """Give a network the rule's weights. Its names, shapes, dtypes and their order must equal the original's."""
         entries = json.loads((self.folder / keys).read_text())["entries"]
         own = net.state_dict()
         assert [(name, list(value.shape), str(value.dtype).removeprefix("torch.")) for name, value in own.items()] == [
@@ -59,7 +59,7 @@ class Pack:
 
     @property
     def floor(self) -> tuple[float, float]:
-        """How much the original's output changes, at most and on average, when float32 noise is added to its input."""
+        """Maximum and mean change of the original's output when float32 noise is added to its input."""
         text = (self.folder / "README.md").read_text()
         if elsewhere := re.match(r"See (\.\./\w+/README\.md)", text):
             text = (self.folder / elsewhere[1]).read_text()
@@ -70,17 +70,18 @@ class Pack:
     def check_flow(
         self, what: str, found: torch.Tensor, expected: np.ndarray, floor: tuple[float, float] | None = None
     ) -> None:
-        """At most max(10 floors, 0.001 px) off, and 5 floors + 0.0001 px on average; the pack's floor, or a given one
-        where the pack's is for another number of iterations."""
+        """Assert an error of at most max(10 floors, 0.001 px), and a mean of at most 5 floors + 0.0001 px. The floor is
+        the pack's, or a given one if the pack's is for a different number of iterations.
+        """
         floor_max, floor_mean = floor or self.floor
         self._check(what, found, expected, max(10 * floor_max, 1e-3), 5 * floor_mean + 1e-4)
 
     def check_features(self, what: str, found: torch.Tensor, expected: np.ndarray) -> None:
-        """At most 0.0001 of the largest expected value off."""
+        """Assert an error of at most 0.0001 of the largest expected value."""
         self._check(what, found, expected, 1e-4 * float(np.abs(expected).max()))
 
     def check_within(self, what: str, found: torch.Tensor, expected: np.ndarray, tolerance: float) -> None:
-        """At most `tolerance` off."""
+        """Assert an error of at most `tolerance`."""
         self._check(what, found, expected, tolerance)
 
     def _check(

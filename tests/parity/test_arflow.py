@@ -1,4 +1,4 @@
-"""ARFlow against the original's outputs."""
+"""ARFlow compared with the original's outputs."""
 
 import pytest
 
@@ -33,7 +33,7 @@ def test_flows_and_features(pack, case):
 def test_the_adapter_stretches_as_the_original_is_evaluated(pack, case):
     expected = pack.expected(case)
     frames = [pack.frame(f"{case}_im{i}") for i in (1, 2)]
-    # A case of the stretched kind states its shape through every second pixel of the flow there.
+    # A case of the stretched kind states its shape through every second pixel of its flow.
     stretched = expected.get("flow_at_test_shape")
     size = tuple(2 * side for side in stretched.shape[2:]) if stretched is not None else None
     convention = InputConvention(fit="stretch", multiple=64, size=size)

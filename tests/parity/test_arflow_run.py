@@ -21,8 +21,7 @@ PACK = "arflow"
 
 @pytest.fixture
 def checkpoint(pack, tmp_path):
-    """A file as the authors save it: the weights among their trainer's other entries, from a network on several
-    GPUs."""
+    """A file as the authors save it: the weights among their trainer's other entries, from multi-GPU training."""
     state = {f"module.{key}": value for key, value in pack.fill(ARFlow()).state_dict().items()}
     torch.save({"epoch": 1000, "state_dict": state}, tmp_path / "pwclite_ar.tar")
     return tmp_path / "pwclite_ar.tar"
@@ -56,6 +55,6 @@ def test_the_same_rows_for_every_batch_and_number_of_workers(shared, checkpoint,
 
 
 def difference(first: pl.DataFrame, other: pl.DataFrame) -> float:
-    """The largest of all numbers' differences."""
+    """The largest absolute difference over all numbers."""
     numbers = [name for name, kind in first.schema.items() if kind.is_numeric()]
     return max(float((first[name].cast(float) - other[name].cast(float)).abs().max() or 0) for name in numbers)

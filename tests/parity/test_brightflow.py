@@ -1,4 +1,4 @@
-"""BrightFlow against the original's outputs."""
+"""BrightFlow compared with the original's outputs."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def test_flows_and_features(pack, case):
 def test_the_model_loads_the_authors_layout_and_pads(pack, case, tmp_path):
     from robustflow import load_model
 
-    # the authors' files come from a data-parallel training and hold other entries beside the network
+    # the authors' files come from data-parallel training and contain other entries beside the network
     state = {f"module.{key}": value for key, value in pack.fill(BrightFlow()).state_dict().items()}
     state["module.corrector.conv1.weight"] = torch.zeros(64, 7, 7, 7)
     state["module.census.kernel"] = torch.zeros(49, 1, 7, 7)

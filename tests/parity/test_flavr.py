@@ -1,4 +1,4 @@
-"""FLAVR against the original's outputs, for every number of frames between."""
+"""FLAVR compared with the original's outputs, for every number of intermediate frames."""
 
 import pytest
 
@@ -13,7 +13,7 @@ TOLERANCE = 2e-5
 
 
 def compare(pack, case, expected, n_outputs):
-    """Compare the frames between; returns the encoder's maps."""
+    """Compare the intermediate frames; returns the encoder's maps."""
     net = pack.fill(FLAVR(n_outputs), f"keys_nout{n_outputs}.json")
     maps = []
     net.encoder.register_forward_hook(lambda module, clip, output: maps.extend(output))

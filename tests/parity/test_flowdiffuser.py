@@ -1,4 +1,4 @@
-"""FlowDiffuser against the original's outputs, from the original's noise."""
+"""FlowDiffuser compared with the original's outputs, starting from the original's noise."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_features_and_steps(pack, net, case):
 
 
 class FromNoise(torch.nn.Module):
-    """The network with its noise given."""
+    """The network with given noise."""
 
     def __init__(self, net: FlowDiffuser, noise: np.ndarray) -> None:
         super().__init__()

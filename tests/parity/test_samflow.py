@@ -1,4 +1,4 @@
-"""SAMFlow against the original's outputs. The weights of H take 2.6 GB."""
+"""SAMFlow compared with the original's outputs. The weights of H take 2.6 GB."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def net(request):
 
 @contextmanager
 def watching(net: SamFlow) -> Iterator[dict[str, torch.Tensor]]:
-    """What the parts give while the network runs, by the packs' names."""
+    """Outputs of the network's parts while it runs, by the packs' names."""
     found: dict[str, torch.Tensor] = {}
     parts = {
         "sam_feat_ch0to15": net.sam_encoder,
@@ -51,7 +51,7 @@ class _Size:
     PACK, SIZE, SUFFIX = "", "", ""
 
     def test_features_and_flow(self, pack, net, case):
-        """Every array of a case, from the first features to the flow, in one run of the network."""
+        """Every array of a case, from the first features to the flow, is compared in one run of the network."""
         expected = pack.expected(case, self.SUFFIX)
         image1, image2 = (pack.image(f"{case}_im{i}") for i in (1, 2))
         with watching(net) as found:
@@ -67,8 +67,9 @@ class _Size:
 
 class _SizeOf24Iterations(_Size):
     def test_twice_the_iterations(self, pack, net, case):
-        """Rounding grows with every iteration, and the pack's floor is for 12: measure it as the pack's README does, by
-        noise of 0.0001 grey levels on image 1."""
+        """Rounding errors grow with every iteration, and the pack's floor is for 12 iterations: measure the floor as
+        the pack's README does, with noise of 0.0001 grey levels on image 1.
+        """
         expected = pack.expected(case).get("flow_24_iters")
         if expected is None:
             pytest.skip("a case without 24 iterations")

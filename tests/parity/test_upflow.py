@@ -1,4 +1,4 @@
-"""UPFlow against the original's outputs."""
+"""UPFlow compared with the original's outputs."""
 
 import pytest
 
@@ -33,7 +33,7 @@ def test_flows_features_and_visibility(pack, case):
     pack.check_flow(f"{case} flow beside the reverse", beside[:1], expected["flow"])
     visible = both.visible()[0].numpy()
     differing = int((visible != expected["occ_fw"].astype(bool)).sum())
-    # the README gives no tolerance for masks; a pixel whose flow is on the bound may go either way
+    # the README gives no tolerance for masks; a pixel whose flow is exactly on the bound may fall on either side
     assert differing <= visible.size / 1000, f"{differing} of {visible.size} pixels differ"
 
 

@@ -1,4 +1,4 @@
-"""Counts against the paper's table and sums by hand; measuring does not change a network."""
+"""Counts compared with the paper's table and with sums by hand; measuring does not change a network."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_sums_by_hand():
     counts = count(net, 4, 5)
     pixels = 20
     modules = 8 * pixels * 3 * 9 + 2 * pixels * 8
-    assert counts.thop_macs == modules + 4 * 2 * 8 * pixels  # the norm hangs at two places
+    assert counts.thop_macs == modules + 4 * 2 * 8 * pixels  # the norm is registered in two places
     assert counts.macs == modules + pixels * 8 * pixels
     assert counts.thop_parameters == 8 * 3 * 9 + 8 + 8 * 2 + 2
     assert counts.parameters == counts.thop_parameters + 100 * 100 + 100 + 5

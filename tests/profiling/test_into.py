@@ -1,4 +1,4 @@
-"""A run keeps the cost of its network, and `profile --into` another size of it."""
+"""A run stores the cost of its network, and `profile --into` stores the cost at a different size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The blur against plain float64 references, and properties of any blur."""
+"""The blur compared with plain float64 references, and properties of any blur."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def point_field(shift_rows: int = 0) -> PsfField:
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_error_against_exact_kernels_is_below_rounding(severity):
-    """Errors on a photograph in grey levels, at points all over it."""
+    """Errors on a photograph, in grey levels, at points all over it."""
     field, frame = shipped_field(severity), skimage.data.astronaut()
     rng = np.random.default_rng(severity)
     got = blur(frame, field)
@@ -49,7 +49,7 @@ def test_error_against_exact_kernels_is_below_rounding(severity):
 
 
 def picture(kind: str, height: int, width: int) -> np.ndarray:
-    """A picture that is hard in one particular way."""
+    """A picture that is difficult in one particular way."""
     rng, (y, x) = np.random.default_rng(height), np.mgrid[:height, :width]
     kinds = {
         "noise": rng.integers(0, 256, (height, width, 3)),
@@ -64,7 +64,9 @@ def picture(kind: str, height: int, width: int) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["noise", "black and white", "board", "ramp", "white"])
 @pytest.mark.parametrize(("shape", "severity"), [((70, 111), 1), ((111, 64), 3), ((131, 90), 5)])
 def test_blur_of_any_picture_equals_the_float64_reference(kind, shape, severity):
-    """Single precision costs at most 2e-4 grey levels, a thousandth of what the nodes' distance does."""
+    """Single precision causes an error of at most 2e-4 grey levels, a thousandth of the error from the
+    nodes' spacing.
+    """
     frame, field = picture(kind, *shape), shipped_field(severity)
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
@@ -117,7 +119,7 @@ def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
 
 
 def test_a_psf_displaced_outwards_moves_light_outwards():
-    """The stack's rows point away from the image centre, in every direction."""
+    """The stack's rows point away from the image centre in every direction."""
     field = point_field(shift_rows=6)
     rows, columns = np.mgrid[:401, :601]
     for dy, dx in ((120, 0), (-120, 0), (0, 200), (0, -200), (120, 160)):

@@ -1,4 +1,4 @@
-"""The shipped lenses: the paper's numbers, limits of manufacture, and damaged files."""
+"""The shipped lenses: the paper's numbers, manufacturing limits, and damaged files."""
 
 import json
 
@@ -62,7 +62,7 @@ def test_radius_and_energy_over_the_whole_field_are_the_references(shared, sever
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_a_shipped_lens_can_be_made(severity):
-    """Centre and edge thickness of glass, gaps of air, and no face steeper than a hemisphere's 0.9."""
+    """The glass and air gaps are thick enough, and no face is steeper than 0.9 of a hemisphere."""
     lens, limits = shipped_lens(severity), Limits()
     slack = 0.05
     for k, surface in enumerate(lens.surfaces[:-1]):

@@ -33,11 +33,13 @@ def test_transform_with_parts_exchanged_is_the_inverse():
 
 @pytest.mark.parametrize("length", LENGTHS)
 def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(length):
-    """Ten units in the last place of a double, more than any mathematics library errs by, change no float."""
+    """Ten units in the last place of a double, an error larger than that of any mathematics library,
+    change no float.
+    """
     for k, pair in enumerate(twiddles(length)):
         angle = 2.0 * math.pi * k / length
         for value, exact in zip(pair, (math.cos(angle), -math.sin(angle)), strict=True):
-            slack = 10 * math.ulp(1.0)  # the error of the angle counts too
+            slack = 10 * math.ulp(1.0)  # the error of the angle contributes too
             assert np.float32(exact - slack) == np.float32(exact + slack) == value or abs(exact) < 1e-12, Fraction(
                 k, length
             )
@@ -61,7 +63,7 @@ def test_windows_hold_their_whole_triangle(length, pitch):
     axis = Axis.of(length, pitch)
     assert axis.pitch <= pitch
     assert axis.windows.shape[1] == 2 * pitch
-    # the triangles are complete: one pixel further they are zero
+    # the triangles are complete: one pixel further out they are zero
     places = (length - 1) / 2 + axis.offsets
     last = np.array(axis.starts) + axis.windows.shape[1]
     assert (last - places >= axis.pitch - 1e-9).all()

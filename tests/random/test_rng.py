@@ -1,6 +1,6 @@
 """The counter-based generator: its values and their statistics.
 
-Statistics are of fixed streams, so a test passes always or never; limits are at about five standard errors.
+Statistics are computed on fixed streams, so every test is deterministic; limits are about five standard errors.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def test_hash_is_what_it_says(key, counter):
 
 
 def test_known_answers():
-    """Golden values: a change of any of them changes every corrupted byte, and needs a new STREAM_VERSION."""
+    """Golden values: a change in any of them changes every corrupted byte and needs a new STREAM_VERSION."""
     known = {
         (0x0, 0): 0x48218226FF3CD4BF,
         (0x0, 1): 0xCD73FE3DE975AC26,
@@ -72,7 +72,7 @@ def test_known_answers():
 @settings(deadline=None)
 @given(st.integers(0, 2**40), st.integers(1, 50))
 def test_seekable(start, count):
-    """Sequential reading equals reading at positions, and a spawned stream does not depend on what was read before."""
+    """Sequential reading equals reading at positions, and a spawned stream does not depend on earlier reads."""
     stream = Rng.of("seek", start)
     before = stream.spawn("child").bits(4)
     first, second = stream.bits(count), stream.bits(count)
@@ -100,7 +100,7 @@ def test_bits_and_bytes_are_even(key):
 
 @pytest.mark.parametrize("what", ["key", "counter"])
 def test_avalanche(what):
-    """One flipped bit of key or counter flips each of the 64 output bits half of the time."""
+    """Flipping one bit of the key or counter flips each of the 64 output bits half of the time."""
     rows = 1024
     places = Rng.of("avalanche", what).bits(2 * rows).reshape(rows, 2)
     flips = np.zeros((64, 64))
@@ -141,7 +141,7 @@ def test_no_serial_correlation(lag):
 
 @pytest.mark.parametrize("keys", ["neighbours", "single bits", "frames", "golden ratio"])
 def test_streams_are_independent(keys):
-    """Streams whose keys are related are not: at equal places, and with one shifted against the other."""
+    """Streams with related keys are unrelated, at equal positions and with one shifted against the other."""
     base = key_of("base")
     family = {
         "neighbours": [base + i for i in range(8)],

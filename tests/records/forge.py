@@ -1,4 +1,4 @@
-"""Forged records: any entry changed, and the hashes adapted."""
+"""Forged records: any entry can be changed, and the hashes are adapted."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def entries_of(data: bytes) -> dict[str, bytes]:
 
 
 def sealed(entries: dict[str, bytes]) -> bytes:
-    """The entries as a file, with the sizes and hashes of `record.json` adapted."""
+    """Write the entries as a file, with the sizes and hashes in `record.json` adapted."""
     record = json.loads(entries["record.json"])
     record["entries"] = {
         name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
@@ -34,7 +34,7 @@ def sealed(entries: dict[str, bytes]) -> bytes:
 
 
 def with_json(data: bytes, name: str, edit: Edit) -> bytes:
-    """An entry of JSON edited in place."""
+    """Edit a JSON entry in place."""
     entries = entries_of(data)
     value = json.loads(entries[name])
     edit(value)
@@ -42,13 +42,13 @@ def with_json(data: bytes, name: str, edit: Edit) -> bytes:
 
 
 def with_rows(data: bytes, edit: Callable[[pl.DataFrame], pl.DataFrame]) -> bytes:
-    """The rows edited."""
+    """Edit the rows."""
     entries = entries_of(data)
     return sealed(entries | {"rows.csv": rows_to_text(edit(rows_from_text(entries["rows.csv"])))})
 
 
 def put(*path: str | int, value: object) -> Edit:
-    """An edit that puts a value at a place in a document of JSON."""
+    """Make an edit that sets the value at a path of a JSON document."""
 
     def edit(document: Any) -> None:
         for name in path[:-1]:
@@ -59,7 +59,7 @@ def put(*path: str | int, value: object) -> Edit:
 
 
 def at(condition: pl.Expr, **values: pl.Expr) -> Callable[[pl.DataFrame], pl.DataFrame]:
-    """An edit that changes columns of the rows for which a condition holds."""
+    """Make an edit that changes columns of the rows that satisfy a condition."""
     return lambda rows: rows.with_columns(
         pl.when(condition).then(value).otherwise(pl.col(name)).alias(name) for name, value in values.items()
     )
@@ -70,7 +70,7 @@ def verified(data: bytes) -> Verification:
 
 
 def failure(data: bytes) -> tuple[str, str]:
-    """The check that fails first and its message, which is one printable line."""
+    """The first check that fails and its message, which must be one printable line."""
     found = verified(data)
     assert not found.ok
     check = next(check for check in found.checks if check.status == "failed")
@@ -83,7 +83,7 @@ def failure(data: bytes) -> tuple[str, str]:
 
 
 def assert_fails(data: bytes, check: str, words: str = "") -> None:
-    """Assert that a check fails first with some words in its message."""
+    """Assert that a check fails first and that its message contains the given words."""
     name, message = failure(data)
     assert name == check, message
     assert words in message

@@ -1,4 +1,4 @@
-"""Rows of attacks in a record: they come back, and a forged one is noticed."""
+"""Rows of attacks in a record are read back, and a forged row is detected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The zip around a record: what is refused before its contents are read."""
+"""The zip around a record: input that is refused before its contents are read."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_compressed_entries_are_refused_unread(packed):
 
 
 def test_terabytes_are_refused_by_the_claim(packed):
-    """A central directory that claims 16 TB (in a zip64 field) or 4 GB for an entry of the small file."""
+    """The central directory claims 16 TB (in a zip64 field) or 4 GB for an entry of the small file."""
     at = packed.rindex(b"PK\x01\x02")
     claimed = bytearray(packed)
     claimed[at + 20 : at + 28] = struct.pack("<II", 0xFFFFFFFE, 0xFFFFFFFE)
@@ -141,7 +141,9 @@ def test_what_is_not_a_zip():
 
 
 def test_one_bit_anywhere(packed):
-    """Every bit of the headers, and bits all over the data: one run is one file, so none of them verifies."""
+    """Every bit of the headers and bits throughout the data are flipped: one run is one file, so none of the results
+    verifies.
+    """
     headers = [packed.index(b"PK\x01\x02") + offset for offset in range(46)] + list(range(30))
     flips = [(place, 1 << bit) for place in headers for bit in range(8)]
     flips += [(place, 1 << (place % 8)) for place in range(0, len(packed), 311)]
@@ -155,7 +157,7 @@ def test_one_bit_anywhere(packed):
 
 @pytest.mark.parametrize("offset", [4, 6, 12, 14, 36], ids=["version", "needed", "time", "date", "internal"])
 def test_header_fields_that_no_reader_looks_at(packed, offset):
-    """They would give one run many SHA-256 sums, and could carry anything."""
+    """Changes in ignored fields would give one run many SHA-256 sums, and could carry arbitrary data."""
     changed = bytearray(packed)
     changed[packed.index(b"PK\x01\x02") + offset] ^= 1
     assert "zip headers" in _refused(bytes(changed))

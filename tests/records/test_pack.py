@@ -1,4 +1,4 @@
-"""A record has the contents of the run without anything that names a machine."""
+"""A record has the contents of the run without anything that identifies a machine."""
 
 import json
 import platform
@@ -149,7 +149,7 @@ def test_names_and_places(run, tmp_path, monkeypatch):
 
 
 class Strange(ZeroFlow):
-    """A model whose name is markup."""
+    """A model whose name contains markup."""
 
     def identity(self):
         return {"name": "<img src=x onerror=alert(1)> [red]$x$"}

@@ -1,4 +1,4 @@
-"""Damaged, changed and forged records are noticed, each by the right check."""
+"""Damaged, changed and forged records are detected, each by the right check."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_mean_changed_by_little(packed):
 
 
 def test_better_rows(packed):
-    """Improved rows with adapted hashes: the means no longer follow, or the rows are impossible."""
+    """Rows are improved and hashes adapted, so the means no longer match, or the rows are impossible."""
     half = at(_FOG, epe_sum=pl.col("epe_sum") / 2)
     found = verified(with_rows(packed, half))
     failed = {check.name: check.message for check in found.checks if check.status == "failed"}
@@ -124,7 +124,7 @@ def test_changed_rows_whose_hashes_fit_fail_a_check(packed, check, edit, says):
 
 
 def test_a_few_equal_frames_are_possible(packed):
-    """A corruption that changes nothing (a flat frame, a stream in which no bit was hit) is not a forgery."""
+    """A corruption that changes nothing (a flat frame, a stream in which no bit was flipped) is not a forgery."""
     same = with_rows(packed, at(_FOG & (pl.col("severity") == 5), frames_digest=pl.col("frames_digest").first()))
     assert verified(same).ok
 
@@ -143,7 +143,7 @@ def test_what_a_verified_record_is_about(run, packed):
 
 @pytest.mark.parametrize(
     "column",
-    # the pair has no map of occlusions, the run no confidence, and a record holds no attacks
+    # the pair has no occlusion map, the run no confidence, and a record contains no attacks
     [
         name
         for name, kind in ROW_SCHEMA.items()
@@ -219,7 +219,7 @@ def test_a_changed_manifest(packed, path, value, check, says):
 
 
 def test_a_changed_identity_with_its_digest(packed):
-    """A forger may rename the model consistently; then the catalogue's facts about the name must fit, too."""
+    """A forger may rename the model consistently, but then the catalogue's facts about the name must match, too."""
     entries = entries_of(packed)
     manifest, record, summary = (json.loads(entries[name]) for name in ("manifest.json", "record.json", "summary.json"))
     manifest["identity"]["model"] = {"settings": {"name": "mine"}}
@@ -290,7 +290,9 @@ def test_json_too_deep(packed):
 
 
 def test_an_endless_plan(packed):
-    """A small manifest whose samples times corruptions would fill the memory is refused before they are multiplied."""
+    """A small manifest whose samples times corruptions would exhaust the memory is refused before they
+    are multiplied.
+    """
 
     def edit(manifest):
         manifest["samples"] = {str(index): [] for index in range(20_000)}
@@ -314,8 +316,9 @@ def test_a_cost_of_another_run(packed):
 @settings(max_examples=60)
 @given(st.data())
 def test_no_content_breaks_the_reader(packed, data):
-    """Entries cut and pasted at random, with adapted hashes, are verified or refused with a message, never an
-    exception."""
+    """Records with randomly cut and pasted entries and adapted hashes are verified or refused with a message, never
+    with an exception.
+    """
     entries = entries_of(packed)
     name = data.draw(st.sampled_from([n for n in entries if n != "record.json"]))
     text = entries[name]

@@ -5,7 +5,9 @@ from scipy.ndimage import map_coordinates
 
 
 def cubic(image, y, x):
-    """Values of an (H, W, C) image at places, by SciPy's cubic spline through the pixels, mirrored at the edges."""
+    """Values of an (H, W, C) image at given positions, by SciPy's cubic spline through the pixels, mirrored at the
+    borders.
+    """
     return np.stack([map_coordinates(image[..., c], [y, x], order=3, mode="mirror") for c in range(3)], -1)
 
 
@@ -24,7 +26,7 @@ def centred(patch):
 
 
 def descended(image1, image2, y, x, start, patch, steps):
-    """Where the patch at (y, x) ends, by the formula of a step with both patches less their means."""
+    """Final position of the patch at (y, x), by the update equation with both patches mean-normalised."""
     window = np.s_[y : y + patch, x : x + patch]
     slope = np.stack([centred(s[window]).ravel() for s in central(image1)])
     u = np.array(start, float)

@@ -1,4 +1,4 @@
-"""The refinement: forms against a plain sum of squares, relaxation against a direct solver, and the energy."""
+"""The refinement: terms compared with a plain sum of squares, relaxation with a direct solver, and the energy."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def slope(image, axis):
 
 
 def energy_terms(case, du, dv):
-    """E_I and E_G as they are written, per pixel; and which pixels stay in the frame."""
+    """E_I and E_G computed per pixel from their definitions, and the mask of pixels that stay in the frame."""
     image1, image2, flow = (part.astype(float) for part in case)
     height, width = flow.shape[:2]
     y, x = np.mgrid[:height, :width] + flow[..., ::-1].transpose(2, 0, 1)

@@ -1,4 +1,4 @@
-"""The diffusion schedule against its definition, and the sampler's step against what it should keep."""
+"""The diffusion schedule compared with its definition, and quantities that the sampler's step should preserve."""
 
 import pytest
 
@@ -62,7 +62,7 @@ def test_a_step_keeps_the_noise_and_lowers_its_level(schedule):
 def test_the_noise_is_normal_and_named_by_seed_and_size():
     noise = initial_noise(3, 100, 120)
     assert noise.shape == (1, 2, 100, 120)
-    # Four standard errors of mean and variance of 24 000 numbers.
+    # Four standard errors of the mean and variance of 24 000 numbers.
     assert abs(noise.mean()) < 4 / 24000**0.5
     assert abs(noise.var() - 1) < 4 * (2 / 24000) ** 0.5
     assert not torch.equal(noise, initial_noise(4, 100, 120))

@@ -1,4 +1,4 @@
-"""FlowDiffuser by name: the authors' file layout, the noise's seed."""
+"""FlowDiffuser by name: the authors' file layout and the noise seed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""SAMFlow by name: the authors' file layout, tiles, and messages when something does not fit."""
+"""SAMFlow by name: the authors' file layout, tiles, and error messages for mismatched input."""
 
 import inspect
 
@@ -39,7 +39,7 @@ def test_without_a_checkpoint_the_message_says_what_is_missing(name):
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """Seeded weights in the layout of the authors' files (Lightning's)."""
+    """Seeded weights in the layout of the authors' files (Lightning)."""
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     from robustflow.models.networks.samflow import SamFlow
 

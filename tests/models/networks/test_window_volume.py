@@ -1,4 +1,4 @@
-"""The windowed correlation against a float64 loop over its definition."""
+"""The windowed correlation compared with a float64 loop over its definition."""
 
 import pytest
 

@@ -28,7 +28,7 @@ LENGTH = 7
 
 @pytest.fixture
 def library():
-    """ptlflow, imported as the adapter does it."""
+    """ptlflow, imported as by the adapter."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     load_model("memflow", checkpoint="random", device="cpu")
     import ptlflow
@@ -44,13 +44,13 @@ def adapter(name):
     model = load_model(name, checkpoint="random", device="cpu", **options)
     for key, value in model.net.state_dict().items():
         if key.endswith("aggregator.gamma"):
-            value.fill_(1)  # 0 in new networks, which leaves out what they remember
+            value.fill_(1)  # 0 in new networks, which disables their memory
     return model
 
 
 @cache
 def sequence(side):
-    """A textured square that moves over a textured ground."""
+    """A textured square that moves over a textured background."""
     rng = np.random.default_rng(0)
     ground, square = (
         cv2.resize(rng.integers(0, 256, (n // 8, n // 8, 3)).astype(np.uint8), (n, n)) for n in (2 * side, side // 2)
@@ -68,7 +68,7 @@ def side_of(name):
 
 
 def ask(name, first):
-    """The run's request for the pair that begins at `first` of the sequence."""
+    """The request of a run for the pair that begins at frame `first` of the sequence."""
     model, frames = adapter(name), sequence(side_of(name))
     offsets = model.window.offsets(range(-first, LENGTH - first))
     return model.predict_clip(tuple(frames[first + offset] for offset in offsets), place_of_pair(offsets))
@@ -82,7 +82,7 @@ def images_of(frames):
 
 
 def fresh(ptlflow, name):
-    """The library's own model, built and set as a user of the library would, with the adapter's weights."""
+    """The library's own model, built and configured as by a user of the library, with the adapter's weights."""
     model = adapter(name)
     with contextlib.redirect_stdout(io.StringIO()):
         reference = ptlflow.get_model_reference(name)
@@ -118,9 +118,9 @@ def from_the_library(net, name, first):
 
 
 def videoflow(net, sequence, first):
-    """Like its authors' evaluation: five frames of the sequence with its first frame repeated, the requested one as
-    near to the middle as possible. The library returns only the middle flow, so the flows are read before it
-    chooses."""
+    """Evaluate as the authors do: five frames of the sequence with its first frame repeated, the requested one as close
+    to the centre as possible. The library returns only the middle flow, so the flows are read before it selects one.
+    """
     start = min(max(first - 2, 0), len(sequence) - 5)
     upsampled = []
     upsample = net.upsample_flow

@@ -1,4 +1,4 @@
-"""What ptlflow's constructors are given, on classes with the shapes that its models have."""
+"""Arguments of ptlflow's constructors, tested on classes with the signatures of its models."""
 
 from collections.abc import Sequence
 

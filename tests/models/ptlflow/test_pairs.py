@@ -43,7 +43,7 @@ def test_twelve_iterations_are_the_default(name):
 
 @pytest.fixture
 def library():
-    """ptlflow, imported as the adapter does it."""
+    """ptlflow, imported as by the adapter."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     load_model("raft", checkpoint="random", device="cpu")
     import ptlflow
@@ -57,7 +57,7 @@ def adapter(name, iterations=2):
 
 
 def from_the_library(ptlflow, name, model, frames, iterations):
-    """The code of somebody who only uses the library; the weights are the adapter's."""
+    """The code of a user of the library alone; the weights are the adapter's."""
     import torch
     from ptlflow.utils.io_adapter import IOAdapter
 
@@ -173,7 +173,9 @@ LAYOUTS = {
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", ["raft", "csflow", "flowformer"])
 def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
-    """CSFlow's keys have a prefix in ptlflow that the authors' have not; FlowFormer would tile by the second's size."""
+    """CSFlow's keys have a prefix in ptlflow that the authors' files lack; FlowFormer would tile by the
+    second's size.
+    """
     import torch
 
     model = adapter(name)
@@ -189,7 +191,9 @@ def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
 
 @pytest.mark.torch
 def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
-    """Lightning's own file of ptlflow's own model: hyper-parameters, loops, optimizer, callbacks beside the weights."""
+    """A Lightning checkpoint of a ptlflow model: hyper-parameters, loops, optimizer and callbacks beside
+    the weights.
+    """
     import torch
     from lightning.pytorch import Trainer
     from lightning.pytorch.callbacks import ModelCheckpoint
@@ -229,7 +233,9 @@ def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path
 
 @pytest.mark.torch
 def test_checkpoints_by_name(library, tmp_path, monkeypatch):
-    """A name finds the file in PyTorch's cache and checks the digits in it; without one it says where to put it."""
+    """A name finds the file in PyTorch's cache and checks the hash in the file name; without a cached file, the message
+    says where to put it.
+    """
     import hashlib
 
     import torch
@@ -269,7 +275,7 @@ def test_random_weights_have_no_hash(library):
 
 @pytest.mark.torch
 def test_the_first_import_is_silent(library):
-    """Runs in a separate process, because the library prints when it is imported."""
+    """The test runs in a separate process, because the library prints when it is imported."""
     code = "import robustflow; robustflow.load_model('raft', checkpoint='random', device='cpu')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""
@@ -278,7 +284,7 @@ def test_the_first_import_is_silent(library):
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
 def test_constructors_that_write_into_their_defaults(library, capsys, name):
-    """They get lists, as from the library's own loader; recover_rn takes its own through those of its base."""
+    """These constructors receive lists, as from the library's loader; recover_rn gets them through its base class."""
     frames = textured_pair(128, 136)
     model = load_model(name, checkpoint="random", iterations=2, device="cpu")
     assert model.identity()["iterations"] == 2
@@ -292,7 +298,7 @@ def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(li
     import sys
 
     splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
-    monkeypatch.setattr(splatflow, "forward_warping", None)  # as ptlflow sets it where there is no cupy
+    monkeypatch.setattr(splatflow, "forward_warping", None)  # the value that ptlflow sets when cupy is missing
     with pytest.raises(ModelError, match=r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
         load_model("splatflow", checkpoint=checkpoint)
     assert "\n" not in str(error.value)
@@ -328,7 +334,7 @@ def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
 def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
     names = library.get_model_names()
     assert set(BESIDES) <= set(names)
-    frames = textured_pair(256, 384)  # the least that all take
+    frames = textured_pair(256, 384)  # the smallest size that all accept
     for name in names:
         needs = BESIDES.get(name)
         known = f"{PTLFLOW}{name}" if name == "raft_small" else name

@@ -96,7 +96,7 @@ def test_frames_of_two_sizes():
 @pytest.mark.parametrize("name", SHIPPED)
 @pytest.mark.parametrize("size", [(96, 160), (101, 75), (33, 250)])
 def test_numpy_and_pytorch_agree(name, size):
-    """PyTorch's own single precision is off by up to 1.6e-4 px on KITTI pairs, against double precision."""
+    """Against double precision, PyTorch's single precision is off by up to 1.6e-4 px on KITTI pairs."""
     pytest.importorskip("torch", reason="needs the torch extra")
     sample = load_dataset("shapes", pairs=1, size=f"{size[0]}x{size[1]}", seed=5)[0]
     flows = [load_model(name, runtime=runtime, **device).predict(*sample.frames)

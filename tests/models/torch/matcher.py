@@ -1,4 +1,4 @@
-"""A small matching network trained on BGR in -1..1, so that other conventions make it worse.
+"""A small matching network trained on BGR in -1..1, so that other conventions reduce its accuracy.
 
 `matcher.npz` are its weights after 120 steps of Adam (3e-3) on `shifted_pair(100)` to `shifted_pair(219)` at 48x64.
 """
@@ -16,7 +16,9 @@ REACH = 7
 
 
 class Matcher(nn.Module):
-    """Compares features of every pixel with those around its place in the other image, and takes their soft maximum."""
+    """Correlates features of every pixel with those around its position in the other image, and takes
+    the soft argmax.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,7 +37,7 @@ class Matcher(nn.Module):
 
 
 def trained_matcher():
-    """The network with its weights."""
+    """The network with the trained weights."""
     net = Matcher()
     with np.load(Path(__file__).with_name("matcher.npz")) as weights:
         net.load_state_dict({key: torch.from_numpy(weights[key].astype(np.float32)) for key in weights.files})

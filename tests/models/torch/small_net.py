@@ -1,4 +1,4 @@
-"""A network small enough for tests of checkpoints, how they load one, and what a hostile file would hold."""
+"""A network small enough for tests of checkpoints, loading of one, and the content of a hostile file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robustflow.models.torch.weights import load_weights
 
 
 class Payload:
-    """A pickle of this runs a command when it is loaded unsafely."""
+    """An object whose pickle runs a command when it is loaded unsafely."""
 
     def __init__(self, marker) -> None:
         self.marker = marker
@@ -22,7 +22,7 @@ class Payload:
 
 
 class Net(torch.nn.Module):
-    """Small, with a parameter, a float buffer and an integer one."""
+    """A small network with a parameter, a float buffer and an integer buffer."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class Net(torch.nn.Module):
 
 
 class BelowModel(torch.nn.Module):
-    """A network whose own names begin with one of the prefixes, as BrightFlow's do."""
+    """A network whose own names begin with one of the known prefixes, as BrightFlow's do."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class BelowModel(torch.nn.Module):
 
 
 def net_state():
-    """The network's seeded weights, statistics among them."""
+    """The network's seeded weights, including statistics."""
     torch.manual_seed(0)
     net = Net()
     net.norm.running_mean.normal_()
@@ -47,14 +47,16 @@ def net_state():
 
 
 def load(path, net=None, **options):
-    """The network, what was read, and what its weights were cast from."""
+    """Load the weights into the network; returns the network, the checkpoint, and the dtype from which
+    they were cast.
+    """
     net = net or Net()
     read = read_checkpoint(path, options.pop("sha256", None))
     return net, read, load_weights(net, read, "small", **options)
 
 
 def one_line(error: pytest.ExceptionInfo) -> str:
-    """The message, which must be one line."""
+    """The message of a refused checkpoint, which must be one line."""
     text = str(error.value)
     assert "\n" not in text
     return text

@@ -1,4 +1,6 @@
-"""Checkpoints come from anywhere: good ones in every layout, and hostile ones, which neither run nor slip through."""
+"""Checkpoints may come from anyone: valid ones load in every layout, and hostile ones neither run code nor pass
+unnoticed.
+"""
 
 import argparse
 import hashlib
@@ -100,7 +102,7 @@ def test_a_plain_pickle_with_a_payload_is_refused_and_not_run(tmp_path, recwarn)
 
 
 def test_what_stands_for_things_beside_weights_runs_nothing(tmp_path, state):
-    """The allowed names must not load what they name."""
+    """The allowed names must not import the objects that they name."""
     marker = tmp_path / "ran"
 
     class Crafted:

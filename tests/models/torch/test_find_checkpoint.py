@@ -1,5 +1,6 @@
-"""The places where a checkpoint is searched: a path as given, a published name in PyTorch's cache before a file of that
-name."""
+"""The places that are searched for a checkpoint: a given path, then a published name in PyTorch's cache, which takes
+precedence over a file of that name.
+"""
 
 from pathlib import Path
 

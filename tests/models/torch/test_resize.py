@@ -1,4 +1,4 @@
-"""Resizing a flow keeps what it says about the picture."""
+"""Resizing a flow scales its vectors with the picture."""
 
 import numpy as np
 import pytest

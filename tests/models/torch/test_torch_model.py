@@ -1,4 +1,4 @@
-"""The adapter of PyTorch networks: input, output, and that batches change nothing."""
+"""The adapter of PyTorch networks: input, output, and independence of the batch."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ pytestmark = pytest.mark.torch
 
 
 def network(name, net, convention, settings, **execution):
-    """A network's adapter, executed as the options say."""
+    """A network's adapter, executed with the given options."""
     return NetworkModel(name, net, convention, settings, Execution(**execution))
 
 
 class Spy(torch.nn.Module):
-    """Remembers what it is given; its flow is the first image's first two channels."""
+    """Remembers its inputs; its flow is the first image's first two channels."""
 
     def forward(self, image1, image2):
         self.given = image1, image2
@@ -77,7 +77,7 @@ def test_padding_is_added_and_taken_off_again(vertical, padding, size):
 
 
 def test_stretching_scales_the_flow_back():
-    """A constant frame keeps its value through both resizes, so only the flow's factors remain."""
+    """A constant frame keeps its value through both resizes, so only the scale factors of the flow remain."""
     model, net = spy(fit="stretch", multiple=64, size=(64, 128), scale=1.0)
     frame = np.full((32, 256, 3), 100, np.uint8)
     flow = model.predict(frame, frame)
@@ -206,7 +206,7 @@ def test_identity_names_what_changes_the_numbers():
 
 
 def seeded(build):
-    """A network whose flow depends on its images: PyTorch's own initial weights, from a seed, made larger."""
+    """A network whose flow depends on its images: PyTorch's initial weights from a seed, scaled up."""
     torch.manual_seed(0)
     net = build()
     with torch.no_grad():
@@ -289,7 +289,7 @@ def test_the_smallest_frames_still_give_a_flow():
 
 
 def precisions():
-    """How float32 is multiplied and convolved, by backend."""
+    """Precision settings of float32 multiplication and convolution, by backend."""
     backends = torch.backends
     places = (backends.cuda.matmul, backends.mkldnn.matmul, backends.cudnn.conv, backends.cudnn.rnn)
     return [place.fp32_precision for place in places]

@@ -1,4 +1,4 @@
-"""torchvision's RAFT: the same bits as from the library itself, by name or file."""
+"""torchvision's RAFT gives the same bits as the library itself, whether loaded by name or from a file."""
 
 import numpy as np
 import pytest

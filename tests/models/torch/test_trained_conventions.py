@@ -1,5 +1,6 @@
-"""The convention of a trained network: right declarations pass, wrong ones are refused or warned about, and what is not
-declared is tried."""
+"""The convention of a trained network: correct declarations pass, wrong ones are refused or cause a warning, and
+missing ones are determined by experiment.
+"""
 
 import warnings
 
@@ -33,7 +34,7 @@ TO_ITS_RANGE = {
 
 
 class Version(nn.Module):
-    """`tiny` behind a convention, returning what `returns` makes of its flows, coarsest first."""
+    """`tiny` behind a convention, with its flows, coarsest first, passed through `returns`."""
 
     def __init__(self, returns=lambda flows: flows[-1], scaling="-1-1", order="rgb", layout="pair", backward=False):
         super().__init__()
@@ -156,7 +157,7 @@ def test_finest_output_is_used_where_none_is_declared():
 
 
 def test_undeclared_network_that_fits_several_conventions_names_them_best_first():
-    """`tiny` is as good in BGR; the convention named first is the one it was trained with."""
+    """`tiny` is equally accurate in BGR; the convention named first is the one it was trained with."""
     with pytest.raises(ModelError, match="several conventions fit shifted textures") as error:
         rf.TorchModel(Version(scaling="0-255"), layout="pair", device="cpu")
     one_line(error)

@@ -1,4 +1,4 @@
-"""The convention of a user's PyTorch module: declared, known by its library, found by trying, or not found."""
+"""The convention of a user's PyTorch module: declared, defined by its library, determined by experiment, or unknown."""
 
 import warnings
 
@@ -46,13 +46,13 @@ class Broken(Net):
 
 
 class Channels(nn.Module):
-    """u is the first image's first channel, v the second's last, in whatever way they come in and go out."""
+    """u is the first image's first channel and v the second image's last, for every input and output convention."""
 
     def __init__(self, layout="pair", returns=lambda flow: flow):
         super().__init__()
         self.layout, self.returns = layout, returns
         self.one = nn.Parameter(torch.ones(1))
-        self.norm = nn.BatchNorm2d(2)  # of which nothing is used: only its mode matters
+        self.norm = nn.BatchNorm2d(2)  # only its mode matters, as no part of it is used
 
     def forward(self, *images):
         if self.layout == "images":
@@ -169,7 +169,7 @@ def test_the_whole_convention_of_a_trained_network_is_found():
 
 
 class AnyRange(nn.Module):
-    """The trained network behind a norm works equally well with every range, so none can be found."""
+    """The trained network behind a norm works equally well with every range, so no range can be determined."""
 
     def __init__(self):
         super().__init__()
