@@ -1,6 +1,8 @@
 """Compiled functions: their cache when several processes fill it at once."""
 
 import importlib.util
+import subprocess
+import sys
 
 import numpy as np
 
@@ -41,3 +43,16 @@ def test_cache_filled_by_two_processes_holds_both_signatures(tmp_path):
     assert third(strided) == strided.sum()
     assert third(contiguous) == contiguous.sum()
     assert sum(third.stats.cache_hits.values()) == 2
+
+
+def test_importing_what_reads_runs_compiles_nothing():
+    """What a process compiles at import costs it 50 MiB, even if it never calls it."""
+    script = (
+        "from numba.core.dispatcher import Dispatcher\n"
+        "compiled, of = [], Dispatcher.compile\n"
+        "Dispatcher.compile = lambda self, types: (compiled.append(self.py_func.__name__), of(self, types))[1]\n"
+        "import robustflow.runs.run\n"
+        "print(compiled)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

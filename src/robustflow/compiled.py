@@ -37,16 +37,17 @@ finally:
 numba.core.config._config_fname = os.devnull  # the user's script may have imported numba before
 numba.core.config.reload_config()
 
-intrinsic, types, uint64 = numba.extending.intrinsic, numba.types, numba.uint64
+intrinsic, types = numba.extending.intrinsic, numba.types
 
 Function = Callable[..., Any]
 
 
-def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
-    """Apply `numba.njit`, which compiles a function on its first call or, if a signature is given, immediately.
+def njit(**options: Any) -> Callable[[Function], Any]:
+    """Apply `numba.njit`, which compiles a function on its first call.
+
+    Compiling at import, as `numba.njit` does with a signature, would take 50 MiB in every process.
 
     Args:
-        signature: the argument and return types, if they are fixed.
         options: keyword options of `numba.njit`.
 
     Raises:
@@ -67,19 +68,13 @@ def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
             files._cache_file = _CacheFiles(
                 files.cache_path, files._impl.filename_base, files._impl.locator.get_source_stamp()
             )
-        for types_of_arguments in signature:
-            compiled.compile(types_of_arguments)
-            compiled.disable_compile()
         return compiled
 
     return decorate
 
 
 def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
-    """Apply `njit` with a signature, but compile on the first call instead of at import.
-
-    Otherwise a process would compile every such function in every module it imports, at up to two seconds each,
-    although it calls only a few of them.
+    """Apply `njit` to a function whose argument types are fixed; it is compiled on its first call.
 
     Args:
         signature: the argument and return types, with read-only arrays declared read-only. Other compiled functions
@@ -94,7 +89,12 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
     """
 
     def decorate(function: Function) -> Function:
-        compiled = cache(lambda: njit(signature, **options)(function))
+        @cache
+        def compiled() -> Any:
+            made = njit(**options)(function)
+            made.compile(signature)
+            made.disable_compile()
+            return made
 
         @wraps(function)
         def call(*arguments: Any) -> Any:

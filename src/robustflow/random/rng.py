@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compiled import njit, uint64
+from ..compiled import njit
 from .normal import normals_from_bits
 
 _MASK = (1 << 64) - 1
 
 
-@njit(uint64(uint64, uint64), inline="always", cache=True, nogil=True)
+@njit(inline="always", cache=True, nogil=True)
 def hash64(key: Any, counter: Any) -> Any:
     """Return 64 random bits for position `counter` of stream `key`. For use inside compiled loops."""
     z = (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15) + key
