@@ -91,32 +91,40 @@ def scores_by_condition(
         columns: of each metric; "epe" has to be among them.
         averaging: as for `summarize`.
     """
-    means: dict[tuple[str, int], dict[str, float | None]] = {condition: {} for condition in where.places}
-    for metric, (total, count, factor) in columns.items():
-        sums, counts = _array(rows, total), _array(rows, count)
-        for condition, places in where.places.items():
-            means[condition][metric] = _mean_over(sums[places], counts[places], factor, averaging)
+    means = {metric: _means(rows, where.places, sums, averaging) for metric, sums in columns.items()}
     total, count, factor = columns["epe"]
-    sums, counts = _array(rows, total), _array(rows, count)
-    before = _array(rows, f"clean_{total}")
-    seen, with_clean = counts > 0, np.zeros(len(where.samples), bool)
+    seen, with_clean = _array(rows, count) > 0, np.zeros(len(where.samples), bool)
     clean_places = where.places.get((CLEAN, 0), np.zeros(0, np.int32))
     with_clean[where.sample_of[clean_places[seen[clean_places]]]] = True
-    clean = Scores(**means.pop((CLEAN, 0), {}))
-    by_condition = {}
-    for condition, known in means.items():
-        places = where.places[condition]
-        both = places[seen[places] & with_clean[where.sample_of[places]]]
-        epe = _mean_over(sums[both], counts[both], factor, averaging)
-        moved = cre(epe, _mean_over(before[both], counts[both], 1.0, averaging))
-        by_condition[condition] = Scores(**known).model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
-    return clean, by_condition
+    both = {at: places[seen[places] & with_clean[where.sample_of[places]]] for at, places in where.places.items()}
+    epe = _means(rows, both, (total, count, factor), averaging)
+    before = _means(rows, both, (f"clean_{total}", count, 1.0), averaging)
+    scores = {at: Scores(**{metric: known[at] for metric, known in means.items()}) for at in where.places}
+    clean = scores.pop((CLEAN, 0), Scores())
+    moved = {at: cre(epe[at], before[at]) for at in scores}
+    return clean, {
+        at: known.model_copy(update={"cre": moved[at], "crer": crer(moved[at], clean.epe)})
+        for at, known in scores.items()
+    }
+
+
+def _means(
+    rows: pl.DataFrame | pl.LazyFrame,
+    places: dict[tuple[str, int], Places],
+    columns: tuple[str, str, float],
+    averaging: Averaging,
+) -> dict[tuple[str, int], float | None]:
+    """The mean of one metric at each condition; only its two columns are in memory."""
+    total, count, factor = columns
+    sums, counts = _array(rows, total), _array(rows, count)
+    return {at: _mean_over(sums[mine], counts[mine], factor, averaging) for at, mine in places.items()}
 
 
 def _array(rows: pl.DataFrame | pl.LazyFrame, column: str) -> np.ndarray:
     """A column of all rows; 0 where there is no value."""
-    values = rows[column] if isinstance(rows, pl.DataFrame) else rows.select(column).collect().to_series()
-    return values.fill_null(0).to_numpy()
+    if isinstance(rows, pl.DataFrame):
+        return rows[column].fill_null(0).to_numpy()
+    return rows.select(pl.col(column).fill_null(0)).collect().to_series().to_numpy()
 
 
 def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: Averaging) -> float | None:
