@@ -26,9 +26,10 @@ SHARD = 100
 """Pairs in a shard."""
 
 _AVERAGE = """
-import hashlib, json, resource, sys, time
+import hashlib, json, pathlib, re, sys, time
 from robustflow.runs.run import Run
-mib = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+status = pathlib.Path("/proc/self/status")  # `getrusage` would count the memory of the process that started this one
+mib = lambda: int(re.search("VmHWM:(.*) kB", status.read_text())[1]) / 1024
 run, before, start = Run(sys.argv[1]), mib(), time.perf_counter()
 text = json.dumps(run.document())
 print(f"{mib():.0f} MiB at most, {before:.0f} MiB before, {time.perf_counter() - start:.1f} s, "
