@@ -1,4 +1,4 @@
-"""Find the shared real data: `ROBUSTFLOW_SHARED`, else `../shared` beside the checkout."""
+"""Locate the shared real data: `ROBUSTFLOW_SHARED`, else `../shared` beside the checkout."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _CHECKOUT = Path(__file__).resolve().parent.parent
 
 
 def shared_root() -> Path:
-    """The folder itself, whether or not it exists."""
+    """The folder itself, which may not exist."""
     return Path(os.environ.get("ROBUSTFLOW_SHARED") or _CHECKOUT.parent / "shared")
 
 
 def shared_folder(*parts: str) -> Path:
-    """A path in the shared data, or a skip that says what is missing and how to supply it."""
+    """A path in the shared data; if it is missing, skip with a message that explains how to supply it."""
     path = shared_root().joinpath(*parts)
     if not path.exists():
         pytest.skip(f"shared data '{'/'.join(parts)}' not found; set ROBUSTFLOW_SHARED to the folder that holds it")

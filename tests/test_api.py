@@ -21,7 +21,7 @@ def result(tmp_path_factory):
 
 
 def test_completion_shows_the_public_names():
-    """The modules before any of them is used, in a new interpreter."""
+    """Modules loaded in a new interpreter before any public name is used."""
     shown = subprocess.run(
         [sys.executable, "-c", "import robustflow; print(*dir(robustflow))"], capture_output=True, text=True, check=True
     ).stdout.split()

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def _lint(source: Path) -> subprocess.CompletedProcess[str]:
-    """The contracts against the package in `source`, with late and type-checking imports."""
+    """Check the contracts for the package in `source`, including late and type-checking imports."""
     program = "import sys; from importlinter.cli import lint_imports_command; lint_imports_command(sys.argv[1:])"
     return subprocess.run(
         [sys.executable, "-c", program, "--no-cache", "--config", str(ROOT / "pyproject.toml")],
@@ -31,7 +31,7 @@ def test_data_flows_one_way():
 
 
 def test_planted_violations_are_found(tmp_path):
-    """A late import and one for type checking upwards, and two files that import each other."""
+    """Plant an upward late import, an upward type-checking import, and two files that import each other."""
     package = tmp_path / "robustflow"
     shutil.copytree(ROOT / "src" / "robustflow", package, ignore=shutil.ignore_patterns("__pycache__", "data", "*.csv"))
     late = "def table() -> object:\n    from ..report.table import Table\n\n    return Table\n"
@@ -50,7 +50,7 @@ def test_planted_violations_are_found(tmp_path):
 
 
 def test_no_test_module_imports_from_a_test_module():
-    """What several modules need is a fixture, or in a module without tests."""
+    """Objects that several modules need are fixtures, or live in a module without tests."""
     importing = re.compile(r"^\s*(?:from|import) (?:[\w.]*\.)?test_", re.MULTILINE)
     modules = (ROOT / "tests").rglob("*.py")
     assert [str(path) for path in modules if importing.search(path.read_text(encoding="utf-8"))] == []

@@ -1,4 +1,4 @@
-"""Compiled functions: their cache when several processes fill it at once."""
+"""Compiled functions: their cache when several processes fill it at the same time."""
 
 import importlib.util
 import subprocess
@@ -20,7 +20,7 @@ def total(x):
 
 
 def test_cache_filled_by_two_processes_holds_both_signatures(tmp_path):
-    """Neither process sees the index that the other wrote, as when both compile at the same time."""
+    """Neither process sees the index written by the other, as when both compile at the same time."""
     (tmp_path / "summed.py").write_text(_SOURCE)
     contiguous = np.arange(12).reshape(3, 4)
     strided = contiguous[:, ::2]

@@ -1,4 +1,6 @@
-"""The documentation's sources: the reference has every public name, pages are made from the code, notebooks run."""
+"""The documentation's sources: the reference has every public name, pages are generated from the code,
+notebooks run.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ NAVIGATION = (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2]
 
 @pytest.fixture
 def generated(monkeypatch):
-    """docs/hooks/generated/, importable."""
+    """Make docs/hooks/generated/ importable."""
     monkeypatch.syspath_prepend(DOCS / "hooks")
 
     def module(name):
@@ -56,7 +58,7 @@ def test_every_page_is_in_the_navigation():
 
 
 def test_bold_text_begins_with_two_asterisks_not_three():
-    """Three asterisks begin an emphasis that two do not close, so that one is printed."""
+    """Three asterisks open an emphasis that two do not close, so one asterisk is printed."""
     texts = {path: path.read_text() for path in [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]}
     assert not [f"{path.name}: {found}" for path, text in texts.items() for found in re.findall(r"\*{3}.{20}", text)]
 
@@ -78,7 +80,7 @@ def test_every_command_and_option_has_its_line(generated):
 
 
 def test_every_example_of_the_command_line_is_a_command(generated):
-    """Parsed, not run: names of commands and options, and values of their types."""
+    """The commands are parsed but not run: names of commands and options, and values of their types."""
     commands = dict(generated("commands").commands())
     examples = [
         (path, line)
@@ -159,7 +161,7 @@ def test_a_notebook_is_kept_as_it_ran(notebook):
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_it_shows(notebook, tmp_path, monkeypatch, capsys):
-    """Cell by cell, as Jupyter does: what a cell prints, and the value of its last line, are those that are kept."""
+    """Cells run as in Jupyter: their printed output, and the value of their last line, equal those stored."""
     import matplotlib.pyplot as plt
 
     monkeypatch.chdir(tmp_path)
@@ -176,7 +178,7 @@ def test_a_notebook_runs_and_shows_what_it_shows(notebook, tmp_path, monkeypatch
 
 
 def _value_of(source, names):
-    """Run a cell; the value of its last line where that is an expression."""
+    """Run a cell; returns the value of its last line if that is an expression."""
     *before, last = ast.parse(source).body
     exec(compile(ast.Module(before, []), "cell", "exec"), names)
     if isinstance(last, ast.Expr):
@@ -186,6 +188,6 @@ def _value_of(source, names):
 
 
 def test_typer_still_tells_what_the_pages_show():
-    """Pages of commands read typer's own objects; where they change, the pages would be empty."""
+    """Pages of commands read typer's internal objects; if those change, the pages would be empty."""
     run = typer.main.get_command(app).commands["run"]
     assert any(option.type_descriptor.annotation for option in run.params)

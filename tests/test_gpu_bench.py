@@ -1,4 +1,4 @@
-"""bench/gpu.py on the CPU: every section as far as a processor can compute it, and what happens to one that fails."""
+"""bench/gpu.py on the CPU: every section as far as a CPU can compute it, and the report of a failing section."""
 
 from __future__ import annotations
 

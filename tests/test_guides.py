@@ -1,4 +1,4 @@
-"""The documentation's own examples, run as a reader would."""
+"""The documentation's own examples, run as by a reader."""
 
 import sys
 
@@ -9,7 +9,7 @@ import robustflow as rf
 from .guide_blocks import DOCS, RUNNABLE, Reader, blocks, pages
 
 OWN_TESTS = {"add-your-model.md", "add-your-corruption.md", "add-your-attack.md", "add-your-dataset.md", "records.md"}
-"""Pages whose results are looked at, below."""
+"""Pages whose results are checked below."""
 SLOW = {"tutorials/first-run.md"}
 
 
@@ -58,7 +58,7 @@ def test_add_your_model(reader):
 
 
 @pytest.mark.torch
-@pytest.mark.filterwarnings("ignore")  # of the exporters, about what they will do one day
+@pytest.mark.filterwarnings("ignore")  # the exporters' warnings about future versions
 def test_add_your_model_with_torch(reader):
     for library in ("torch", "onnx", "onnxruntime"):
         pytest.importorskip(library, reason=f"needs {library}")

@@ -1,4 +1,4 @@
-"""One word means one thing: no two classes of the package share a name."""
+"""Each name has one meaning: no two classes of the package share a name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NETWORKS = SOURCE / "models" / "networks"
 
 
 def classes_by_name(source: Path, without: Path) -> dict[str, list[str]]:
-    """The files that define each class at their top level; a leading underscore does not make a different name."""
+    """Files that define each class at their top level; a leading underscore does not make a name different."""
     places = defaultdict(list)
     for path in sorted(source.rglob("*.py")):
         if without not in path.parents:

@@ -1,4 +1,4 @@
-"""The package's metadata: pins that its extras resolve to, versions that agree, a wheel with every file."""
+"""The package's metadata: pins that its extras resolve to, matching versions, a wheel with every file."""
 
 import os
 import re
@@ -27,7 +27,7 @@ OPTIONAL = PROJECT["optional-dependencies"]
 
 
 def pins():
-    """constraints.txt: canonical name -> version."""
+    """Versions in constraints.txt by canonical name."""
     lines = [line.partition("#")[0].strip() for line in (ROOT / "constraints.txt").read_text().splitlines()]
     return {canonicalize_name(name): version for name, _, version in (line.partition("==") for line in lines if line)}
 
@@ -53,7 +53,7 @@ def test_an_extra_resolves_to_its_pins(extra):
 @pytest.mark.slow
 @pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench", "optics-test"}))
 def test_an_installer_finds_no_conflict_between_the_pins(extra, tmp_path):
-    """Installs an extra and everything it needs. Two extras state that they need another place."""
+    """Resolve an extra and everything it needs. Two extras state that they need a separate environment."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)

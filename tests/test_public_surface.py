@@ -1,4 +1,4 @@
-"""No public name, parameter, command or option disappears unnoticed: users' scripts name them."""
+"""No public name, parameter, command or option disappears unnoticed, because users' scripts refer to them."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -7,7 +7,7 @@ from .public_surface import surface
 
 KNOWN = Path(__file__).with_name("public_surface.txt").read_text(encoding="utf-8").splitlines()
 TORCH = find_spec("torch") is not None
-"""Without it there is no `TorchModel`."""
+"""Without PyTorch there is no `TorchModel`."""
 
 
 def test_nothing_disappears():

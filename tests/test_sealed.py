@@ -1,4 +1,4 @@
-"""A flipped bit in sealed content is noticed."""
+"""A flipped bit in sealed content is detected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sizes as options give them."""
+"""Sizes in the format of options."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Parse a page or a fragment of HTML as a browser would."""
+"""Parse an HTML page or fragment as a browser would."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 
 class Elements(HTMLParser):
-    """The elements of a text.
+    """The elements of an HTML text.
 
     Attributes:
         found: (tag, attributes) of every element, in order.
@@ -20,17 +20,15 @@ class Elements(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """See `HTMLParser`."""
         self.found.append((tag, dict(attrs)))
         if tag == "script":
             self.scripts.append((dict(attrs), ""))
 
     def handle_data(self, data: str) -> None:
-        """See `HTMLParser`."""
         if self.found and self.found[-1][0] == "script":
             attributes, text = self.scripts[-1]
             self.scripts[-1] = (attributes, text + data)
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
-        """The attributes of every element of a tag."""
+        """The attributes of every element with a given tag."""
         return [attributes for name, attributes in self.found if name == tag]

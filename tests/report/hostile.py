@@ -1,4 +1,4 @@
-"""Hostile names: each would have an effect if it were not treated as text."""
+"""Hostile names, each of which would have an effect if it were not treated as text."""
 
 HOSTILE = [
     "<img src=x onerror=alert(1)>",

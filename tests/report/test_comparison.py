@@ -19,7 +19,7 @@ _HARD = _RNG.gamma(4, 0.25, 40)
 
 
 def _rows(factor: float):
-    """Forty images; errors at the settings are `factor` times those of another model."""
+    """Forty images whose errors at the settings are `factor` times those of a second model."""
     corrupted = factor * np.array([3.0, 5.0, 10.0]) * _HARD[:, None] * _RNG.gamma(50, 1 / 50, (40, 3))
     return rows_of(2 * _HARD, corrupted, corrupted)
 
@@ -62,7 +62,7 @@ def test_the_sentence_and_the_table_say_who_is_better():
 
 
 def test_marks_follow_the_level():
-    """499 resamples cannot tell at the level 0.999, so nothing is claimed or marked there."""
+    """499 resamples cannot resolve the level 0.999, so nothing is claimed or marked there."""
     for level, expected in ((0.95, True), (0.999, False)):
         found = Comparison(("a", "b"), compare_rows(_BETTER, _WORSE, ("a", "b"), level=level, resamples=499))
         cells = [cell for section in found.table().sections for line in section.lines for cell in line.cells]

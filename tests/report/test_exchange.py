@@ -1,4 +1,4 @@
-"""A run's results in other programs' formats, and files that somebody changed afterwards."""
+"""A run's results in other programs' formats, and files that somebody changed after writing."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def record(run, tmp_path_factory) -> Path:
 
 
 def exported(run: Result, format: str, folder: Path) -> list[Path]:
-    """The files of a format, written as `export` does."""
+    """The files of a format, written as by `export`."""
     paths = []
     for name, data in exchange_files(run, format, HUB).items():
         path = folder / name

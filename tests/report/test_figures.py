@@ -1,4 +1,4 @@
-"""Figures draw the numbers they are given, and every name as text."""
+"""Figures draw the given numbers, and draw every name as text."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _texts(figure: Figure) -> str:
 
 
 def test_bubbles_stand_where_the_numbers_say():
-    """RAFT in-domain: clean 1.81, CRE 6.70, CREr 3.70; the area of a bubble is in proportion to CREr."""
+    """RAFT in-domain has clean EPE 1.81, CRE 6.70, CREr 3.70; the area of a bubble is proportional to CREr."""
     figure = clean_against_cre(_KITTI)
     assert len(figure.axes) == 2
     bubbles = [c for c in figure.axes[1].collections if c.get_sizes()[0] > 10]
@@ -87,7 +87,7 @@ def test_labels_do_not_hide_each_other():
 
 
 def test_families_by_hand():
-    """CSFlow, noise, out-of-domain: (10.82 + 9.75 + 10.95) / 3 over 4.11, less 1."""
+    """CSFlow under noise, out-of-domain: (10.82 + 9.75 + 10.95) / 3 over 4.11, minus 1."""
     families = {(line.setting, line.name): of_line for line, of_line in family_crer(_KITTI).items()}
     assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
     figure = crer_by_family(_KITTI)
@@ -124,7 +124,7 @@ def test_a_quantity_has_one_axis_in_all_panels_of_relations():
 
 
 def test_a_tenth_of_a_pixel_is_a_tenth_of_an_axis():
-    """Two models 0.11 px apart, and curves that reach 0.11 px: no axis spans less than a pixel."""
+    """Two models 0.11 px apart, and curves that reach 0.11 px: no axis spans less than one pixel."""
     cells = "".join(
         f"OOD,{name},epe,{what},{value}\n"
         for name, clean in (("A", 2.64), ("B", 2.75))
@@ -276,7 +276,7 @@ def test_files_open_and_are_the_same_every_time(tmp_path):
 
 
 def _measured(frames: str, name: str, seed: int = 0) -> ModelResult:
-    """The line of a run that has rows and no means."""
+    """The table entry of a run that has rows but no means."""
     return ModelResult("kitti-fc", frames, "OOD", name, "", {}, run=SimpleNamespace(rows=_rows(seed)))
 
 
@@ -316,7 +316,9 @@ def _own(*settings: str, weather: bool = False) -> list[ModelResult]:
 
 
 def test_own_models_on_the_same_frames_are_drawn_together():
-    """Five models in four settings: one panel with five dots, one trend, one correlation; nobody is left out."""
+    """Five models in four settings give one panel with five dots, one trend and one correlation; no
+    model is left out.
+    """
     drawn = figures_by_sample_set(_own("knowledge", "OOD", "ID", "own", "own"))["own frames"]
     bubbles = drawn["clean_against_cre"]
     assert len(bubbles.axes) == 1

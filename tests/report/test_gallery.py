@@ -1,4 +1,4 @@
-"""The gallery: its cells are what `corrupt` makes, its files whole, its page free of addresses."""
+"""The gallery: its cells equal the output of `corrupt`, its files are complete, its page contains no addresses."""
 
 import base64
 import io

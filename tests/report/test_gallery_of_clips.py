@@ -1,4 +1,4 @@
-"""The gallery of a clip: its frames are those of `corrupt_clip` and of the real codec, its page plays from disk."""
+"""The gallery of a clip: its frames are those of `corrupt_clip` and of the real codec, and its page plays from disk."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ HEIGHT, WIDTH, COUNT = 96, 128, 21
 
 
 def _frame(index: int) -> np.ndarray:
-    """A picture that moves by two pixels a frame."""
+    """A picture that moves by two pixels per frame."""
     return data.astronaut()[60 : 60 + HEIGHT, 100 + 2 * index : 100 + 2 * index + WIDTH].copy()
 
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory) -> Path:
-    """A real H.264 file of 21 frames, 25 a second."""
+    """A real H.264 file of 21 frames at 25 frames per second."""
     path = tmp_path_factory.mktemp("clip") / "walk.mp4"
     pictures = (rgb_to_i420(_frame(index)) for index in range(COUNT))
     return write_clip(path, pictures, (HEIGHT, WIDTH), Fraction(25), crf(10)).path
@@ -41,7 +41,7 @@ def video(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def gallery(tmp_path, monkeypatch, capsys):
-    """Call the command in an empty folder: exit code, output, errors."""
+    """Call the command in an empty folder; returns exit code, output and errors."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> tuple[int, str, str]:
@@ -58,7 +58,7 @@ def test_the_frames_shown_are_the_middle_of_the_part(video):
     part = ClipPart(video, shown=4)
     assert (part.count, list(part.shown), part.first_number, part.rate) == (COUNT, [8, 9, 10, 11], 8, Fraction(25))
     for shown, index in zip(part.frames(part.shown), part.shown, strict=True):
-        # Of a lossy file, so nearly the frame that was written, and nearer to it than to its neighbours.
+        # The file is lossy, so each frame is close to the written one, and closer to it than to its neighbours.
         away = [np.abs(shown.astype(int) - _frame(other)).mean() for other in (index - 1, index, index + 1)]
         assert away[1] == min(away)
     begun = ClipPart(video, start="0.4s", shown=5)
@@ -95,7 +95,7 @@ def test_what_is_shared_in_time_stays_and_what_changes_changes(video, tmp_path):
 
 
 def test_the_codec_really_ran(video, tmp_path):
-    """Coarser with the severity; frames in their places; and of bit errors none where the stream is too short."""
+    """Higher severities are coarser, frames are in their places, and a stream too short for bit errors has none."""
     part = ClipPart(video, shown=3)
     shown = list(part.frames(part.shown))
     cells = {(cell.name, cell.severity): cell for cell in clip_cells(part, shown, [1, 5], list(CLIP[-3:]), tmp_path)}
@@ -103,7 +103,7 @@ def test_the_codec_really_ran(video, tmp_path):
         assert name in CLIP
         mild, severe = cells[name, 1], cells[name, 5]
         assert len(mild.frames) == len(severe.frames) == 3
-        assert severe.ssim < mild.ssim or name == "h264_abr"  # a bit rate may be plenty for a small clip
+        assert severe.ssim < mild.ssim or name == "h264_abr"  # a bit rate may be more than enough for a small clip
         for frame, clean in zip(mild.frames, shown, strict=True):
             assert np.abs(frame.astype(int) - clean).mean() < 12
     assert cells["h264_crf", 5].ssim < 0.8
@@ -112,7 +112,7 @@ def test_the_codec_really_ran(video, tmp_path):
 
 
 def test_bit_errors_hit_a_stream_that_is_long_enough(tmp_path):
-    """Noise cannot be compressed: 24 frames of it are more than a million bytes."""
+    """Noise cannot be compressed: 24 frames of it exceed a million bytes."""
     rng = np.random.default_rng(0)
     for index in range(24):
         write_image(tmp_path / f"{index}.png", rng.integers(0, 256, (192, 256, 3)).astype(np.uint8))

@@ -1,4 +1,6 @@
-"""The leaderboard carries the paper's numbers, marks and ranks, and what the paper does not print is made from them."""
+"""The leaderboard contains the paper's numbers, marks and ranks, and derives the values that the paper
+does not print.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from robustflow.report.tables import build_table
 
 
 def _cells_of(results, costs=MappingProxyType({})):
-    """Line -> its cells by key, in the order of the lines."""
+    """Cells by key of each line, in the order of the lines."""
     boards = boards_of(results, costs, {})
     cells = {line.result: board.cells_of(line) for board in boards for line in board.lines}
     return {line: cells[line] for line in results}
@@ -48,7 +50,7 @@ def _best(cells):
 
 @pytest.mark.parametrize("table", ["epe", "cre", "rcre", "gopro-rcre"])
 def test_values_and_marks_are_those_of_the_tables(table):
-    """Every cell of Tab. 2, 4, 7 and 8 with its bold mark, against the table that the renderers get."""
+    """Compare every cell of Tab. 2, 4, 7 and 8, and its bold mark, with the table that the renderers receive."""
     metric = table.removeprefix("gopro-")
     benchmark = "gopro-fc" if table.startswith("gopro") else "kitti-fc"
     built = build_table(table, published_results())
@@ -137,7 +139,7 @@ def test_imported_lines_are_the_best_of_nothing():
 
 
 class _Measured(ModelResult):
-    """The line of a run without cost, coverage and intervals."""
+    """The table entry of a run without cost, coverage and intervals."""
 
     cost = coverage = None
     intervals: ClassVar = {}

@@ -1,4 +1,4 @@
-"""A notebook's output of a run: nothing in it can run, and the figures are those of the run."""
+"""A run's output in a notebook: nothing in it can execute, and the figures are those of the run."""
 
 import io
 import re
@@ -19,7 +19,7 @@ from .elements import Elements
 
 
 class Hostile(BrightnessFlow):
-    """A model whose name is markup, a formula and an escape sequence."""
+    """A model whose name contains markup, a formula and an escape sequence."""
 
     def identity(self):
         return {"name": "<img src=x onerror=alert(1)>$x_$\x1b[31m"}

@@ -1,4 +1,4 @@
-"""Every format carries the same numbers, and shows a hostile name as text."""
+"""Every format has the same numbers, and shows a hostile name as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The strip: a column a corruption, whose errors are those that a run measures."""
+"""The strip has one column for each corruption, whose errors equal those measured in a run."""
 
 import io
 from dataclasses import replace
@@ -35,7 +35,7 @@ def test_columns_are_the_frames_that_a_run_corrupts():
     sample = load_dataset("motorcycle").load("motorcycle")
     pair = tuple(np.ascontiguousarray(frame[:90, :120]) for frame in sample.frames)
     names = ["over_exposure", "gaussian_noise"]
-    predict = BrightnessFlow().predict  # a flow that tells which frames the model was given
+    predict = BrightnessFlow().predict  # a flow that identifies the frames that the model received
     columns = strip_columns(pair, predict, [load_corruption(name) for name in names], 4, 2, "motorcycle")
     assert [column.title for column in columns] == ["clean", *names]
     for column in columns[1:]:

@@ -25,7 +25,7 @@ def _found(model, checkpoint):
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch):
-    """The choice does not depend on which libraries are here."""
+    """The choice does not depend on the installed libraries."""
     monkeypatch.setattr("robustflow.reproduce.plan.is_installed", lambda method: True)
 
 

@@ -27,7 +27,7 @@ def models_on_path(monkeypatch):
 
 @pytest.fixture(scope="session")
 def clip_folder(tmp_path_factory):
-    """A sequence of textured frames that differ in every pixel's neighbourhood."""
+    """A sequence of textured frames in which every pixel's neighbourhood differs."""
     folder = tmp_path_factory.mktemp("frames")
     for number in range(FRAMES):
         write_image(folder / f"{number}.png", picture(48, 64, seed=number))

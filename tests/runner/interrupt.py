@@ -6,5 +6,5 @@ import signal
 
 
 def hears_ctrl_c() -> None:
-    """Accept Ctrl-C in a starting process, even if the tests run in the background, where it is ignored."""
+    """Enable Ctrl-C in a process that starts, even if the tests run in the background, where the signal is ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,8 +1,8 @@
-"""A run in a child process for every point at which it writes: killed there, for `test_killed_at_each_write`.
+"""Run in a child process for every write operation and kill it there, for `test_killed_at_each_write`.
 
     python killed_at_each_write.py FOLDER FIRST STEP
 
-Polars is not used before the fork, for its threads would not live on in the child.
+Polars is not used before the fork, because its threads would not survive in the child.
 """
 
 import os
@@ -21,14 +21,14 @@ from robustflow.testing import BrightnessFlow, TexturePairs
 
 
 def run(folder):
-    """The run that is killed, and continued; without its report, which takes longer than the rest."""
+    """The run that is killed and continued; without its report, which takes longer than everything else."""
     robustflow.api.write_report = lambda *_: None
     benchmark = Benchmark("drawn", TexturePairs(3, (24, 32)), ("0", "1", "2"), ("contrast", "high_light"), (1, 2))
     return rf.evaluate(BrightnessFlow(), benchmark, output=folder)
 
 
 def kill_before(call):
-    """End this process without warning before the call-th change of the file system."""
+    """Kill this process without warning before the call-th change of the file system."""
     calls = count()
 
     def killing(function):

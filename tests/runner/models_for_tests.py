@@ -13,7 +13,7 @@ from robustflow.testing import TexturePairs
 
 
 class Sizes(TexturePairs):
-    """Pairs of several sizes, the largest in between."""
+    """Pairs of several sizes, with the largest in between."""
 
     def load(self, key):
         side = (24, 60, 40)[int(key) % 3]
@@ -21,7 +21,7 @@ class Sizes(TexturePairs):
 
 
 class KillsItsReader(TexturePairs):
-    """Kills a process that reads its second pair, unless it is the run's own."""
+    """Kills a process that reads its second pair, unless it is the run's main process."""
 
     def load(self, key):
         if key == "1" and multiprocessing.parent_process() is not None:
@@ -30,8 +30,9 @@ class KillsItsReader(TexturePairs):
 
 
 class Logged:
-    """Records every prediction in the file that PREDICTION_LOG names; its flow depends on the request, so that mixed-up
-    rows would be noticed."""
+    """Records every prediction in the file named by PREDICTION_LOG; its flow depends on the request, so that mixed-up
+    rows would be detected.
+    """
 
     def __init__(self, shape: str = "500x741", pause: float = 0.0) -> None:
         self._log = os.environ["PREDICTION_LOG"]
@@ -77,14 +78,14 @@ def wrong_shape(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 def blackens(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Predicts from its input, and then overwrites it."""
+    """Predicts from its input, and then overwrites the input."""
     flow = np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
     frame1[:] = frame2[:] = 0
     return flow
 
 
 class BlackensPairs:
-    """The same for batches."""
+    """Does the same for batches."""
 
     def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
         return [self.predict(*pair) for pair in zip(frames1, frames2, strict=True)]
@@ -99,24 +100,25 @@ def ends_the_program(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 def raises(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Fails."""
+    """Raises an exception."""
     raise ValueError("no weights\nat all")
 
 
 def hangs(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Never answers."""
+    """Never returns."""
     while True:
         time.sleep(60)
 
 
 def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Kills its process, as a crash in native code would."""
+    """Kills its process, like a crash in native code."""
     os._exit(17)
 
 
 class Accelerated:
-    """Claims to be on an accelerator. Its flow depends on every pixel of both frames; records which process predicted
-    how many pairs at once if PREDICTION_LOG names a file."""
+    """Claims to be on an accelerator. Its flow depends on every pixel of both frames; if PREDICTION_LOG names a file,
+    it records the process and the number of pairs of each prediction.
+    """
 
     def __init__(self, device: str = "cuda:0", pause: float = 0.0) -> None:
         self.device = device
@@ -147,7 +149,7 @@ class AcceleratedFiveFrames(FiveFrames):
 
 
 class AcceleratedTrouble(Accelerated):
-    """Does what its option says, from its second call on."""
+    """Follows its option, from the second call on."""
 
     def __init__(self, device: str = "cuda:0", trouble: str = "", pause: float = 0.0) -> None:
         super().__init__(device, pause)
@@ -170,14 +172,14 @@ class AcceleratedTrouble(Accelerated):
 
 
 class Faulty:
-    """Answers by what it sees, after a pause; and, so often as said, fails in the middle of a run instead.
+    """Returns a flow that depends on the frames, after a pause; fails a given number of times in the middle of a run.
 
     Args:
-        pause: seconds.
-        fault: "exit" (its process ends at once), "hang" or "memory" (it takes ever more of it).
-        times: how often in all, counted with files in the folder FAULTS.
-        device: for an engine that gives a model a GPU.
-        log: a file that gets its process and GPU for every prediction.
+        pause: duration of a prediction, in seconds.
+        fault: kind of failure: "exit" (its process ends at once), "hang" or "memory" (its memory keeps growing).
+        times: total number of failures, counted with files in the folder FAULTS.
+        device: name of the device, for an engine that assigns a GPU to a model.
+        log: path of a file that records process and GPU of every prediction.
     """
 
     def __init__(self, pause: float = 0.0, fault: str = "", times: int = 1, device: str = "cpu", log: str = "") -> None:

@@ -1,4 +1,4 @@
-"""A Ray cluster of several nodes on this machine that can be killed, and that leaves nothing behind."""
+"""A Ray cluster of several nodes on this machine, which can be killed and leaves no process or file behind."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ QUICK_HEALTH_CHECKS = {
     "RAY_health_check_timeout_ms": "5000",  # a killed node is reported at once; a busy one takes longer
     "RAY_USAGE_STATS_ENABLED": "0",
 }
-"""A killed node is noticed within 2.5 s instead of 10."""
+"""Make Ray detect a killed node within 2.5 s instead of 10 s."""
 
 
 class Nodes:
-    """A cluster: a head that computes nothing, and nodes."""
+    """A cluster with a head node that computes nothing, and worker nodes."""
 
     def __init__(self) -> None:
         from ray.cluster_utils import Cluster
@@ -35,18 +35,16 @@ class Nodes:
         self.alive: list[Any] = []
 
     def add(self, cpus: int = 1, gpus: int = 0, **more):
-        """Start a node with simulated GPUs."""
         node = self._cluster.add_node(**self._arguments(num_cpus=cpus, num_gpus=gpus), **more)
         self.alive.append(node)
         return node
 
     def kill(self, node) -> None:
-        """Stops the node as a power failure would."""
+        """Kill the node abruptly, like a power failure."""
         self._cluster.remove_node(node, allow_graceful=False)
         self.alive.remove(node)
 
     def end(self) -> None:
-        """Stop all nodes."""
         self._cluster.shutdown()
 
     def _arguments(self, **more):
@@ -79,7 +77,7 @@ def cluster(variables: dict[str, str] | None = None, **node: int) -> Iterator[No
 
 
 def _started(folder: str, node: dict[str, int]) -> Nodes:
-    """Ray gives a node 30 s to start, which a busy machine may not keep to."""
+    """Extend the 30 s that Ray allows a node to start, which may be too short on a busy machine."""
     for attempts_left in (2, 1, 0):
         try:
             nodes = Nodes()
@@ -96,7 +94,7 @@ def _started(folder: str, node: dict[str, int]) -> Nodes:
 
 
 def descendants(root: int) -> dict[int, str]:
-    """The descendants of a process: command lines by process number."""
+    """Command lines of a process's descendants by process number."""
     parents, lines = {}, {}
     for folder in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
@@ -110,7 +108,7 @@ def descendants(root: int) -> dict[int, str]:
 
 
 def still_running(mark: str, within_s: float = 20.0) -> list[str]:
-    """Command lines of processes that name `mark` in them, if any is left after a while."""
+    """Command lines of processes that contain `mark`, if any are left after a while."""
     deadline = time.monotonic() + within_s
     while (left := _running(mark)) and time.monotonic() < deadline:
         time.sleep(0.2)

@@ -1,4 +1,4 @@
-"""Batches: one call for several severities, the same rows, and a clear message when something does not fit."""
+"""Batches: one call for several severities, the same rows, and a clear message for invalid results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robustflow.errors import ModelError, UsageError
 
 
 class Batched:
-    """Depends on its frames, so that rows mixed up within a batch would show; counts the pairs of every call."""
+    """Depends on its frames, so that rows mixed up within a batch are detected; counts the pairs of every call."""
 
     def __init__(self) -> None:
         self.calls: list[int] = []

@@ -1,4 +1,4 @@
-"""The order in which cells are handed out, and the units that their rows make."""
+"""The order in which cells are assigned, and the units that their rows form."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st

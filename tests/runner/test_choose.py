@@ -76,7 +76,8 @@ def test_an_object_that_stays_here_says_why():
     here = NamedModel(None, Model("cuda:0"), {}, None)
     here.model.run = lambda: None
     assert _describe(here) == "serial (this model object cannot be sent to another process)"
-    assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"  # asked for; refused when it starts
+    # requested explicitly, so refused at startup
+    assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
 
 
 def test_a_script_without_a_guard_stays_in_one_process(tmp_path, monkeypatch):
@@ -106,7 +107,7 @@ PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in
     ("units", "options", "engine"),
     [
         (UNITS, {}, "serial"),
-        (PAIR[:10], {}, "serial"),  # 46 cells: too few to start a second process
+        (PAIR[:10], {}, "serial"),  # 46 cells, too few to start a second process
         (PAIR[:11], {}, "processes, 2 workers"),
         (PAIR * 3, {}, "processes, 4 workers"),
         (PAIR * 3, {"workers": 1}, "serial"),

@@ -1,4 +1,6 @@
-"""Runs of multi-frame models: the clip they get, the pair's bytes, and the same rows however they are computed."""
+"""Runs of multi-frame models: the clip they receive, the pair's bytes, and the same rows for every way of computing
+them.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ class Recorder(ZeroClipFlow):
 
 
 class WithPairs(Recorder):
-    """Also works with two frames."""
+    """Also accepts two frames."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Runs that measure confidence: the same rows from every engine, resumed or not."""
+"""Runs that measure confidence have the same rows from every engine, resumed or not."""
 
 from __future__ import annotations
 
@@ -32,8 +32,9 @@ class Textures(TexturePairs):
 
 
 class Sure:
-    """Predicts from the frames' values, with more confidence where they are large. `device` moves it to a separate
-    process."""
+    """Predicts from the frames' values, with more confidence where they are large. `device` moves the model to a
+    separate process.
+    """
 
     def __init__(self, spoil: str = "", device: str = "") -> None:
         self.spoil = spoil

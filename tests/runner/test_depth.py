@@ -1,4 +1,4 @@
-"""Runs with corruptions that need depth: its sources, its part in the identity, and data without it."""
+"""Runs with corruptions that need depth: its sources, its part in the identity, and data without depth."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ class FilesOfDepth(TexturePairs):
 
 
 class Haze(DepthCorruption):
-    """A user's corruption in three dimensions: darker by the metre."""
+    """A user's corruption in three dimensions that darkens each pixel in proportion to its depth in metres."""
 
     paper_severities = (1, 2, 3, 4, 5)
 
@@ -195,7 +195,7 @@ def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_fold
 
 
 def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps(tmp_path):
-    """Of still scenes of a data set whose depth is in further files."""
+    """Check still scenes of a data set whose depth is in further files."""
     module = "tests.runner.test_depth:FilesOfDepth"
     options = {"folder": str(tmp_path)}
     (tmp_path / "0.depth").write_bytes(b"1")

@@ -1,4 +1,4 @@
-"""Amplitude histograms: against a pixel-by-pixel count."""
+"""Amplitude histograms compared with a pixel-by-pixel count."""
 
 import math
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Whole runs: every engine gives the same rows, also when interrupted."""
+"""Whole runs: every engine gives the same rows, even after an interruption."""
 
 import json
 import subprocess
@@ -95,7 +95,7 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path, mo
         rf.evaluate("models_for_tests:raises", output=folder, corruptions=["contrast"], severities=[1])
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
-    np.save(clean, np.ones((500, 741, 2), np.float32))  # of a run that was killed before it wrote the row of it
+    np.save(clean, np.ones((500, 741, 2), np.float32))  # left by a run that was killed before it wrote the cell's row
     result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
     assert result.manifest.identity.model.settings["spec"] == "robustflow.testing:ZeroFlow"
@@ -183,7 +183,7 @@ def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, en
 
 @pytest.mark.parametrize("batch_size", [1, 2])
 def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, models_on_path, batch_size):
-    """Contrast is made from the clean frames after the model saw them."""
+    """Contrast is computed from the clean frames after the model received them."""
     name = "models_for_tests:" + ("blackens" if batch_size == 1 else "BlackensPairs")
     options = {"corruptions": ["contrast"], "severities": [1, 2], "batch_size": batch_size}
     rows = rf.evaluate(name, output=tmp_path / "run", **options).rows

@@ -82,7 +82,7 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch):
     monkeypatch.setattr(Contrast, "apply", lambda self, *args: applied.append(args[1:]) or apply(self, *args))
     asked = {"output": tmp_path / "run", "corruptions": ["contrast"], "severities": [1, 2, 3, 4, 5], "examples": True}
     run = rf.evaluate(DIS, **asked)
-    again = 2 * 2  # the worst and the median cell, looked at in full
+    again = 2 * 2  # the worst and the median cell, compared in full
     assert len(applied) == 5 * 2 + again
 
     kept = _files(run)

@@ -1,4 +1,4 @@
-"""The digest of a row names bytes and sizes."""
+"""The digest of a row covers bytes and sizes."""
 
 import numpy as np
 from blake3 import blake3

@@ -1,7 +1,7 @@
-"""Stored rows of a small run, so that a changed byte of a corruption or digit of a metric is noticed.
+"""Stored rows of a small run, so that a changed byte of a corruption or digit of a metric is detected.
 
-The flow is one that no library decides. Where a change is meant, raise STREAM_VERSION or ROW_SCHEMA_VERSION and write
-the file again: `python -m tests.runner.test_golden`.
+The flow does not depend on a library. After a deliberate change, raise STREAM_VERSION or ROW_SCHEMA_VERSION and
+rewrite the file: `python -m tests.runner.test_golden`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import robustflow as rf
 from robustflow.corruptions import IMAGE_PAIR
 
 GOLDEN = Path(__file__).parent / "golden_rows.csv"
-CORRUPTIONS = [name for name in IMAGE_PAIR if name != "frost"]  # its photographs are fetched; tested by itself
+# its photographs are downloaded, so it has a separate test
+CORRUPTIONS = [name for name in IMAGE_PAIR if name != "frost"]
 COLUMNS = ["corruption", "severity", "frames_digest", "n_all", "n_valid", "epe_sum", "rcre_sum", "fl_count", "wauc_sum"]
 
 
 def brightness_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """A flow that depends on every pixel of both frames, with integer arithmetic only."""
+    """A flow that depends on every pixel of both frames, computed with integer arithmetic only."""
     u = -(frame1.astype(np.int32).sum(axis=2) // 8)
     v = (frame2.astype(np.int32).sum(axis=2) - frame1.astype(np.int32).sum(axis=2)) // 16
     return np.stack([u, v], axis=2).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Worker processes keep the memory that they free."""
+"""Worker processes reuse the memory that they free."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FRAMES = (375, 1242, 3)
 
 
 def _faults_of_repeated_frames(pipe):
-    """How many pages the system gives for frames that are made and let go, after the first ones."""
+    """Number of page faults while frames are allocated and released, after the first ones."""
     before = 0
     for number in range(60):
         if number == 20:

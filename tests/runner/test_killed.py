@@ -34,7 +34,7 @@ def _start(folder: Path, log: Path) -> subprocess.Popen[bytes]:
 
 
 def _rows_so_far(folder: Path) -> pl.DataFrame:
-    """Read the run's folder at any moment: there are whole shards, or none."""
+    """The run's folder can be read at any moment: shards are complete or absent."""
     return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
 
 
@@ -52,7 +52,7 @@ def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
         while run.poll() is None and time.monotonic() < deadline:
             _rows_so_far(tmp_path / "killed")
             time.sleep(0.01)
-        if run.poll() is not None:  # finished before it was killed: check it, and start again
+        if run.poll() is not None:  # the run finished before it was killed: check it, and start again
             assert run.returncode == 0, run.stderr.read().decode()
             _compare(tmp_path, killed)
             for path in sorted((tmp_path / "killed").rglob("*"), reverse=True):
@@ -74,7 +74,7 @@ def _compare(tmp_path: Path, kills: int) -> None:
     again = sum(asked.values()) - len(asked)
     in_flight = 5  # severities of the one unit each worker holds
     drawn = 3  # the clean, the worst and the median cell are predicted again for the pictures
-    compared = 1  # a clean row is measured again before a run goes on
+    compared = 1  # a clean row is measured again before a run continues
     assert again <= kills * (WORKERS * in_flight + drawn + compared) + drawn
     pictures = {path.name: path.read_bytes() for path in (tmp_path / "killed/examples").iterdir()}
     assert pictures == {path.name: path.read_bytes() for path in (tmp_path / "whole/examples").iterdir()}
@@ -120,7 +120,7 @@ _SLOW = pytest.mark.slow
 
 @pytest.mark.parametrize("delay", [0.0, *(pytest.param(delay, marks=_SLOW) for delay in (0.15, 0.6, 1.2))])
 def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
-    """Ctrl-C reaches every process of the terminal, those that are still importing too; only one of them speaks."""
+    """Ctrl-C reaches every process of the terminal, even those still importing; only one of them prints a message."""
     command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", "--model", "dis"]
     options = ["--workers", "3", "--output", str(tmp_path / "run")]
     run = subprocess.Popen(

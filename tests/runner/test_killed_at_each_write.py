@@ -1,4 +1,4 @@
-"""A run killed at any write, then started again, has the rows and files of one that was never killed."""
+"""A run killed at any write and then started again has the rows and files of an undisturbed run."""
 
 import importlib.util
 import os

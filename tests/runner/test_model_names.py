@@ -1,4 +1,4 @@
-"""Names of models: shown everywhere, without effect on numbers."""
+"""Names of models are shown everywhere and have no effect on numbers."""
 
 import sys
 
@@ -55,7 +55,7 @@ def test_on_the_command_line(tmp_path, monkeypatch, capsys):
 
 
 def test_one_label_for_one_model_everywhere(tmp_path, monkeypatch, capsys):
-    """What `list models` calls a method is what tables call its runs; no two share a label."""
+    """The label of a method in `list models` is its label in tables of runs; no two methods share a label."""
     labels = [entry.method for entry in methods().values()]
     assert len(set(labels)) == len(labels)
     monkeypatch.setattr(sys, "argv", ["robustflow", "list", "models"])

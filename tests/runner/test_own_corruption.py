@@ -1,4 +1,4 @@
-"""A run with a user's own corruption: resumed, refused when its source is edited, in processes, in a record."""
+"""A run with a user's own corruption: resumed, refused after an edit of its source, in processes, in a record."""
 
 import sys
 
@@ -47,7 +47,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch
     forget()
     assert command(monkeypatch, *run, *own) == 0  # goes on
     capsys.readouterr()
-    (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that it imports
+    (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module imported by the corruption
     forget()
     assert command(monkeypatch, *run, *own) == 1
     assert "the source of the corruption rain has changed since" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Whatever is lost on a Ray cluster, the run has the rows of an undisturbed one, each cell once."""
+"""Whatever fails on a Ray cluster, the run has the rows of an undisturbed one, and each cell only once."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
-    """A folder of a few small frames: as many pairs that share nothing as there are workers to lose, and more."""
+    """A folder of a few small frames, with at least as many unrelated pairs as there are workers to lose."""
     folder = tmp_path_factory.mktemp("frames")
     draws = np.random.default_rng(0)
     for number in range(PAIRS + 1):
@@ -52,7 +52,7 @@ def frames(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def on_path():
-    """`models_for_tests:...`, importable here and on nodes."""
+    """Make `models_for_tests:...` importable, here and on nodes."""
     with pytest.MonkeyPatch.context() as patch:
         folder = str(Path(__file__).parent)
         patch.syspath_prepend(folder)
@@ -63,7 +63,7 @@ def on_path():
 
 @pytest.fixture(scope="module")
 def two_nodes(on_path, tmp_path_factory):
-    """A cluster of two nodes of one processor and one pretended GPU each."""
+    """A cluster of two nodes with one CPU and one simulated GPU each."""
     faults = tmp_path_factory.mktemp("faults")
     with cluster({"FAULTS": str(faults)}, gpus=1) as nodes:
         yield nodes
@@ -71,7 +71,7 @@ def two_nodes(on_path, tmp_path_factory):
 
 @pytest.fixture
 def faults(tmp_path_factory, two_nodes):
-    """None has happened yet."""
+    """The emptied folder that records faults."""
     folder = Path(os.environ["FAULTS"])
     for each in folder.iterdir():
         each.unlink()
@@ -146,7 +146,9 @@ def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
 
 @pytest.mark.slow
 def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturbed, tmp_path):
-    """Ray's own guard ends a worker when the machine's memory is nearly full; here, 1.5 GB above what is in use."""
+    """Ray's memory monitor kills a worker when the machine's memory is nearly full; here the limit is 1.5 GB above
+    current use.
+    """
     amounts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
     total, free = (int(amounts[name].split()[0]) for name in ("MemTotal", "MemAvailable"))
     limit = 1 - (free - 1.5e6) / total
@@ -171,7 +173,7 @@ def _raise(frames, folder, **options):
 
 
 def _kill_nodes(nodes, frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
-    """Kill a node at a random moment, let another join, and repeat through several runs."""
+    """Kill a node at a random moment, let a new one join, and repeat this over several runs."""
     moments = random.Random(seed)
     killed = number = 0
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
@@ -181,7 +183,7 @@ def _kill_nodes(nodes, frames, undisturbed, tmp_path, kills: int, seed: int) -> 
             run = other.submit(_run, folder, frames, **options)
             before = 0
             while killed < kills and not run.done():
-                if _height(folder) > before:  # something is computed between two kills
+                if _height(folder) > before:  # progress is made between two kills
                     time.sleep(moments.uniform(0.0, 1.0))
                     nodes.kill(nodes.alive[moments.randrange(2)])
                     killed += not run.done()
@@ -198,7 +200,7 @@ def _height(folder: Path) -> int:
 
 @pytest.mark.slow
 def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
-    """For a while no node is left; one that joins late continues with the rest."""
+    """For a while no node is left; a node that joins late continues with the remaining cells."""
     options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         run = other.submit(_run, tmp_path / "run", frames, **options)
@@ -227,7 +229,9 @@ def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
     ids=["missing", "other"],
 )
 def test_a_node_with_other_code_is_named(two_nodes, frames, tmp_path, monkeypatch, file, content, words):
-    """A node whose RobustFlow is missing, or differs, is refused with a sentence, before it computes anything."""
+    """A node without RobustFlow, or with a different version, is refused in one sentence before it
+    computes anything.
+    """
     (tmp_path / "shadow" / file).parent.mkdir(parents=True)
     (tmp_path / "shadow" / file).write_text(globals().get(content, content))
     with monkeypatch.context() as patch:
@@ -247,7 +251,7 @@ metadata.version = lambda name: "0.1" if name == "numpy" else _version(name)
 
 
 def test_a_node_without_the_data_is_named(frames, tmp_path):
-    """What the node looks at before it loads a sample; here both are one machine, so the actor is asked directly."""
+    """The checks of a node before it loads a sample; here both are one machine, so the actor is called directly."""
     actor = UnitActor()
     size = (frames / "00.png").stat().st_size
     assert actor.begin(b"", {}, ())[0] == "error", "not a job"

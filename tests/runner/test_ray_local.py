@@ -31,7 +31,7 @@ DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path_factory, monkeypatch):
-    """Ray's files of one test are below a separate folder, and no process of theirs stays behind."""
+    """Keep Ray's files of one test below a separate folder, and check that no Ray process stays behind."""
     pytest.importorskip("ray", reason="needs the ray extra")
     folder = Path(tmp_path_factory.mktemp("r"))
     short = Path("/tmp") / f"rf-{os.getpid()}-{folder.name}"  # short, for Ray's sockets
@@ -44,7 +44,7 @@ def _folder(tmp_path_factory, monkeypatch):
 
 
 def test_equal_to_serial_and_nothing_stays(tmp_path):
-    """The record of who computed what is kept when the run continues with another engine."""
+    """The record of who computed each row is kept when the run continues with a different engine."""
     before = signal.getsignal(signal.SIGTERM)
     attacked = SETTING | {"attacks": ["square:queries=3"]}
     whole = rf.evaluate(DIS, output=tmp_path / "serial", **attacked)
@@ -66,7 +66,7 @@ def test_equal_to_serial_and_nothing_stays(tmp_path):
 
 @pytest.mark.slow
 def test_an_object_of_the_caller_travels(tmp_path):
-    """A closure cannot be pickled by the standard library, but by Ray."""
+    """The standard library cannot pickle a closure, but Ray can."""
     value = 0.25
     model = lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)  # noqa: E731
     one = {"corruptions": ["contrast"], "severities": [1]}
@@ -101,7 +101,8 @@ def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     ],
 )
 def test_an_address_where_no_cluster_is(tmp_path, monkeypatch, address, error, words):
-    monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")  # what "auto" is, even where a cluster of another test runs
+    # the value of "auto", even while a cluster of a different test runs
+    monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
     started = time.monotonic()
     with pytest.raises(error, match=words):
         rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)

@@ -1,4 +1,4 @@
-"""Clips prepared on a Ray cluster: the same files, whatever happens to its nodes."""
+"""Clips prepared on a Ray cluster have the same files, whatever happens to its nodes."""
 
 from fractions import Fraction
 
@@ -25,7 +25,7 @@ def recordings(tmp_path):
 
 
 def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkeypatch):
-    """The node's part; here it is this machine, so the check of the shared folder is removed."""
+    """The node's part; the node is this machine, so the check of the shared folder is removed."""
     monkeypatch.setattr(ray_prepare, "_APPEARS_S", 0.2)
     (source, _) = find_sources(recordings)
     here = ray_prepare.installed()

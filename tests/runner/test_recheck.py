@@ -1,4 +1,4 @@
-"""Frames made again from the data are those of the run, and other data, seeds and rows are noticed."""
+"""Frames recreated from the data equal those of the run, and different data, seeds and rows are detected."""
 
 import cv2
 import numpy as np

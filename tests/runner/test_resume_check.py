@@ -21,7 +21,9 @@ from robustflow.testing import TexturePairs
 
 @pytest.fixture
 def frames(tmp_path):
-    """Three frames of noise, uncompressed: any of them can change without its size changing. Two pairs."""
+    """Three frames of noise, stored uncompressed, so that any of them can change without its size changing. They form
+    two pairs.
+    """
     folder = tmp_path / "frames"
     folder.mkdir()
     for index in range(3):
@@ -44,7 +46,7 @@ def _run(tmp_path, frames, severities, model=_brightness):
 
 
 class Drawn(TexturePairs):
-    """Two samples from seeds, without files, so that only reading them again shows a change."""
+    """Two samples generated from seeds, without files, so that a change is visible only by reading them again."""
 
     name = "drawn"
 

@@ -1,4 +1,4 @@
-"""Models on accelerators: one process predicts, others corrupt and measure; the rows are the same."""
+"""Models on accelerators: one process predicts while others corrupt and measure; the rows are the same."""
 
 import multiprocessing
 import threading
@@ -31,7 +31,7 @@ def _run(output, model, **options):
 
 
 def _importable(kind):
-    """The class as a child process imports it."""
+    """The class as imported by a child process."""
     return getattr(__import__("models_for_tests"), kind.__name__)
 
 
@@ -43,7 +43,7 @@ def whole(tmp_path_factory):
 
 
 def _predictions(log):
-    """(process, device, pairs) of every call."""
+    """Process, device and number of pairs of every call."""
     return [(pid, device, int(pairs)) for pid, device, pairs in map(str.split, log.read_text().splitlines())]
 
 

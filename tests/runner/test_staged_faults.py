@@ -1,4 +1,4 @@
-"""A predicting process or a feeder that fails ends the run with a sentence; a driver that is killed leaves nothing."""
+"""A failing predictor or feeder process ends the run with a clear message; a killed driver leaves no process behind."""
 
 import os
 import signal
@@ -67,7 +67,7 @@ def _start(folder, *options, **environment):
 
 
 def _children(pid):
-    """The processes below one."""
+    """The child processes of a process."""
     below = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -89,7 +89,7 @@ def _wait(condition, seconds=60):
 
 @pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
 def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(tmp_path, trouble):
-    """Even if the model hangs, in which case its process would never read its pipe again."""
+    """This holds even if the model hangs, in which case its process would never read its pipe again."""
     before = set(os.listdir("/dev/shm"))
     log = tmp_path / "log"
     run = _start(tmp_path / "run", "-O", f"trouble={trouble or 'none'}", "-O", "pause=0.1", PREDICTION_LOG=str(log))

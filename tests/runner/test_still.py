@@ -26,7 +26,7 @@ from .conftest import FRAMES
 
 
 class Unchanged:
-    """Changes no frame."""
+    """Leaves frames unchanged."""
 
     family = "noise"
     severities = (1, 2, 3, 4, 5)
@@ -115,7 +115,7 @@ def test_a_multi_frame_model_gets_the_same_frame_throughout(clip_folder, tmp_pat
 
 
 class Corrupted(TexturePairs):
-    """Comes corrupted."""
+    """Has frames that are already corrupted."""
 
     def has_corrupted(self, corruption):
         return True
@@ -149,7 +149,7 @@ def test_a_model_trained_on_the_frames_has_seen_them_when_they_are_still():
 
 
 class Pairs(BrightnessFlow):
-    """Keeps every flow that it predicts."""
+    """Stores every flow that it predicts."""
 
     def __init__(self):
         self.flows = []
@@ -160,7 +160,7 @@ class Pairs(BrightnessFlow):
 
 
 class Clips:
-    """The same for a multi-frame model, whose flow depends on all its frames."""
+    """Does the same as a multi-frame model whose flow depends on all its frames."""
 
     window = (1, 1)
 

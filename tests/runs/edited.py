@@ -1,4 +1,4 @@
-"""Change rows and manifest of a run as somebody who knows the format would, with the right digests."""
+"""Change rows and manifest of a run as an expert in the format would, with valid digests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Edit = Callable[[pl.DataFrame], pl.DataFrame]
 
 
 def edit_rows(run: Path, edit: Edit) -> None:
-    """Write every shard of a run again with its rows edited."""
+    """Rewrite every shard of a run with edited rows."""
     for path in list_shards(run / "rows"):
         rows = edit(read_shard(path))
         path.unlink()
@@ -25,14 +25,14 @@ def edit_rows(run: Path, edit: Edit) -> None:
 
 
 def edit_manifest(run: Path, edit: Callable[[dict[str, Any]], Any]) -> None:
-    """Write the manifest of a run again, edited."""
+    """Rewrite the manifest of a run after an edit."""
     path = run / "manifest.json"
     edited = edit(json.loads(path.read_text()))
     path.write_text(json.dumps(fitting(edited)))
 
 
 def fitting(manifest: Any) -> Any:
-    """A manifest, whatever its shape, with digests that fit."""
+    """A manifest of any shape, with matching digests."""
     if not isinstance(manifest, dict):
         return manifest
     if isinstance(manifest.get("identity_digest"), str) and isinstance(manifest.get("identity"), dict):

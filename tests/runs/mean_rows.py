@@ -1,10 +1,10 @@
-"""Rows of given mean errors."""
+"""Rows with given mean errors."""
 
 COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
 
 
 def row(sample, corruption="clean", severity=0, n=10, epe=0.0, rcre=0.0, **columns):
-    """A row of mean errors `epe` and `rcre` over `n` valid pixels, of twice as many."""
+    """A row with mean errors `epe` and `rcre` over `n` valid pixels out of 2 `n`."""
     filled = {
         "sample": sample,
         "group": sample,

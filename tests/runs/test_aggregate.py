@@ -20,7 +20,7 @@ from .mean_rows import COUNTS, TWO_IMAGES, row
 
 
 def test_image_averaging_by_hand():
-    """Averaging images first: clean (1 + 3) / 2; fog 3.5 and 6.5; snow 1.0."""
+    """Averaging images first gives clean (1 + 3) / 2; fog 3.5 and 6.5; snow 1.0."""
     summary = summarize(rows_frame(TWO_IMAGES))
     assert summary.epe_clean == 2.0
     fog, snow = summary.corruptions["fog"], summary.corruptions["snow"]
@@ -28,14 +28,16 @@ def test_image_averaging_by_hand():
     assert fog.by_severity["cre"] == [1.5, 4.5]
     assert (fog.epe, fog.cre, fog.crer, fog.rcre, fog.rcre_all) == (5.0, 3.0, 1.5, 7.0, 10.5)
     assert (snow.epe, snow.cre, snow.crer, snow.rcre) == (1.0, -1.0, -0.5, 1.0)
-    # Corruptions weigh alike, whatever their number of severities.
+    # Corruptions have equal weight, whatever their number of severities.
     assert (summary.epe, summary.cre, summary.crer, summary.rcre) == (3.0, 1.0, 0.5, 4.0)
     assert summary.complete
     assert summary.averaging == "image"
 
 
 def test_pixel_averaging_by_hand():
-    """Pixels first: clean (10 + 90) / 40; fog (20 + 150) / 40 and (40 + 270) / 40; snow (0 + 60) / 40."""
+    """Averaging pixels first gives clean (10 + 90) / 40; fog (20 + 150) / 40 and (40 + 270) / 40; snow
+    (0 + 60) / 40.
+    """
     summary = summarize(rows_frame(TWO_IMAGES), "pixel")
     assert summary.epe_clean == 2.5
     assert summary.corruptions["fog"].by_severity["epe"] == [4.25, 7.75]
@@ -69,7 +71,7 @@ def test_regions_average_over_the_images_that_have_them():
         row("b", n=10, **_inside("occ", 0, 0.0)),
         row("c", n=10),
         row("a", "fog", 1, **_inside("occ", 4, 5.0, rcre=4.0, fl=2)),
-        row("b", "fog", 1, n=20, **_inside("occ", 0, 0.0)),  # the share is of clean rows
+        row("b", "fog", 1, n=20, **_inside("occ", 0, 0.0)),  # the share is relative to clean rows
         row("c", "fog", 1),
     ]
     regions = summarize(rows_frame(rows)).regions
@@ -125,7 +127,7 @@ def test_the_papers_mean_is_a_second_number_and_needs_all_its_corruptions():
 
 
 def test_cre_is_over_the_same_pixels_and_coverage_is_listed():
-    """The corrupted flow leaves out the 6 worst of 10 pixels: on the other 4 its error doubled, from 1 to 2 px."""
+    """The corrupted flow lacks the 6 worst of 10 pixels; on the other 4 its error doubled, from 1 to 2 px."""
     clean = row("a", epe=7.0, n_truth=10, clean_epe_sum=70.0)
     fog = row("a", "fog", 1, n=4, epe=2.0, rcre=2.0, n_truth=10, clean_epe_sum=4.0, n_invalid=12)
     summary = summarize(rows_frame([clean, fog | {"width": 10}]))
@@ -236,7 +238,7 @@ sums = st.floats(0, 1e6)
 
 @st.composite
 def runs(draw):
-    """Rows of a run in which anything may be missing, without ground truth, or without a measured pixel."""
+    """Rows of a run in which anything may be missing, including ground truth or all measured pixels."""
     samples = draw(st.lists(st.sampled_from("abcdef"), min_size=1, unique=True))
     truth = {sample: draw(st.booleans()) for sample in samples}
     rows = []
@@ -287,7 +289,7 @@ def _naive_mean(pairs, averaging):
 
 
 def _naive_scores(rows, averaging, total="epe_sum", moved="rcre_sum", count="n_valid"):
-    """EPE, CRE and RCRE of every setting, straight from the definitions."""
+    """EPE, CRE and RCRE of every setting, computed directly from the definitions."""
     by_key = {(r["sample"], r["corruption"], r["severity"]): r for r in rows}
     out = {}
     for corruption, severity in sorted({(c, s) for _, c, s in by_key}):

@@ -1,4 +1,4 @@
-"""What may be compared follows from the rows and the recipe of the frames, and every difference is described."""
+"""Comparability follows from the rows and the recipe of the frames, and every difference is described."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def base(tmp_path_factory):
 
 
 def rows(shift: float = 0.0, pairs: int = 6, cells=CELLS, seed: int = 0) -> pl.DataFrame:
-    """Errors of a model: 1 to 2 px on clean frames, and `shift` more under corruption; `seed` makes other frames."""
+    """Errors of a model: 1 to 2 px on clean frames, and `shift` px more under corruption; `seed` selects the frames."""
     return rows_frame(
         {
             "sample": f"{pair}",
@@ -252,7 +252,7 @@ def test_means_without_intervals_say_why(base):
 
 @pytest.fixture
 def weather():
-    """Gives `FrameIdentity` a field `weather`, with the default that it is called with."""
+    """Adds a field `weather` to `FrameIdentity`, with the given default."""
     originals = dict(FrameIdentity.__pydantic_fields__)
 
     def rebuilt(fields):

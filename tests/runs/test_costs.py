@@ -20,7 +20,7 @@ from robustflow.sealed import sealed
 
 
 class Shifted:
-    """Predicts a constant; which one decides its errors."""
+    """Predicts a constant flow, which determines its errors."""
 
     def __init__(self, name: str, shift: float, trained_on: str | None = None) -> None:
         self._name, self._shift = name, shift
@@ -51,13 +51,13 @@ def measured(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def no_exclusions(monkeypatch):
-    """Models that move every pixel alike hardly depend on the frames; their ranks are what is tested here."""
+    """Models that move every pixel alike hardly depend on the frames, but only their ranks are tested here."""
     monkeypatch.setattr("robustflow.analysis.run_results.exclusions", lambda runs: [""] * len(runs))
 
 
 @pytest.fixture
 def runs(measured, tmp_path):
-    """Copies, for costs are written into them."""
+    """Copies of the runs, because costs are written into them."""
     copy = shutil.copytree(measured, tmp_path / "runs")
     return [Result(copy / str(index)) for index in range(4)]
 
@@ -78,7 +78,7 @@ def test_costs_and_average_ranks_of_runs(runs):
     found = {name: cells for (title, name), (cells, _) in _lines(runs).items() if title == "Measured on other frames"}
     assert {name: cells["FLOPs (G)"] for name, cells in found.items()} == {
         "one": "30.0 (4)",
-        "two": "20.0 (2)",  # equal as printed
+        "two": "20.0 (2)",  # equal in the printed precision
         "three": "20.0 (2)",
         "four": "5.0 (1)",
     }

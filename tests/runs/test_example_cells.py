@@ -1,4 +1,4 @@
-"""The cells to draw, against a plain loop over made-up rows."""
+"""The cells to draw compared with a plain loop over made-up rows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CORRUPTIONS, SEVERITIES = ("fog", "snow"), (1, 2, 3)
 
 
 def _rows(errors: dict[str, list[float]], truth: bool = True):
-    """Rows of samples whose clean error is 1 and whose errors under corruption are given in order."""
+    """Rows of samples with clean error 1 and the given errors under corruption, in order."""
     rows = []
     for key, values in errors.items():
         cells = [("clean", 0, 1.0)]
@@ -46,7 +46,7 @@ def _expected(errors: dict[str, list[float]]):
     return (worst, settings[errors[worst].index(peak)]), (median, cells[2][1])
 
 
-# Whole numbers over 4: sums and means of them are exact, so that a tie is one however it is computed.
+# Whole numbers over 4 have exact sums and means, so that a tie is a tie however it is computed.
 errors_of_samples = st.dictionaries(
     st.text("abc0/", min_size=1, max_size=3),
     st.lists(st.integers(4, 40).map(lambda n: n / 4 * 3), min_size=6, max_size=6),

@@ -1,5 +1,6 @@
-"""A changed byte of a file is noticed even if its format cannot: between two calls, during one, and since the list of
-digests was written; anything that is not a file is never opened."""
+"""A changed byte of a file is detected even if the file's format cannot detect it: between two calls, during a call,
+and since the list of digests was written. Anything that is not a regular file is never opened.
+"""
 
 import os
 import shutil
@@ -59,7 +60,7 @@ def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     short, long = _clip(tmp_path / "short", 3, 0), _clip(tmp_path / "long", 9, 200)
     first, second = (rf.evaluate("dis", "folder", clip, limit=1, **CHOSEN) for clip in (short, long))
     assert list(first.manifest.samples) == ["1"]
-    assert list(second.manifest.samples) == ["4"]  # no sample in common, so nothing distinguishes the data
+    assert list(second.manifest.samples) == ["4"]  # without a common sample, the data do not conflict
     assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
     with pytest.raises(RunError, match="made from other files for sample '1'"):
         rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)
@@ -69,7 +70,7 @@ def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
 
 
 class _Changes(ZeroFlow):
-    """A model during whose third prediction something changes a file."""
+    """A model that changes a file during its third prediction."""
 
     def __init__(self, path, change):
         super().__init__()
@@ -87,7 +88,7 @@ class _Changes(ZeroFlow):
 
 @pytest.fixture
 def three(frames):
-    """Three frames, so two pairs: 0 and 1."""
+    """Three frames form two pairs, 0 and 1."""
     Image.fromarray(data.astronaut()[5:69, :96]).save(frames / "2.bmp")
     return frames
 
@@ -169,7 +170,7 @@ def test_corrupted_frames_that_come_with_the_data_are_compared_too(shared, tmp_p
 
 @pytest.fixture
 def pipe(tmp_path):
-    """A named pipe that looks like a frame; something writes to it and closes it, so that reading it ends."""
+    """A named pipe that looks like a frame; a writer fills and closes it, so that reading it terminates."""
     path = tmp_path / "frame_0002.png"
     os.mkfifo(path)
     threading.Thread(target=path.write_bytes, args=(b"",), daemon=True).start()

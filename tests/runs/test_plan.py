@@ -17,7 +17,7 @@ FIXED = "fog:2+snow:4"
 
 @pytest.fixture(scope="module")
 def benchmark():
-    """Two samples, three conditions; no frame is read."""
+    """Two samples and three conditions; no frame is read."""
     demo = load_benchmark("demo").narrowed(["fog", "snow"], [1, 3])
     return replace(demo, keys=("a", "b"), corruptions=("fog", FIXED), attacks=("square",))
 

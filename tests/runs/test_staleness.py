@@ -1,4 +1,4 @@
-"""Means and report are kept while nothing changed, and never believed of other rows."""
+"""Means and report are kept while nothing changed, and never used for different rows."""
 
 import json
 import shutil
@@ -40,13 +40,13 @@ def made(tmp_path_factory, real_pictures):
 
 @pytest.fixture
 def folder(made, tmp_path):
-    """A copy of it, to be changed."""
+    """A copy of the run, to be changed."""
     return shutil.copytree(made, tmp_path / "run")
 
 
 @pytest.fixture
 def summaries(monkeypatch):
-    """How often means are computed."""
+    """Count how often means are computed."""
     calls = []
     summarize = run_module.summarize
     monkeypatch.setattr(run_module, "summarize", lambda *a, **k: calls.append(1) or summarize(*a, **k))
@@ -64,7 +64,7 @@ def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
 
 
 def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
-    """JSON sorts keys; tables and figures follow the order of a summary, which is the paper's."""
+    """JSON sorts keys; tables and figures follow the paper's order, which the summary uses."""
     rf.evaluate(MODEL, output=folder, corruptions=["snow", "fog", "contrast", "elastic_transform"], severities=[1])
     summaries.clear()
     run = rf.load_run(folder)
@@ -145,12 +145,12 @@ def _edit_manifest(folder):
 
 
 def _asked(run):
-    """What pages ask of a run."""
+    """Everything that pages request from a run."""
     return sample_set(run), exclusion_reasons(run), interval_ends(run, beside_published=True), run.summary
 
 
 def _computed(folder, tmp_path):
-    """The same, of a copy without anything kept."""
+    """The same values from a copy without cached files."""
     copy = shutil.copytree(folder, tmp_path / "copy")
     for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
         (copy / name).unlink(missing_ok=True)
@@ -221,6 +221,6 @@ def test_a_file_of_the_package_that_goes_while_it_is_listed_is_left_out(monkeypa
     before = code_digest()
     listed = Path.rglob
     monkeypatch.setattr(Path, "rglob", lambda path, pattern: [*listed(path, pattern), path / "renamed_meanwhile.py"])
-    monkeypatch.setattr(Path, "is_file", lambda path: True)  # it is there when it is listed
+    monkeypatch.setattr(Path, "is_file", lambda path: True)  # the file exists when the folder is listed
     code_digest.cache_clear()
     assert code_digest() == before

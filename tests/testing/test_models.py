@@ -1,4 +1,6 @@
-"""`check_model` passes models that keep the rules and names each broken rule; the small models do what they say."""
+"""`check_model` passes models that follow the rules and names each broken rule; the small models behave
+as documented.
+"""
 
 import numpy as np
 import pytest

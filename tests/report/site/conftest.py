@@ -27,7 +27,9 @@ def small_run(tmp_path_factory) -> Result:
 
 @pytest.fixture(scope="session")
 def many_images(small_run) -> Callable[..., Result]:
-    """A run of 40 imaginary images: `many_images(name, worse_by)`; equal seeds are the same images."""
+    """A function that makes a run of 40 imaginary images: `many_images(name, worse_by)`; equal seeds give the same
+    images.
+    """
 
     def make(name: str, worse_by: float = 1.0, seed: int = 0) -> Result:
         clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(40, int))
@@ -50,7 +52,7 @@ def many_images(small_run) -> Callable[..., Result]:
 
 @pytest.fixture(scope="session")
 def many_models() -> list[ModelResult]:
-    """Results of a hundred models: the published ones again under other names, in three settings."""
+    """Results of a hundred models: the published results under new names, in three settings."""
     from robustflow.analysis.published.tables import published_results
 
     of_raft = ("kitti-fc", "ID", "RAFT")

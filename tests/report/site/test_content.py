@@ -1,4 +1,4 @@
-"""Which results a page shows together, and which it must not."""
+"""The results that a page may show together, and those that it must not."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
 
 
 def test_what_was_measured_comes_before_what_was_published(small_run, many_images):
-    """Benchmarks by their runs, those without by their models."""
+    """Benchmarks are ordered by their runs, and benchmarks without runs by their models."""
 
     def order(*runs):
         return [board.benchmark for board in whole_content(runs).boards]
@@ -71,7 +71,7 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
 
 
 def test_no_useless_model_is_crowned(many_images, monkeypatch):
-    """A model whose error is that of zero flow has the lowest CRE, for it can hardly get worse."""
+    """A model with the error of zero flow has the lowest CRE, because its error can hardly increase."""
     useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
     rows = useless.rows.with_columns(magnitude_sum=pl.col("n_valid") * 0.001, rcre_all_sum=pl.lit(0.0))
     monkeypatch.setitem(useless.__dict__, "rows", rows)
@@ -91,7 +91,7 @@ def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
 
 
 def test_no_winner_where_the_difference_is_none(many_images):
-    """Equal errors twice: only the name would put one first."""
+    """The errors are equal, so only the name would put one first."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
     assert "A and Bb share the lead (CRE " in said[0]
@@ -207,7 +207,7 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
     content = whole_content([Run(folder) for folder in folders], published=False)
     assert asked == [False, False]
-    assert not any(line.intervals for line in content.lines)  # of a single pair there are none
+    assert not any(line.intervals for line in content.lines)  # a single pair has none
     assert asked == [False, False, True, True]
 
 
@@ -223,7 +223,7 @@ def test_intervals_of_averages_are_those_among_all(structured_rows):
 
 @pytest.fixture
 def structured_rows(tmp_path):
-    """Ten pairs whose errors differ."""
+    """Ten pairs with different errors."""
     rows = evaluate("dis", "demo", output=tmp_path / "one", corruptions=["contrast", "fog"], severities=[1]).rows
     totals = [name for name in rows.columns if "epe_sum" in name or ("rcre" in name and "sum" in name)]
     return pl.concat(
@@ -237,7 +237,9 @@ def structured_rows(tmp_path):
 
 
 def test_the_interval_of_a_family_is_that_of_its_only_corruption(structured_rows):
-    """Contrast alone is digital here, and fog alone weather; families without a corruption have no interval."""
+    """Here contrast is the only digital and fog the only weather corruption; families without a corruption have no
+    interval.
+    """
     made = intervals(structured_rows, families=True)
     for family, corruption in (("digital", "contrast"), ("weather", "fog")):
         for metric in ("epe", "cre", "crer", "rcre"):

@@ -99,7 +99,7 @@ def test_what_is_not_a_picture_is_refused(copied):
 
 
 def test_nothing_of_the_file_but_pixels_is_kept(copied):
-    """A JPEG with a comment in its header: the comment is not in the page."""
+    """A comment in the header of a JPEG is not in the page."""
     path = copied.path / "examples" / "clean.jpg"
     image = Image.open(path)
     image.load()

@@ -1,4 +1,4 @@
-"""A page is a complete single file, the same bytes every time, and treats no name as markup."""
+"""A page is a complete single file, has the same bytes every time, and treats no name as markup."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def published_page() -> str:
 
 
 def data_of(text: str) -> dict:
-    """The data from which the page's script makes rows and model pages."""
+    """The data from which the page's script builds rows and model pages."""
     blocks = (json.loads(body) for kind, body in Page(text).scripts if kind == "application/json")
-    return next(block for block in blocks if "boards" in block)  # the other is the slider's
+    return next(block for block in blocks if "boards" in block)  # the other script belongs to the slider
 
 
 def test_the_paper_and_its_observations_and_audit_are_there(published_page):
@@ -172,7 +172,8 @@ def test_a_report_shows_its_run(small_run, report):
         label, severity = panel["cell"]
         assert panel["title"].lower().startswith(f"{entry} sample: motorcycle, {label.lower()}, severity {severity}")
         assert label in data["labels"]
-    assert text.count('data-scale="figure') == 2  # the severity curves, with one scale and with a scale for each panel
+    # the severity curves, with a shared scale and with a scale for each panel
+    assert text.count('data-scale="figure') == 2
 
 
 def test_the_table_comes_first_but_in_a_report_of_one_run(report, published_page):
@@ -181,14 +182,14 @@ def test_the_table_comes_first_but_in_a_report_of_one_run(report, published_page
 
 
 def _sections(text: str) -> dict[str, str]:
-    """The markup of each benchmark's section, by its heading."""
+    """Markup of each benchmark's section, by its heading."""
     parts = re.split('<section class="benchmark"', text.partition("</main>")[0])[1:]
     return {re.search("<h2[^>]*>([^<]*)</h2>", part)[1]: part.partition("</section>")[0] for part in parts}
 
 
 @pytest.fixture(scope="module")
 def imaginary(small_run, many_images):
-    """Runs of forty imaginary images in the folder of the real one."""
+    """Runs of forty imaginary images in the folder of the real run."""
 
     def make(name: str, worse_by: float = 1.0):
         run = many_images(name, worse_by)
@@ -205,7 +206,9 @@ def three_runs_page(small_run, imaginary) -> str:
 
 
 def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
-    """One section per benchmark, with its own table, sentences, figures, observations and audit; no heading twice."""
+    """Each benchmark has one section with its own table, sentences, figures, observations and audit; no heading
+    repeats.
+    """
     sections = _sections(three_runs_page)
     assert list(sections) == ["KITTI-FC", "demo", "GoPro-FC"]
     for name, text in sections.items():
@@ -223,7 +226,7 @@ def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
 
 
 def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary):
-    """One pair has none: no bands, no brackets, no whiskers; forty images have all of them."""
+    """A single pair has no bands, brackets or whiskers; forty images have all of them."""
     (alone,) = _sections(render_site(whole_content([small_run], published=False))).values()
     assert "In brackets" not in alone
     assert "confidence intervals." not in alone.replace("No confidence intervals:", "")
@@ -236,7 +239,8 @@ def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary)
 
 def test_a_model_has_one_colour_on_a_page(three_runs_page):
     """With two groups of runs and the published values, a colour never means a kind in one figure and a model in
-    another, nor two different models."""
+    another, nor two different models.
+    """
     meanings: dict[str, set[str]] = {}
     for colour, label in re.findall(r'stroke: (?:var\()?([\w-]+)\)?"></path></svg>([^<]*)</li>', three_runs_page):
         meanings.setdefault(colour, set()).add(label)
