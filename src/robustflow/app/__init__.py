@@ -1,1 +1,1 @@
-"""`robustflow app`: corrupt a pair and see a model's flow. The page is served on and for this machine."""
+"""`robustflow app`: a local web page to corrupt a pair and see a model's flow."""

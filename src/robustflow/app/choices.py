@@ -1,4 +1,4 @@
-"""The models that a page can choose from, and the one that is loaded."""
+"""The models offered on the page, and the loaded model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..models.torch.network import RANDOM
 
 
 class Models:
-    """Models by name: those given on the command line first, then all that this installation can run.
+    """Models by name: first those given on the command line, then all models that this installation can run.
 
     Holds one loaded model. Used from one thread only, except `names`.
 
@@ -27,7 +27,7 @@ class Models:
         here = [
             name for name in MODELS.names() if (_runs_on_pairs(known[name]) if name in known else _needs_nothing(name))
         ]
-        here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # those that need no weights
+        here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # models that need no weights
         self._specs = {spec.name: spec for spec in given} | {
             name: ModelSpec(name) for name in here if name not in {spec.name for spec in given}
         }
@@ -40,7 +40,7 @@ class Models:
 
     @property
     def offers(self) -> list[dict[str, Any]]:
-        """For the page: each model's name, whether it takes a checkpoint, and its published ones."""
+        """Return each model's name, whether it accepts a checkpoint, and its published checkpoints, for the page."""
         known = methods()
         published: dict[str, list[str]] = {}
         for entry in checkpoints():
@@ -58,7 +58,7 @@ class Models:
         """Raise for an unknown name before anything is loaded or imported for it.
 
         Raises:
-            UsageError: an unknown name, or a checkpoint for a model without weights.
+            UsageError: the name is unknown, or a checkpoint was given for a model without weights.
         """
         if name not in self._specs:
             raise unknown_name("model of this app", name, self.names)
@@ -67,16 +67,16 @@ class Models:
             raise UsageError(f"{name} has no weights: leave the checkpoint empty")
 
     def load(self, name: str, checkpoint: str = "") -> FlowModel:
-        """The model; loads it unless it was loaded last. `checkpoint` takes precedence over the one it was offered
-        with.
+        """Return a model, loading it unless it is already loaded. `checkpoint` takes precedence over the model's
+        default checkpoint.
 
         Raises:
-            UsageError: not one of `names`.
-            ModelError: it cannot be loaded, or does not take two frames.
+            UsageError: the name is not in `names`.
+            ModelError: the model cannot be loaded, or is not a two-frame model.
         """
         self.check(name, checkpoint)
         if self._loaded is None or self._loaded[0] != (name, checkpoint):
-            self._loaded = None  # two networks at once may not fit into memory
+            self._loaded = None  # two networks may not fit into memory
             spec = self._specs[name]
             if checkpoint:
                 spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))
@@ -91,7 +91,7 @@ class Models:
 
 
 def _for_the_page(message: str) -> str:
-    """Adapt an error that names a command-line option to a page that has a field instead.
+    """Reword an error about a command-line option for the page's field.
 
     >>> _for_the_page("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
     "model 'raft' needs its checkpoint: get it, and give its path in the field Checkpoint"
@@ -100,10 +100,10 @@ def _for_the_page(message: str) -> str:
 
 
 def _runs_on_pairs(method: MethodEntry) -> bool:
-    """Whether a method is installed and takes two frames."""
+    """Return whether a method is installed and is a two-frame method."""
     return is_installed(method) and method.frames == 2
 
 
 def _needs_nothing(name: str) -> bool:
-    """Whether a model can be loaded without an option, unlike flow files or an exported network."""
+    """Return whether a model can be loaded without options, unlike flow files or an exported network."""
     return name not in EXPORTED.values() and not needed_options(MODELS.get(name))

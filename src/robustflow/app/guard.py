@@ -1,8 +1,8 @@
-"""Only this session's page may send requests to the app.
+"""Accept requests to the app only from this session's page.
 
-A web server on loopback can be reached by every page that the same browser opens. Three things keep those out: the Host
-header must name this server (a foreign domain may be made to resolve to 127.0.0.1), a POST must come from a page of
-this server (Origin), and everything needs the session's token, which only the address printed in the terminal carries.
+Every page in the same browser can reach a web server on loopback. Three checks reject other pages: the Host header must
+name this server (a foreign domain may resolve to 127.0.0.1), a POST must come from a page of this server (Origin), and
+every request needs the session's token, which is part of the address printed in the terminal.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Guard:
 
     Args:
         app: the app to guard.
-        token: of this session.
-        port: that the server listens on.
-        host: that it listens on, where other machines may call it: by that name or an address.
+        token: secret token of this session.
+        port: port on which the server listens.
+        host: name or address on which the server listens if other machines may connect to it.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, host: str = "") -> None:
@@ -52,7 +52,7 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """See ASGI."""
         if scope["type"] != "http":
-            return  # no websockets here; uvicorn closes what is not answered
+            return  # websockets are not supported; uvicorn closes unanswered connections
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -64,7 +64,7 @@ class Guard:
         await (self._refusal(scope) or self._app)(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> Response | None:
-        """The response in place of the app's, or None."""
+        """Return the response that replaces the app's, or None."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._is_this_server(host):
@@ -91,7 +91,7 @@ class Guard:
 
 
 def _is_address(name: str) -> bool:
-    """Whether a host is a numeric address, which no foreign name server can control."""
+    """Return whether a host is a numeric address, which a foreign name server cannot control."""
     try:
         ipaddress.ip_address(name)
     except ValueError:

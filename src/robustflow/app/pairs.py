@@ -1,4 +1,5 @@
-"""The available pairs: the demo pair, uploaded pairs, and the pairs of uploaded clips. The latest few are kept."""
+"""The available pairs: the demo pair, uploaded pairs, and pairs of uploaded clips. Only the most recent uploads are
+kept."""
 
 from __future__ import annotations
 
@@ -21,14 +22,14 @@ from ..sample import Sample
 
 DEMO = "demo"
 KEPT = 4
-"""Uploads held at once; the least recently used one is removed first."""
+"""Maximum number of stored uploads; the least recently used upload is removed first."""
 
 
 class PairSource(Protocol):
-    """One or more pairs under one name.
+    """A source of one or more pairs.
 
     Attributes:
-        classes: of corruptions, as in a run on these frames (`Benchmark.classes`).
+        classes: corruption classes used in a run on these frames, see `Benchmark.classes`.
     """
 
     name: str
@@ -36,15 +37,15 @@ class PairSource(Protocol):
     classes: Mapping[str, type[Corruption]]
 
     def sample(self, index: int) -> Sample:
-        """Pair number `index`, from 0."""
+        """Return pair number `index`, from 0."""
 
     def close(self) -> None:
-        """Remove its files."""
+        """Remove the files of the source."""
 
 
 @dataclass
 class OnePair:
-    """A pair in memory."""
+    """A source with a single pair in memory."""
 
     name: str
     held: Sample
@@ -60,7 +61,8 @@ class OnePair:
 
 
 class UploadedClip:
-    """The pairs of adjacent frames of the video at `path`, for which `folder` was made; it goes with them."""
+    """A source with the pairs of adjacent frames of the video at `path`. `folder` is removed together with the
+    source."""
 
     classes: Mapping[str, type[Corruption]] = MappingProxyType({})
 
@@ -80,7 +82,7 @@ class UploadedClip:
 
 
 class SourceStore:
-    """Sources by number; safe to use from several threads.
+    """Collection of sources by number; thread-safe.
 
     >>> sources = SourceStore()
     >>> sources.get("demo").name
@@ -96,7 +98,7 @@ class SourceStore:
         self._lock = threading.Lock()
 
     def add(self, source: PairSource) -> str:
-        """Add a source, removing the oldest if there are too many; returns its number."""
+        """Add a source, removing the least recently used if there are too many, and return its number."""
         with self._lock:
             number = secrets.token_hex(8)
             self._sources[number] = source
@@ -106,10 +108,10 @@ class SourceStore:
         return number
 
     def get(self, number: str) -> PairSource:
-        """A source.
+        """Return a source.
 
         Raises:
-            UsageError: it never existed, or was removed to make room.
+            UsageError: the source never existed, or was removed to make room.
         """
         if number == DEMO:
             return self._demo
@@ -120,7 +122,7 @@ class SourceStore:
             return self._sources[number]
 
     def close(self) -> None:
-        """Remove everything."""
+        """Remove all sources."""
         with self._lock:
             gone, self._sources = list(self._sources.values()), OrderedDict()
         for source in gone:

@@ -1,4 +1,4 @@
-"""Run predictions one at a time in a thread, skipping those that are no longer wanted."""
+"""Run predictions one at a time in a thread, skipping outdated requests."""
 
 from __future__ import annotations
 
@@ -13,23 +13,25 @@ from typing import Any
 from ..errors import RobustFlowError, UsageError
 
 WAITING = 8
-"""Largest number of jobs that may wait at once, one for each page."""
+"""Maximum number of waiting jobs, one for each page."""
 
 Message = dict[str, Any]
 
 
 class OutdatedError(Exception):
-    """The job is no longer wanted."""
+    """The job is outdated."""
 
 
 @dataclass(eq=False)
 class QueuedPrediction:
-    """Work for which a page is waiting.
+    """A job for which a page is waiting.
 
     Attributes:
-        page: whose work it is; a newer job of the same page makes it outdated.
-        work: called in the worker's thread with a function that reports the stage, and raises once the job is outdated.
-        tell: called with every message: stages, and finally a result, an error, or that it is outdated.
+        page: identifier of the page; a newer job of the same page makes this job outdated.
+        work: function called in the worker thread; its argument is a function that reports the current stage and raises
+            if the job is outdated.
+        tell: function called with every message: stages, and finally a result, an error, or a notice that the job is
+            outdated.
     """
 
     page: str
@@ -45,7 +47,7 @@ class QueuedPrediction:
 
 
 class PredictionQueue:
-    """Runs jobs in the order they come, in a thread that does not keep the process alive."""
+    """A queue that runs jobs in order of arrival, in a daemon thread."""
 
     def __init__(self) -> None:
         self._waiting: deque[QueuedPrediction] = deque()
@@ -54,10 +56,10 @@ class PredictionQueue:
         threading.Thread(target=self._work, name="predictions", daemon=True).start()
 
     def submit(self, job: QueuedPrediction) -> None:
-        """Add a job; earlier ones of the same page become outdated.
+        """Add a job; earlier jobs of the same page become outdated.
 
         Raises:
-            UsageError: too many pages wait already.
+            UsageError: too many pages are already waiting.
         """
         with self._change:
             for other in (*self._waiting, self._current):
@@ -70,7 +72,7 @@ class PredictionQueue:
             self._change.notify()
 
     def close(self) -> None:
-        """Release every waiting page; a prediction in progress is left to finish."""
+        """Release every waiting page; a prediction in progress continues to its end."""
         with self._change:
             for job in (*self._waiting, self._current):
                 if job is not None:
@@ -89,7 +91,7 @@ class PredictionQueue:
 
 
 def _dismiss_outdated(job: QueuedPrediction) -> bool:
-    """Tell the page of an outdated job at once, without waiting for its turn."""
+    """Notify the page of an outdated job immediately."""
     if job.outdated.is_set():
         job.tell({"outdated": True})
     return job.outdated.is_set()

@@ -1,4 +1,5 @@
-"""One preview: corrupt a pair, predict, measure, draw; with the numbers of `corrupt`, the model and the metrics."""
+"""Compute one preview: corrupt a pair, predict flow, compute metrics, and draw pictures, with the same numbers as
+`corrupt`, the model and the metrics."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ from .choices import Models
 from .pairs import SourceStore
 
 WIDEST = 1280
-"""Largest width of a picture in pixels; numbers are computed from all pixels."""
+"""Maximum width of a picture, in pixels; metrics are computed at full resolution."""
 
 _CLEAN_KEPT = 4
 
@@ -49,13 +50,14 @@ class PreviewRequest(Frozen):
     """A page's request.
 
     Attributes:
-        page: a name that the page chose.
-        source, index: which pair.
-        model: one of those offered.
-        checkpoint: its weights, a published name or a file of this machine; "" for those it was offered with.
-        layers: the corruptions, applied in order.
-        seed: of the draws.
-        frames: whether the clean frames and the ground truth are requested, too.
+        page: identifier chosen by the page.
+        source, index: number of the source, and index of the pair in it.
+        model: name of an offered model.
+        checkpoint: weights of the model, as a published name or a file on this machine; "" for the model's default
+            checkpoint.
+        layers: corruptions in the order of application.
+        seed: the seed for the random draws.
+        frames: whether the clean frames and the ground truth are also requested.
     """
 
     page: Annotated[str, Field(max_length=40)]
@@ -69,7 +71,7 @@ class PreviewRequest(Frozen):
 
     @property
     def corruption(self) -> tuple[str, int]:
-        """Name and severity as `corrupt` takes them: several layers are a stack.
+        """Return name and severity in the form that `corrupt` accepts; several layers form a stack.
 
         >>> fog = {"name": "fog", "severity": 2}
         >>> PreviewRequest(page="p", source="demo", index=0, model="dis", layers=[fog, fog], seed=0).corruption
@@ -82,7 +84,7 @@ class PreviewRequest(Frozen):
 
 
 class Previewer:
-    """Computes previews, keeping the flows on the clean frames that were requested last. Used from one thread."""
+    """Computes previews, and caches the flow on the most recent clean frames. Used from one thread."""
 
     def __init__(self, sources: SourceStore, models: Models) -> None:
         self._sources = sources
@@ -90,10 +92,10 @@ class Previewer:
         self._clean: OrderedDict[tuple[str, int, str, str], Flow] = OrderedDict()
 
     def preview(self, wanted: PreviewRequest, stage: Stage) -> dict[str, Any]:
-        """Pictures as `data:` addresses, and numbers in pixels, None if unavailable.
+        """Return pictures as `data:` URLs, and metrics in pixels, None if unavailable.
 
         Raises:
-            UsageError, DataError, ModelError: as `corrupt` and the model do.
+            UsageError, DataError, ModelError: see `corrupt` and the model.
         """
         source = self._sources.get(wanted.source)
         if wanted.index >= source.pairs:
@@ -136,7 +138,7 @@ class Previewer:
 
 
 def _described(wanted: PreviewRequest, classes: Mapping[str, type[Corruption]]) -> str:
-    """The corruption as a caller of the library writes it."""
+    """Return the corruption as a Python expression for users of the library."""
     name, _ = wanted.corruption
     if all(layer.name not in classes for layer in wanted.layers):
         return f'"{name}"'
@@ -179,6 +181,6 @@ def _pictures(
         pictures |= {"frame1": sample.frames[0], "frame2": sample.frames[1]}
         if sample.flow is not None and sample.valid is not None:
             pictures["truth_flow"] = thickened(flow_colours(sample.flow, radius, sample.valid), sample.valid)
-    # Lossless, because noise is what some of them show.
+    # Lossless, because some pictures show noise.
     addresses = {name: png_address(picture, WIDEST) for name, picture in pictures.items()}
     return {"radius": radius, "pictures": addresses}

@@ -1,4 +1,4 @@
-"""Start the app's server, print its address, and end with Ctrl-C, whatever a model or a client does."""
+"""Start the app's server, print its address, and make sure that Ctrl-C stops it regardless of models and clients."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from .upload_folder import UploadFolder
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8642
 _HEADER_SECONDS = 10.0
-"""Seconds a client has to send its headers, from its first byte or from opening the connection."""
+"""Time limit for a client to send its headers, in seconds from its first byte or from opening the connection."""
 _ENDING_SECONDS = 8.0
-"""Seconds between Ctrl-C and the end of an app that does not end by itself."""
+"""Seconds after Ctrl-C until the app is killed if it has not stopped."""
 
 
 def serve(
@@ -46,14 +46,14 @@ def serve(
     """Serve until interrupted.
 
     Args:
-        given: models to offer before those that are installed; they are loaded on first use.
-        host: to listen on; loopback by default.
-        port: to listen on; 8642 by default, or a free one if that is taken. 0 takes any free one.
+        given: models to offer before the installed ones; loaded on first use.
+        host: name or address to listen on; loopback by default.
+        port: port to listen on; by default 8642, or any free port if 8642 is in use. 0 selects any free port.
         browser: whether to open the page.
-        say, warn: take one line.
+        say, warn: functions called with one line of text.
 
     Raises:
-        UsageError: an address or port that cannot be listened on.
+        UsageError: the server cannot listen on the address or port.
     """
     listening = _listen(host or LOOPBACK, port)
     number = listening.getsockname()[1]
@@ -84,7 +84,7 @@ def serve(
         _end_after_signal()
         _Server(config, queue).run(sockets=[listening])
     except KeyboardInterrupt:
-        pass  # the intended end of this server
+        pass  # the normal way to stop this server
     finally:
         listening.close()
         sources.close()
@@ -92,7 +92,7 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """A server that does not wait for a prediction when it should end."""
+    """A server that does not wait for a prediction when it is stopped."""
 
     def __init__(self, config: uvicorn.Config, queue: PredictionQueue) -> None:
         super().__init__(config)
@@ -105,7 +105,7 @@ class _Server(uvicorn.Server):
 
 
 def _listen(host: str, port: int | None) -> socket.socket:
-    """A socket on the requested port; on any port if none was requested and the usual one is taken."""
+    """Return a socket on the requested port, or on any port if none was requested and the default port is in use."""
     if port is not None and not 0 <= port <= 65535:
         raise UsageError(f"port {port} does not exist: give 1 to 65535, or 0 for any")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -128,10 +128,10 @@ def _is_loopback(address: str) -> bool:
 
 
 class _TimedProtocol(H11Protocol):
-    """uvicorn's protocol, which closes a connection whose request headers do not come in time.
+    """uvicorn's protocol with a time limit for the request headers.
 
-    uvicorn waits for them for as long as the connection stays open. A few half-sent requests would then use up the
-    connections that the server allows, and the page would no longer be answered.
+    uvicorn waits for the headers as long as the connection stays open. A few half-sent requests would use up all
+    connections that the server allows, and the page would stop responding.
     """
 
     _late: asyncio.TimerHandle | None = None
@@ -152,7 +152,7 @@ class _TimedProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def _watch(self) -> None:
-        """Start the timer when headers are awaited, and stop it when they have arrived."""
+        """Start the timer when waiting for headers, and stop it when they have arrived."""
         cycle = cast(Any, self.cycle)
         if cycle is not None and not cycle.response_complete:
             self._forget()
@@ -187,12 +187,12 @@ os.kill(int(sys.argv[1]), signal.SIGKILL)
 
 
 def _end_after_signal() -> None:
-    """Make SIGINT and SIGTERM end this process after at most `_ENDING_SECONDS`, whatever its threads do.
+    """Make SIGINT and SIGTERM end this process within `_ENDING_SECONDS`, regardless of what its threads do.
 
-    Python's signal handlers run between two of its instructions, and a model that is being loaded or compiled may be
-    inside one for minutes, with the interpreter's lock held. The operating system still writes a signal's number to
-    a file descriptor (`signal.set_wakeup_fd`). Another process reads it, and ends the app if that does not end by
-    itself. It ends with this one, because the other end of its pipe closes.
+    Python runs signal handlers between bytecode instructions, but loading or compiling a model may hold the interpreter
+    lock inside a single instruction for minutes. The operating system still writes the signal number to a file
+    descriptor (`signal.set_wakeup_fd`). A watchdog process reads the number and kills the app if it does not stop. The
+    watchdog exits with this process, because its pipe is closed.
     """
     reads, writes = os.pipe()
     os.set_blocking(writes, False)

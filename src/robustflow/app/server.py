@@ -1,4 +1,4 @@
-"""The app's routes: the page, its three files, its choices, uploads, and previews as a stream of lines."""
+"""The app's routes: the page and its three files, the available choices, uploads, and previews as a stream of lines."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _END = ("result", "error", "outdated")
 
 
 def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads: UploadFolder) -> Starlette:
-    """The app without its guard."""
+    """Return the app without its guard."""
     previewer = Previewer(sources, models)
 
     async def choices(request: Request) -> Response:
@@ -89,7 +89,7 @@ async def _file(name: str, kind: str, request: Request) -> Response:
 
 
 async def _lines(job: QueuedPrediction, messages: asyncio.Queue[Message]) -> AsyncIterator[bytes]:
-    """Every message of a job as a line of JSON; a page that goes away makes the job outdated."""
+    """Yield every message of a job as a line of JSON; if the page disconnects, the job becomes outdated."""
     try:
         while True:
             message = await messages.get()
@@ -116,7 +116,7 @@ async def _failed(request: Request, error: Exception) -> Response:
 
 
 def _choices(models: Models, sources: SourceStore) -> dict[str, Any]:
-    """What the page offers."""
+    """Return the choices that the page offers."""
     families = {family: [name for name in names if name not in CLIP] for family, names in FAMILIES.items()}
     others = [name for name in CORRUPTIONS.names() if name not in (*PAPER_ORDER, *CLIP)]
     scale = np.geomspace(LOWEST, HIGHEST, 300)[None].repeat(12, 0)

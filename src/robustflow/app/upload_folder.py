@@ -1,7 +1,7 @@
-"""Folders of uploads, and those that an app left behind when it was killed.
+"""Upload folders, and cleanup of folders left behind by a killed app.
 
-A folder is held by a lock while its app lives; the operating system lets go of it however the app ends, so the next one
-knows which folders are abandoned.
+A folder is locked while its app runs. The operating system releases the lock however the app ends, so the next app can
+tell which folders are abandoned.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _LOCK = ".lock"
 
 
 class UploadFolder:
-    """The place of one app's uploads; `close` removes it."""
+    """The folder of one app's uploads; `close` removes it."""
 
     def __init__(self) -> None:
         remove_abandoned()
         self.path = Path(gettempdir()) / f"{PREFIX}{secrets.token_hex(8)}"
         self._lock = FileLock(f"{self.path}{_LOCK}", blocking=False)
-        self._lock.acquire()  # before the folder exists, so that no other app considers it abandoned
+        self._lock.acquire()  # created before the folder, so that no other app considers the folder abandoned
         self.path.mkdir(mode=0o700)
 
     def new(self) -> Path:
-        """An empty folder for one upload."""
+        """Create an empty folder for one upload."""
         return Path(mkdtemp(dir=self.path))
 
     def close(self) -> None:
@@ -40,7 +40,7 @@ class UploadFolder:
 
 
 def remove_abandoned() -> None:
-    """Remove the upload folders of this user whose app is gone."""
+    """Remove this user's upload folders whose app is no longer running."""
     for held in Path(gettempdir()).glob(f"{PREFIX}*{_LOCK}"):
         folder = held.with_name(held.name.removesuffix(_LOCK))
         try:

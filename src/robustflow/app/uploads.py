@@ -1,4 +1,4 @@
-"""Uploaded frames, ground truth and clips: untrusted until read. Sizes are checked before anything is stored or
+"""Read uploaded frames, ground truth and clips, which are untrusted. Sizes are checked before anything is stored or
 decoded."""
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from ..video.container import open_video
 from .pairs import OnePair, PairSource, UploadedClip
 
 MAX_BYTES = 64 * 2**20
-"""Size of all files of one upload together."""
+"""Maximum total size of all files of one upload."""
 
 MAX_PIXELS = 3840 * 2160
-"""Largest size of a frame in pixels."""
+"""Maximum number of pixels of a frame."""
 
 MAX_CLIP_FRAMES = 3000
 
@@ -34,7 +34,7 @@ TRUTH_SUFFIXES = (".flo", ".png", ".pfm")
 
 
 def limited(request: Request, most: int) -> Request:
-    """Make reading a request's body fail once it is longer than `most` bytes, whatever length it announced."""
+    """Make reading a request's body fail after `most` bytes, regardless of the declared length."""
     announced = request.headers.get("content-length", "0")
     if not announced.isdigit() or int(announced) > most:
         raise _too_large(most)
@@ -57,19 +57,19 @@ def _too_large(most: int) -> HTTPException:
 
 
 def source_of(form: FormData, folder: Path) -> PairSource:
-    """Read a form with `frame1` and `frame2` (and `truth`), or with `clip`; files are kept in `folder`, which is
-    removed when they are no longer needed.
+    """Read a form with `frame1` and `frame2` (and optionally `truth`), or with `clip`. Files are stored in `folder`,
+    which is removed when they are no longer needed.
 
     Raises:
-        UsageError: other fields, or a kind of file that is not supported.
-        DataError: files that are damaged, too large, or do not fit each other.
+        UsageError: the form has different fields, or a file type is not supported.
+        DataError: a file is damaged or too large, or files do not match each other.
     """
     files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
     kept = False
     try:
         if set(files) == {"clip"}:
             clip = _clip(files["clip"], folder)
-            kept = True  # it is decoded when it is requested
+            kept = True  # decoded when requested
             return clip
         if {"frame1", "frame2"} <= set(files) <= {"frame1", "frame2", "truth"}:
             return _pair(files, folder)
@@ -94,7 +94,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     if "truth" not in files:
         return OnePair(name, Sample(paths[0].stem, frames))
     truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
-    if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # before it is unpacked
+    if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # checked before decompression
         height, width = stored_size(truth)
         raise DataError(f"{truth}: {width}x{height} is not the size of the frames; they do not belong together")
     flow, valid = read_flow(truth)
@@ -118,7 +118,7 @@ def _clip(file: UploadFile, folder: Path) -> UploadedClip:
 
 
 def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:
-    """Store the file under the last part of the name that the browser gave."""
+    """Store the file under the last component of the name that the browser sent."""
     name = PureWindowsPath(PurePosixPath(file.filename or "").name).name
     name = "".join(c for c in name if c.isprintable() and c not in '<>:"|?*')[-80:].lstrip(".") or "unnamed"
     suffix = Path(name).suffix.lower()

@@ -1,4 +1,4 @@
-"""The benchmarks: which samples, corruptions and severities make a number comparable."""
+"""Benchmarks: the fixed samples, corruptions and severities that make results comparable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A benchmark: which samples, under which corruptions, at which severities."""
+"""The benchmark class: samples, corruptions and severities."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ from ..severity import check_severity
 from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
 
 AnyCorruption = str | Corruption | type[Corruption]
-"""A corruption's name, or one of the user's as an object or a class."""
+"""The name of a corruption, or a user-defined corruption as an object or a class."""
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What is measured, and on which samples.
+    """The samples, corruptions and severities to evaluate.
 
     Attributes:
-        name: "kitti-fc", "demo", "folder", ...
-        dataset: where the samples come from.
-        keys: the samples, in order.
+        name: name of the benchmark: "kitti-fc", "demo", "folder", ...
+        dataset: data set that provides the samples.
+        keys: keys of the samples, in order.
         corruptions: the corruptions, in the paper's order.
-        severities: 1 to 5 unless narrowed.
+        severities: severities to evaluate; 1 to 5 unless restricted.
         protocol: everything else that determines the numbers (split, ground truth), for the run's identity.
-        closed: whether the corrupted frames come from files, so that no other corruption or severity can be requested.
-        classes: corruption -> class that computes it here, where that is not the registered one.
-        attacks: adversarial attacks on the model, at the same severities; none unless they are asked for.
-        facts: title, whether there is ground truth, what the paper measured.
-        own_depth: the user's depth maps; without them depth is the data set's, where it has any.
+        closed: whether the corrupted frames come from files, in which case no additional corruption or severity can be
+            requested.
+        classes: mapping from a corruption's name to its class, for classes that differ from the registered one.
+        attacks: adversarial attacks on the model, at the same severities; empty unless requested.
+        facts: title, availability of ground truth, and the paper's settings.
+        own_depth: the user's depth maps; without them, depth comes from the data set if available.
     """
 
     name: str
@@ -54,17 +55,17 @@ class Benchmark:
 
     @property
     def depths(self) -> Depths | None:
-        """Where the depth of its samples comes from; None where nothing has it."""
+        """Return the source of depth for the samples, or None without depth."""
         if self.own_depth is not None and not isinstance(self.dataset, Still):
             return self.own_depth
         return self.dataset if isinstance(self.dataset, Depths) else None
 
     def depth_to_read(self) -> Depths | None:
-        """Where the depth comes from that its corruptions need; None if none of them does.
+        """Return the source of depth if a corruption of the benchmark needs depth, else None.
 
         Raises:
-            UsageError: its data have no depth; or the user gave some, and no corruption needs it.
-            DataError: a file of it is missing.
+            UsageError: the data have no depth, or the user gave depth maps that no corruption needs.
+            DataError: a depth file is missing.
         """
         wanting = next((name for name in self.corruptions if needs_depth(name)), None)
         if wanting is None:
@@ -84,12 +85,13 @@ class Benchmark:
         limit: int | None = None,
         attacks: AnyAttack | Sequence[AnyAttack] | None = None,
     ) -> Benchmark:
-        """The same benchmark with fewer (or other) corruptions or severities, or fewer samples (`spread`).
+        """Return the same benchmark with fewer or different corruptions or severities, or fewer samples (`spread`).
 
-        With attacks and without corruptions, only the attacks; the random noise of their norms is added.
+        With attacks but without corruptions, only the attacks are run. Random noise of the same norms is added as their
+        baseline.
 
         Raises:
-            UsageError: an unknown corruption or attack, a severity outside 1 to 5, a limit below 1.
+            UsageError: a corruption or attack is unknown, a severity is outside 1 to 5, or the limit is below 1.
         """
         if limit is not None and limit < 1:
             raise UsageError(f"--limit {limit} leaves no samples: give 1 or more")
@@ -114,11 +116,12 @@ class Benchmark:
         return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
 
     def still(self) -> Benchmark:
-        """Its frames without motion: each paired with itself, and a true flow of zero everywhere.
+        """Return the still version of the benchmark: every frame paired with itself, with a true flow of zero
+        everywhere.
 
         Raises:
-            UsageError: a benchmark of the paper, whose name implies its pairs and their ground truth; or frames that
-                are corrupted beforehand.
+            UsageError: the benchmark is from the paper, so that its name implies its pairs and their ground truth, or
+                its frames were corrupted beforehand.
         """
         check_still(self.name, self.facts)
         dataset = Still(self.dataset, self.keys, self.own_depth)
@@ -132,10 +135,10 @@ class Benchmark:
         )
 
     def subset(self, name: str) -> Benchmark:
-        """The same benchmark under the conditions of a subset alone: "quick", see `BenchmarkFacts.quick`.
+        """Return the same benchmark restricted to the conditions of a subset: "quick", see `BenchmarkFacts.quick`.
 
         Raises:
-            UsageError: another name, or a benchmark without such a subset.
+            UsageError: the subset is unknown, or the benchmark does not have it.
         """
         if name != "quick":
             raise unknown_name("subset", name, ("quick",))
@@ -144,7 +147,7 @@ class Benchmark:
         return self.narrowed(self.facts.quick.corruptions, self.facts.quick.severities)
 
     def _refuse_clip_corruption(self, name: str) -> None:
-        """Raise for a corruption of whole clips, which this data set does not hold."""
+        """Raise for a corruption of whole clips if the data set does not contain clips."""
         parts = [part for part, _ in split_stack(name)]
         if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
             return
@@ -156,15 +159,16 @@ class Benchmark:
 
 
 def _several(given: Any) -> Iterable[Any]:
-    """One or several corruptions or severities, as several."""
+    """Return one or several corruptions or severities as a tuple."""
     return (given,) if isinstance(given, str | type) or not isinstance(given, Iterable) else given
 
 
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:
-    """`limit` keys, in their order, spread evenly over all; all if there are no more, or for None.
+    """Select `limit` keys spread evenly over all keys, in the same order; return all keys if there are no more, or if
+    `limit` is None.
 
-    The first is in the middle, the next at the quarters, then the eighths, so that a larger limit adds to the keys of
-    a smaller one: a run with it continues in the same folder.
+    The first key is in the middle, the next keys at the quarters, then at the eighths, so that a larger limit only adds
+    keys and a run can be extended in the same folder.
 
     >>> [spread("abcdefgh", limit) for limit in (1, 3, 5)]
     [('e',), ('c', 'e', 'g'), ('b', 'c', 'e', 'f', 'g')]

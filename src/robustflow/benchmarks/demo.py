@@ -1,4 +1,4 @@
-"""`demo`: one real pair with ground truth that comes with the installation, under the corruptions of KITTI-FC."""
+"""`demo`: one real pair with ground truth, included in the installation, under the corruptions of KITTI-FC."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from .base import Benchmark
 from .facts import BenchmarkFacts
 
 DEMO_CLASSES = {"frost": GeneratedFrost}
-"""The corruptions of the demo pair that would otherwise download something."""
+"""The corruptions that need a replacement on the demo pair to avoid a download."""
 
 
 class Demo:
-    """The Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is horizontal.
+    """A benchmark of the Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is
+    horizontal.
 
-    Nothing is downloaded: frost uses generated textures instead of the paper's photographs.
+    To avoid downloads, frost uses generated textures instead of the paper's photographs.
     """
 
     facts = BenchmarkFacts(

@@ -1,7 +1,7 @@
 """Write a benchmark's frames as files, in the layout in which KITTI-FC was released.
 
 clean/val/image_2/000010_10.png, 000010_11.png      <corruption>_<severity>/val/image_2/...
-clean/val/flow_occ/000010_10.png                    clean/val/flow_noc/000010_10.png where occlusion is known
+clean/val/flow_occ/000010_10.png                    clean/val/flow_noc/000010_10.png if occlusion is known
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ EXPORT_FILE = "export.json"
 
 @dataclass(frozen=True)
 class Written:
-    """One sample under one condition is on disk; `fresh` is False if an earlier call had already written it."""
+    """Progress report: one sample under one condition is on disk; `fresh` is False if an earlier call wrote it."""
 
     key: str
     condition: str
@@ -45,18 +45,18 @@ def export(
     severity_scale: str = "paper",
     common_draws: bool = False,
 ) -> Iterator[Written]:
-    """Write the benchmark into `output`, sample by sample; existing files stay as they are.
+    """Write the benchmark into `output`, sample by sample; existing files are kept unchanged.
 
     Args:
-        benchmark: whose samples, corruptions and severities to write.
-        output: the folder; created if missing.
-        seed, variant, severity_scale, common_draws: of the corruptions; the frames equal those that `run` makes on the
-            fly. Severities that do not exist on the scale are not written.
+        benchmark: benchmark with the samples, corruptions and severities to write.
+        output: path of the output folder; created if missing.
+        seed, variant, severity_scale, common_draws: settings of the corruptions; the frames equal those that `run`
+            computes on the fly. Severities that do not exist on the scale are not written.
 
     Raises:
-        RunError: the folder holds an export with other settings, or cannot be written.
-        UsageError: no depth for a corruption that needs it.
-        DataError: a key that cannot be a file name, or a file of depth is missing.
+        RunError: the folder contains an export with different settings, or cannot be written.
+        UsageError: a corruption needs depth, which the benchmark does not have.
+        DataError: a key is not a valid file name, or a depth file is missing.
     """
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
@@ -117,7 +117,7 @@ def _write_truth(folder: Path, sample: Sample) -> None:
 
 
 def _claim(output: Path, settings: dict[str, object]) -> None:
-    """Record what this folder holds; raises rather than mix two exports in it."""
+    """Record the settings of the export in its folder; raise if the folder contains a different export."""
     make_folder(output)
     record = output / EXPORT_FILE
     if record.exists():

@@ -1,4 +1,4 @@
-"""What a reader of a result needs to know about a benchmark: validated data on its class."""
+"""Facts about a benchmark that a reader of results needs, as validated data on its class."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from ..validated import Frozen
 
 
 class QuickSubset(Frozen):
-    """Fewer corruptions and severities that rank models nearly as all of a benchmark's; its means are estimates. It was
-    chosen on two rankings: of published models, whose tables have no severities, and of models measured on other pairs.
+    """A subset of a benchmark's corruptions and severities that ranks models nearly as the full set does; means over it
+    are estimates. The subset was chosen on two rankings: of published models, whose tables do not list severities, and
+    of models evaluated on different pairs.
 
     Attributes:
-        corruptions, severities: of the subset; every corruption at each of the severities.
-        tau: the smallest of Kendall's tau between the rankings by EPE, CRE and RCRE, subset against all, in both.
-        trials: in how many of 100 trials tau is at least 0.95 when the subset is chosen without one of the models.
+        corruptions, severities: corruptions and severities of the subset; every corruption is run at each severity.
+        tau: minimum Kendall's tau between the subset's and the full ranking, over EPE, CRE and RCRE and both sets of
+            models.
+        trials: number of trials out of 100 with tau of at least 0.95 when the subset is chosen with one model left out.
         published: number of published models.
         measured: number of models measured.
     """
@@ -38,19 +40,20 @@ class BenchmarkFacts(Frozen):
     """The description of a benchmark.
 
     Attributes:
-        title: its name in tables and figures.
-        description: one sentence.
-        data: what `--data` should name; "" if it needs none.
-        has_flow: whether its samples have ground truth; if not, only RCRE is measured.
-        published: whether the paper has results on it.
-        paper_corruptions: those that the paper's mean on it is over; for a benchmark that is not in the paper, the
-            corruptions of image pairs, or those that its frames come with.
-        severities: at which its corruptions exist.
-        paper_pairs: on how many pairs the paper measured it; None if it does not say, or has no such benchmark.
-        training_set: the training set that its frames come from, by its name in `robustflow.models.provenance`; "" if
-            none holds them, or, without `same_domain`, no model can state whether it was trained on them.
-        same_domain: training sets of the same domain, which hold other frames.
-        quick: the conditions of `--subset quick`; None if none was found.
+        title: name of the benchmark in tables and figures.
+        description: one-sentence description.
+        data: what `--data` must specify; "" if the benchmark needs no data.
+        has_flow: whether the samples have ground truth; if not, only RCRE is computed.
+        published: whether the paper reports results on the benchmark.
+        paper_corruptions: corruptions included in the paper's mean; for a benchmark that is not in the paper, the
+            image-pair corruptions or those distributed with the frames.
+        severities: available severities of the corruptions.
+        paper_pairs: number of pairs in the paper's evaluation; None if the paper does not report it or does not include
+            the benchmark.
+        training_set: name of the training set that contains the frames, see `robustflow.models.provenance`; "" if there
+            is none. If `same_domain` is also empty, no model can declare whether it was trained on these frames.
+        same_domain: names of training sets of the same domain that contain different frames.
+        quick: conditions of `--subset quick`; None if no suitable subset exists.
 
     >>> BenchmarkFacts(title="Night drives").has_flow
     True
@@ -70,11 +73,11 @@ class BenchmarkFacts(Frozen):
 
 
 NON_OCCLUDED: dict[str, Any] = {"ground_truth": "non-occluded"}
-"""Entry in the protocol of a run whose ground truth lacks the pixels that are hidden in frame 2."""
+"""Protocol entry of a run whose ground truth excludes pixels that are occluded in frame 2."""
 
 
 def truth_remark(protocol: Mapping[str, Any]) -> str:
-    """What a reader has to know about the ground truth of a run; "" if it is its data set's usual one.
+    """Return a remark about the ground truth of a run, or "" if it is the data set's usual ground truth.
 
     >>> truth_remark(NON_OCCLUDED), truth_remark({})
     ('non-occluded ground truth', '')
@@ -83,7 +86,7 @@ def truth_remark(protocol: Mapping[str, Any]) -> str:
 
 
 def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severities: Collection[int]) -> str:
-    """What a reader has to know about means over the quick subset of a benchmark; "" for those over others.
+    """Return a remark about means over the quick subset of a benchmark, or "" for means over other conditions.
 
     >>> estimate_remark(NEUTRAL, ("fog",), (1,))
     ''
@@ -98,11 +101,12 @@ def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severit
 
 
 NEUTRAL = BenchmarkFacts(title="own benchmark")
-"""The facts of a benchmark that states none."""
+"""Facts of a benchmark that declares none."""
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
-    """Any data set as a benchmark: every sample under every corruption of image pairs, or under its own."""
+    """Return the facts of a data set used as a benchmark: every sample under every image-pair corruption, or under the
+    corruptions distributed with the data set."""
     return BenchmarkFacts(
         title=dataset.title,
         description=dataset.description,
@@ -116,11 +120,11 @@ def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
 
 
 _STILL = "-still"
-"""The end of the name of a benchmark in which nothing moves."""
+"""Suffix of the name of a still-scene benchmark."""
 
 
 def still_name(name: str) -> str:
-    """The name of a benchmark whose frames are paired with themselves.
+    """Return the name of a benchmark's still-scene version.
 
     >>> still_name("sintel")
     'sintel-still'
@@ -129,7 +133,7 @@ def still_name(name: str) -> str:
 
 
 def is_still(benchmark: str) -> bool:
-    """Whether nothing moves in a benchmark of this name, so that its errors are phantom motion.
+    """Return whether a name denotes a still-scene benchmark, where every error is phantom motion.
 
     >>> is_still("sintel-still"), is_still("sintel")
     (True, False)
@@ -138,7 +142,7 @@ def is_still(benchmark: str) -> bool:
 
 
 def sample_noun(benchmark: str) -> str:
-    """What a sample of a benchmark is called when samples are counted.
+    """Return the noun for a benchmark's samples when they are counted.
 
     >>> sample_noun("sintel-still"), sample_noun("sintel")
     ('still frame', 'pair')
@@ -147,7 +151,7 @@ def sample_noun(benchmark: str) -> str:
 
 
 def moving_name(benchmark: str) -> str:
-    """The name of the benchmark that the frames of a still one come from; other names as they are.
+    """Return the name of the benchmark from which a still-scene benchmark was made; return other names unchanged.
 
     >>> moving_name("sintel-still"), moving_name("sintel")
     ('sintel', 'sintel')
@@ -156,7 +160,7 @@ def moving_name(benchmark: str) -> str:
 
 
 def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
-    """The facts of a benchmark whose frames are paired with themselves: every pixel has a known flow, which is zero."""
+    """Return the facts of a still-scene benchmark: every pixel has a known flow of zero."""
     return facts.model_copy(
         update={
             "title": f"{facts.title[:70]}, still",
@@ -169,11 +173,11 @@ def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
 
 
 def check_still(name: str, facts: BenchmarkFacts) -> None:
-    """Raise if the name of a benchmark implies its pairs and their ground truth, as the paper's do, so that still
-    scenes under it would mislead.
+    """Raise if still scenes under a benchmark's name would be misleading, because the name implies certain pairs and
+    ground truth, like those of the paper's benchmarks.
 
     Raises:
-        UsageError: it does.
+        UsageError: the name implies pairs and ground truth.
     """
     if facts.published:
         raise UsageError(

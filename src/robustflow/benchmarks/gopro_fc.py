@@ -1,4 +1,5 @@
-"""`gopro-fc`: all 24 corruptions on small displacements, without ground truth (paper Sec. 4.2 and appendix)."""
+"""`gopro-fc`: all 24 corruptions on pairs with small displacements, without ground truth (paper Sec. 4.2 and
+appendix)."""
 
 from __future__ import annotations
 
@@ -16,9 +17,11 @@ if TYPE_CHECKING:
 
 
 class GoProFC:
-    """GoPro-FC from a folder that `robustflow prepare gopro-fc` made, from the released one, or from one video file.
+    """GoPro-FC from a folder made by `robustflow prepare gopro-fc`, from the released folder, or from a single video
+    file.
 
-    A video is used as it is: no interpolation, key frames 1/30 s apart, prepared once in the user's cache folder.
+    A video is used without interpolation, with key frames 1/30 s apart, and is prepared once in the user's cache
+    folder.
     """
 
     facts = BenchmarkFacts(

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class KittiFC:
-    """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder as it is.
+    """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder.
 
-    The paper drew its 80 pairs without a seed and lists them only in its 44 GB download; here they come from a
-    documented seed, or from `split`: a file, or "drive-disjoint", whose pairs share no drive with the others. All pairs
-    of a folder with fewer than 200 are evaluated.
+    The paper drew its 80 pairs without a seed and lists them only in its 44 GB download. Here the pairs come from a
+    documented seed or from `split`: a file, or "drive-disjoint", whose pairs share no drive with the training pairs. If
+    a folder has fewer than 200 pairs, all of them are evaluated.
     """
 
     facts = BenchmarkFacts(
@@ -79,7 +79,7 @@ _MOST_NAMED = 20
 
 
 def _check_truth(dataset: KittiPairs) -> None:
-    """Raise unless the ground truth is that of all pixels, on which KITTI-FC is measured."""
+    """Raise unless the ground truth covers all pixels, including occluded ones, as KITTI-FC requires."""
     if dataset.non_occluded:
         raise DataError(
             f"{dataset.folder}: no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
@@ -88,7 +88,7 @@ def _check_truth(dataset: KittiPairs) -> None:
 
 
 def _check_pairs(keys: Sequence[str]) -> None:
-    """Warn unless these are the pairs of KITTI-FC."""
+    """Warn if these are not the pairs of KITTI-FC."""
     from ..datasets.split import KITTI_KEYS, kitti_split
 
     wanted = kitti_split(KITTI_KEYS).evaluation

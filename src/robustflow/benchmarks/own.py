@@ -1,4 +1,4 @@
-"""A user's own benchmark, `--benchmark mypkg:MyBench`, and a user's own data set as a benchmark."""
+"""Open a user-defined benchmark, `--benchmark mypkg:MyBench`, or a user-defined data set as a benchmark."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .facts import facts_of_dataset
 
 
 def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: list[str]) -> Benchmark:
-    """The benchmark that a user names as `module.path:Attribute`.
+    """Open the benchmark that a user specifies as `module.path:Attribute`.
 
     Args:
-        target: a class with `open(data, split)`, a function of the same two, or a `Benchmark`.
-        reserved: names that are already taken.
+        target: reference to a class with `open(data, split)`, a function with the same arguments, or a `Benchmark`.
+        reserved: names that are already in use.
 
     Raises:
-        UsageError: it cannot be imported or opened, or is not a benchmark.
+        UsageError: the target cannot be imported or opened, or is not a benchmark.
     """
     made = import_target(target, "benchmark")
     if not isinstance(made, Benchmark):
@@ -49,10 +49,10 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
 
 
 def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
-    """Every sample of a user's data set under every image-pair corruption.
+    """Return a benchmark with every sample of a user's data set under every image-pair corruption.
 
     Raises:
-        UsageError: see `open_own_dataset`; or its name is taken.
+        UsageError: see `open_own_dataset`; or the name is already in use.
     """
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved or dataset.name in DATASETS:

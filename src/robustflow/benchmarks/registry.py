@@ -1,4 +1,4 @@
-"""Every benchmark by name: its facts, without loading anything, or opened on its data."""
+"""Registry of benchmarks by name: look up facts without loading data, or open a benchmark on its data."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from .own import own_benchmark, own_dataset_benchmark
 
 
 class Definition(Protocol):
-    """A registered benchmark: a class that states its facts, and opens it.
+    """Definition of a registered benchmark: a class with its facts and a method to open it.
 
     Attributes:
-        facts: title, ground truth, what the paper measured; nothing is opened to read them.
+        facts: title, ground truth, and the paper's settings, available without opening the data.
     """
 
     facts: BenchmarkFacts
 
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
-        """The benchmark on the data in a folder.
+        """Return the benchmark on the data in a folder.
 
         Args:
-            data: what `--data` names; None if it was not given.
-            split: a file that names the samples to evaluate; None for the benchmark's own choice.
+            data: path given with `--data`; None if it was not given.
+            split: path of a file that lists the samples to evaluate; None for the benchmark's default.
 
         Raises:
-            UsageError: data or a split is missing, or was given but is not used.
+            UsageError: data or a split is missing, or was given but is not supported.
             DataError: the folder is not what the benchmark expects.
         """
 
@@ -57,20 +57,21 @@ def load_benchmark(
     split: str | Path | None = None,
     options: dict[str, Any] | None = None,
 ) -> Benchmark:
-    """A benchmark by name.
+    """Open a benchmark by name.
 
     Args:
-        name: "demo", "kitti-fc", "gopro-fc", any data set: "folder" (your own frames or video), "sintel", ...; or your
-            own as `module.path:Attribute`.
-        data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none. With
-            the default "demo", a video or a folder of frames is read as "folder", and `module.path:Attribute` is your
-            own data set.
-        split: a file naming the samples to evaluate, one key per line; or "drive-disjoint", for KITTI 2015.
-        options: of a data set, for example {"render_pass": "final"} for Sintel; and of any, "depth", a folder of your
-            own depth maps, with "focal", the focal length in pixels (see `OwnDepth`).
+        name: name of the benchmark: "demo", "kitti-fc", "gopro-fc", any data set such as "folder" (your own frames or
+            video) or "sintel", or a user-defined benchmark as `module.path:Attribute`.
+        data: path of the folder with the samples (for "folder" and "gopro-fc" also a video file); "demo" needs none.
+            With the default "demo", a video or a folder of frames is read as "folder", and `module.path:Attribute` as a
+            user-defined data set.
+        split: path of a file that lists the samples to evaluate, one key per line, or "drive-disjoint" for KITTI 2015.
+        options: options of the data set, for example {"render_pass": "final"} for Sintel. Every data set supports
+            "depth", the path of a folder of your own depth maps, and "focal", the focal length in pixels (see
+            `OwnDepth`).
 
     Raises:
-        UsageError: an unknown name or option, or data missing where it is needed.
+        UsageError: a name or option is unknown, or required data were not given.
         DataError: the folder is not what the benchmark expects.
 
     >>> load_benchmark("demo").keys
@@ -110,11 +111,11 @@ def _loaded(name: str, data: str | Path | None, split: str | Path | None, option
 
 
 def _benchmark_of(root: Path) -> str:
-    """The benchmark for data that are named without one: the user's own frames, if they do not look like others.
+    """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known data set.
 
     Raises:
-        DataError: nothing is there.
-        UsageError: a known data set, which can be measured in more than one way.
+        DataError: the path does not exist.
+        UsageError: the data look like a known data set, which more than one benchmark can read.
     """
     if not root.exists():
         raise DataError(f"{root}: no such file or folder; check the path")
@@ -139,11 +140,11 @@ def _opened(
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
-    """The facts of a benchmark by its name, for code that reads manifests and tables and has no data.
+    """Return the facts of a benchmark by its name, for code that reads manifests and tables without the data.
 
-    A data set's name gives its own title, and that of its still scenes says so. An unregistered name, as in manifests
-    from other machines, gives neutral facts: its name as the title, and nothing from the paper; no code is loaded for
-    it.
+    The facts of a data set use its title, with a suffix for still scenes. For an unregistered name, such as one in a
+    manifest from a different machine, the facts are neutral: the name is the title, there are no values from the paper,
+    and no code is loaded.
 
     >>> facts = benchmark_facts("kitti-fc")
     >>> facts.title, facts.paper_pairs, len(facts.paper_corruptions), facts.training_set

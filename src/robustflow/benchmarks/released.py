@@ -1,4 +1,4 @@
-"""A released benchmark as it is on disk."""
+"""A released benchmark, read from disk."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from .facts import BenchmarkFacts
 
 
 def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
-    """The corruptions and severities that the folder holds, and no others: nothing is made on the fly in addition."""
+    """Return a benchmark with only the corruptions and severities in the folder; no corruption is computed on the
+    fly."""
     by_corruption = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
     by_corruption = {corruption: levels for corruption, levels in by_corruption.items() if levels}
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))

@@ -1,12 +1,11 @@
-"""How to read a model's numbers on a benchmark, given what it was trained on and which pairs were evaluated.
+"""Classify a model's results on a benchmark by its training sets and the evaluated pairs.
 
-"ID" means: trained on the domain, but on none of the evaluated frames. Whether that is so depends on the pairs.
-`K:train` names the 120 pairs that the project's split leaves for training; evaluating one of them, by another
-`--split`, in a small folder all of which is evaluated, or in the data set as a whole, measures the model on its
-training data.
+"ID" means that the model was trained on the domain, but on none of the evaluated frames. This depends on the pairs:
+`K:train` denotes the 120 training pairs of the project's split. If one of them is evaluated, because of a different
+`--split`, a small folder, or an evaluation on the whole data set, the model is evaluated on its training data.
 
-KITTI's raw data contain the frames of most pairs. A model trained on them without labels was trained on those frames
-unless its authors left them out (`KR:train`); its numbers are "ID", and a note counts the pairs.
+KITTI's raw data contain the frames of most pairs. A model trained on the raw data without labels has seen these frames
+unless its authors left them out (`KR:train`); its setting is "ID", and a note gives the number of pairs.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _KITTI = "kitti2015"
 _RAW = "kitti-raw"
 _RELEASED = "released"
 PAIRS_NOTE = "pairs: "
-"""The beginning of a note that follows from the evaluated pairs."""
+"""Prefix of a note about the evaluated pairs."""
 
 
 def setting_of(
@@ -34,17 +33,17 @@ def setting_of(
     keys: Collection[str] | None = None,
     protocol: Mapping[str, Any] | None = None,
 ) -> Setting:
-    """The setting of a model on a benchmark, which says how to read its numbers.
+    """Return the setting of a model on a benchmark, which is needed to interpret its results.
 
-    "OOD": trained on nothing of its domain. "ID": trained on its domain, but on none of the evaluated frames. "LEAKED":
-    trained on evaluated frames. "knowledge": learns nothing. "untrained": random weights. "UNKNOWN": not declared,
-    not known, or the frames are the user's own.
+    "OOD": not trained on the benchmark's domain. "ID": trained on the domain, but on none of the evaluated frames.
+    "LEAKED": trained on evaluated frames. "knowledge": a method without learning. "untrained": random weights.
+    "UNKNOWN": training sets undeclared or unknown, or the user's own frames.
 
     Args:
-        training: of the model.
-        benchmark: its name.
-        keys: the evaluated samples; the benchmark's usual ones by default.
-        protocol: of the benchmark: whether the frames are the released ones.
+        training: training sets of the model.
+        benchmark: name of the benchmark.
+        keys: keys of the evaluated samples; by default the benchmark's usual samples.
+        protocol: protocol of the benchmark, which tells whether the released frames are used.
 
     >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
     'LEAKED'
@@ -57,7 +56,7 @@ def setting_of(
 def judge(
     training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
 ) -> tuple[Setting, list[str]]:
-    """The setting, and notes about the evaluated pairs; arguments as for `setting_of`."""
+    """Return the setting, and notes about the evaluated pairs; for arguments see `setting_of`."""
     if not training.trained:
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)
@@ -86,7 +85,7 @@ def judge(
 
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:
-    """What `K:part` means for these pairs, and the note that must accompany it."""
+    """Return the setting that `K:part` implies for these pairs, and the accompanying note."""
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
         own = "the released KITTI-FC has a different split, which K:released names"

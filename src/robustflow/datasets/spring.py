@@ -104,7 +104,7 @@ class Spring(PairDataset):
         return present(files, "Spring", "disp1_left/, disp1_right/ and cam_data/")
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
-        """See `Depths.depth_files`."""
+        """See `PairDataset.training_truth`."""
         return self.truth(pair)
 
 

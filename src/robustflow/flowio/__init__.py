@@ -18,22 +18,22 @@ from .pfm import pfm_bytes, read_pfm
 __all__ = ["FLOW_SUFFIXES", "read_flow", "write_flow"]
 
 FLOW_SUFFIXES = (".flo", ".png", ".pfm", ".flo5")
-"""The formats, by the ending of the file name."""
+"""The formats by file extension."""
 
 _READERS = {".flo": read_flo, ".png": read_kitti, ".pfm": read_pfm, ".flo5": read_flo5}
 
 
 def read_flow(path: str | Path) -> tuple[Flow, Mask]:
-    """Read a flow file; the ending of its name gives the format (.flo, .png, .pfm, .flo5).
+    """Read a flow file; the file extension determines the format (.flo, .png, .pfm, .flo5).
 
     Returns:
-        flow: float32 (H, W, 2), (u right, v down) in pixels, 0 where unknown.
-        valid: bool (H, W), False where the file marks the flow as unknown: third channel 0 (.png), a
-            component beyond 1e9 (.flo, .pfm, .flo5), NaN or infinite (any).
+        flow: flow vectors (u right, v down), float32 (H, W, 2), in pixels, 0 where unknown.
+        valid: boolean mask (H, W), False where the file marks the flow as unknown: a third channel of 0 (.png), a
+            component beyond 1e9 (.flo, .pfm, .flo5), or NaN or infinity (any format).
 
     Raises:
-        DataError: no such file, damaged, cut short, not a flow file, or of an unknown format.
-        AssetError: a .flo5 file, and h5py is not installed.
+        DataError: the file does not exist, is damaged or truncated, is not a flow file, or has an unknown format.
+        AssetError: the file is a .flo5 file, but h5py is not installed.
 
     >>> import numpy as np
     >>> from tempfile import mkdtemp
@@ -54,16 +54,18 @@ def read_flow(path: str | Path) -> tuple[Flow, Mask]:
 
 
 def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> None:
-    """Write a flow file atomically; the ending of its name gives the format.
+    """Write a flow file atomically; the file extension determines the format.
 
     Args:
-        path: ends in .flo, .png (KITTI: rounded to 1/64, from -512 to 511.984375), .pfm or .flo5.
-        flow: (H, W, 2) numbers, in pixels.
-        valid: bool (H, W); pixels outside it, and pixels with NaN or infinite flow, are written as unknown.
+        path: path of the file, with the extension .flo, .png (KITTI: rounded to 1/64 pixel, from -512 to 511.984375),
+            .pfm or .flo5.
+        flow: flow vectors, any numeric dtype, (H, W, 2), in pixels.
+        valid: boolean mask (H, W); pixels where it is False, and pixels with NaN or infinite flow, are written as
+            unknown.
 
     Raises:
-        DataError: wrong shapes, values the format cannot hold, or a file that cannot be written.
-        AssetError: a .flo5 file, and h5py is not installed.
+        DataError: a shape is wrong, the format cannot represent a value, or the file cannot be written.
+        AssetError: the file is a .flo5 file, but h5py is not installed.
     """
     path = Path(path)
     suffix = _suffix(path)

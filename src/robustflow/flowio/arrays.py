@@ -1,4 +1,4 @@
-"""What all flow formats share: which values are unknown, and which arrays can be written."""
+"""Functions shared by all flow formats: detection of unknown values, and checks of arrays to write."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from ..errors import DataError
 from ..sample import Flow, Mask
 
 MAX_SIDE = 99_999
-"""The largest width and height any format may claim, the limit of Middlebury's own reader."""
+"""Maximum width and height in any format; the limit of Middlebury's own reader."""
 
 MAX_PIXELS = 2**26
-"""A flow beyond 67 megapixels is refused before it is unpacked; the largest of a data set, Spring's, has 8."""
+"""Maximum number of pixels, 67 million; larger files are rejected before decompression. Spring, the data set with the
+largest flow, has 8 million."""
 
 UNKNOWN_THRESHOLD = 1e9
-"""A component beyond this is the Middlebury mark for unknown flow."""
+"""Threshold beyond which a component marks unknown flow, as in Middlebury's format."""
 
 
 def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
@@ -33,10 +34,11 @@ def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
 
 
 def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tuple[Flow, Mask]:
-    """The arrays to write: float32 (H, W, 2) and bool (H, W), non-finite pixels unknown.
+    """Return the arrays to write, float32 (H, W, 2) and bool (H, W), with non-finite pixels marked as unknown.
 
     Raises:
-        DataError: wrong shapes or types, no pixel, or a known component beyond 1e9 (it reads as unknown).
+        DataError: a shape or dtype is wrong, there are no pixels, or a known component is beyond 1e9, which would be
+            read as unknown.
     """
     array = np.asarray(flow)
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
@@ -53,7 +55,7 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
 
 
 def claimed_size(path: Path, width: int, height: int) -> None:
-    """Refuse dimensions that no flow has, before anything is allocated for them."""
+    """Reject implausible dimensions before memory is allocated."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:
@@ -61,7 +63,7 @@ def claimed_size(path: Path, width: int, height: int) -> None:
 
 
 def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
-    """Refuse a file that is not exactly as long as its header says."""
+    """Reject a file whose length does not match its header."""
     if size != expected:
         state = "cut short" if size < expected else "too long"
         raise DataError(f"{path}: {state}, {size} bytes where {width}x{height} pixels take {expected}; copy it again")

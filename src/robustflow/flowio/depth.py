@@ -1,7 +1,7 @@
 """Depth and disparity maps: 16-bit grey PNG, .npy, one-channel .pfm, Sintel's .dpt and Spring's .dsp5.
 
-The values are those of the file, in its own unit; what is not known is zero, NaN or infinite. Files may come from
-anyone: sizes are checked before anything is allocated, and nothing is unpickled.
+Values are returned as stored, in the file's unit; unknown values are zero, NaN or infinite. Files are untrusted: sizes
+are checked before memory is allocated, and nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from .flo5 import read_dataset
 from .pfm import scale_of
 
 Values = npt.NDArray[np.float32]
-"""float32 (H, W)."""
+"""A depth or disparity map, float32 (H, W)."""
 
 _PFM = re.compile(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
 _SINTEL = np.float32(202021.25)
 
 
 def read_depth_png(path: Path) -> Values:
-    """The numbers of a 16-bit grey PNG, 0 to 65535.
+    """Read a 16-bit grey PNG, with values from 0 to 65535.
 
     Raises:
-        DataError: another kind of PNG, or a damaged file.
+        DataError: the file is a different kind of PNG, or is damaged.
     """
     with _readable(path):
         data = path.read_bytes()
@@ -55,10 +55,10 @@ def read_depth_png(path: Path) -> Values:
 
 
 def read_depth_npy(path: Path) -> Values:
-    """A NumPy array of real numbers, (H, W).
+    """Read a NumPy array of real numbers, (H, W).
 
     Raises:
-        DataError: other contents, or not the length in the header.
+        DataError: the contents are not such an array, or the length does not match the header.
     """
     with _readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)
@@ -78,10 +78,10 @@ def read_depth_npy(path: Path) -> Values:
 
 
 def read_depth_pfm(path: Path) -> Values:
-    """A one-channel portable float map, whose rows run from the bottom to the top.
+    """Read a one-channel portable float map, whose rows are stored from bottom to top.
 
     Raises:
-        DataError: another file, or a damaged one.
+        DataError: the file has a different format, or is damaged.
     """
     with _readable(path), open(path, "rb") as file:
         header = _PFM.match(file.read(128))
@@ -96,10 +96,10 @@ def read_depth_pfm(path: Path) -> Values:
 
 
 def read_dpt(path: Path) -> Values:
-    """Sintel's .dpt: the number 202021.25, width and height as int32, and float32 rows; little-endian.
+    """Read Sintel's .dpt: the number 202021.25, width and height as int32, and float32 rows; little-endian.
 
     Raises:
-        DataError: another file, or a damaged one.
+        DataError: the file has a different format, or is damaged.
     """
     with _readable(path), open(path, "rb") as file:
         start = file.read(12)
@@ -112,11 +112,11 @@ def read_dpt(path: Path) -> Values:
 
 
 def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Sintel's .cam: the number 202021.25 as float32, then intrinsics (3, 3) and extrinsics (3, 4), which take the
-    world to the camera, float64; little-endian.
+    """Read Sintel's .cam: the number 202021.25 as float32, then intrinsics (3, 3) and world-to-camera extrinsics (3,
+    4), float64; little-endian.
 
     Raises:
-        DataError: another file, or a damaged one.
+        DataError: the file has a different format, or is damaged.
     """
     with _readable(path):
         data = path.read_bytes() if path.stat().st_size == 4 + 8 * 21 else b""
@@ -127,10 +127,10 @@ def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.flo
 
 
 def read_dsp5(path: Path) -> Values:
-    """Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); needs extra `h5`.
+    """Read Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); needs the extra `h5`.
 
     Raises:
-        DataError: another file, or a damaged one.
+        DataError: the file has a different format, or is damaged.
     """
     return _as_float(read_dataset(path, "disparity", ".dsp5", ()))
 
@@ -142,7 +142,7 @@ def _as_float(values: npt.NDArray[Any]) -> Values:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Errors of the file system and of NumPy's header in one sentence."""
+    """Describe errors of the file system and of NumPy headers in one sentence."""
     if not path.is_file():
         why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
         raise DataError(f"{path}: {why}")

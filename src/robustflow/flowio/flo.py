@@ -16,7 +16,7 @@ from .arrays import claimed_size, exact_size, known
 
 MAGIC = b"PIEH"
 UNKNOWN_FLOW = np.float32(1.6666667e9)
-"""What Middlebury's ground truth holds where the flow is unknown."""
+"""Value of unknown flow in Middlebury's ground truth."""
 _HEADER = 12
 
 
@@ -36,7 +36,7 @@ def read_flo(path: Path) -> tuple[Flow, Mask]:
 
 
 def flo_bytes(flow: Flow, valid: Mask) -> bytes:
-    """The contents of a .flo file; unknown pixels become 1.6666667e9."""
+    """Return the contents of a .flo file; unknown pixels become 1.6666667e9."""
     height, width = valid.shape
     values = np.where(valid[..., None], flow, UNKNOWN_FLOW).astype("<f4")
     return MAGIC + struct.pack("<ii", width, height) + values.tobytes()

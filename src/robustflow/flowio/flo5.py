@@ -1,7 +1,7 @@
-"""Spring .flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; needs extra `h5`.
+"""Spring .flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; needs the extra `h5`.
 
-Spring stores 3840x2160 vectors for frames of 1920x1080, in pixels of the frames; `datasets.spring` takes
-every second one, as the benchmark does. Source: Mehl et al., CVPR 2023, flow_IO of the benchmark.
+Spring stores 3840x2160 vectors for frames of 1920x1080, in pixels of the frames; `datasets.spring` reads every second
+vector, as the benchmark does. Source: Mehl et al., CVPR 2023, flow_IO of the benchmark.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..sample import Flow, Mask
 from .arrays import claimed_size, known
 
 _INFLATE = 1100
-"""Deflate cannot shrink data by more than 1032:1; a file that claims more holds no such data."""
+"""Maximum compression ratio of deflate; a file that claims a higher ratio is invalid."""
 
 
 def read_flo5(path: Path) -> tuple[Flow, Mask]:
@@ -27,15 +27,16 @@ def read_flo5(path: Path) -> tuple[Flow, Mask]:
 
 
 def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) -> Any:
-    """The float dataset of one name in a file of Spring, (H, W, *channels).
+    """Read the float dataset of a given name from a Spring file, (H, W, *channels).
 
     Raises:
-        DataError: no such dataset, or one of another shape; so it is no file of this kind, or it is damaged.
+        DataError: the dataset does not exist or has a different shape, because the file is of a different kind or
+            damaged.
     """
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:
-            # A link or virtual dataset could point at any other file of this machine.
+            # A link or virtual dataset could refer to any other file on this machine.
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
                 raise DataError(f"{path}: no dataset '{name}' inside, so not a Spring {kind} file; check the file")
             return _values(h5py, path, file[name], kind, channels)
@@ -44,7 +45,7 @@ def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) ->
 
 
 def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
-    """The contents of a .flo5 file, compressed; unknown pixels become NaN."""
+    """Return the contents of a compressed .flo5 file; unknown pixels become NaN."""
     buffer = io.BytesIO()
     with _h5py().File(buffer, "w") as file:
         values = np.where(valid[..., None], flow, np.float32(np.nan))

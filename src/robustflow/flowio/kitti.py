@@ -16,7 +16,7 @@ from ..sample import Flow, Mask
 from .arrays import claimed_size
 
 LOWEST, HIGHEST = -512.0, 511.984375
-"""What 16 bits hold: (0 - 2^15) / 64 and (2^16 - 1 - 2^15) / 64."""
+"""Range of 16-bit values: (0 - 2^15) / 64 to (2^16 - 1 - 2^15) / 64."""
 
 
 def read_kitti(path: Path) -> tuple[Flow, Mask]:
@@ -29,7 +29,7 @@ def read_kitti(path: Path) -> tuple[Flow, Mask]:
             f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not KITTI flow; "
             "flow is a 16-bit RGB PNG (u, v, valid)"
         )
-    # Pillow would cut 16-bit RGB to 8 bits without a word; OpenCV keeps them, in the order valid, v, u.
+    # Pillow silently reduces 16-bit RGB to 8 bits; OpenCV keeps 16 bits, in the order valid, v, u.
     try:
         raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
     except cv2.error:
@@ -44,10 +44,10 @@ def read_kitti(path: Path) -> tuple[Flow, Mask]:
 
 
 def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
-    """The contents of a KITTI PNG, rounded to 1/64 pixel; unknown pixels become (0, 0, 0).
+    """Return the contents of a KITTI PNG, rounded to 1/64 pixel; unknown pixels become (0, 0, 0).
 
     Raises:
-        DataError: a known component outside [-512, 511.984375]. KITTI's own writer clips.
+        DataError: a known component is outside [-512, 511.984375]. KITTI's own writer would clip it.
     """
     scaled = np.rint(flow.astype(np.float64) * 64) + 32768
     outside = valid & ((scaled < 0) | (scaled > 65535)).any(axis=2)

@@ -1,7 +1,7 @@
 """Portable float map with three channels (u, v, unused), as FlyingThings3D, Monkaa and Driving store flow.
 
-`PF`, width and height, a scale whose sign is the byte order (negative: little-endian), then float32 rows from
-the bottom of the image to its top. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
+`PF`, width and height, a scale whose sign is the byte order (negative: little-endian), then float32 rows from the
+bottom to the top of the image. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
 
 
 def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
-    """The contents of a little-endian .pfm file; unknown pixels become NaN, the third channel 0."""
+    """Return the contents of a little-endian .pfm file; unknown pixels become NaN, and the third channel is 0."""
     height, width = valid.shape
     values = np.zeros((height, width, 3), "<f4")
     values[..., :2] = np.where(valid[..., None], flow, np.nan)
@@ -45,12 +45,12 @@ def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
 
 
 def scale_of(path: Path, text: bytes) -> float:
-    """The scale of a header, 1 or -1; raises a DataError for another."""
+    """Return the scale of a header, 1 or -1; raise a DataError for other values."""
     try:
         scale = float(text)
     except ValueError:
         scale = 0.0
     if abs(scale) != 1.0:
-        # Readers disagree on whether the magnitude multiplies the values; flow is always stored with 1.
+        # Readers disagree on whether to multiply values by the magnitude; flow is always stored with magnitude 1.
         raise DataError(f"{path}: scale {text.decode()} in the header; flow is stored with 1.0 or -1.0, write it so")
     return scale

@@ -57,7 +57,7 @@ class Scene:
 
 
 def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: TextureArray) -> Scene:
-    """A scene.
+    """Draw a scene.
 
     Args:
         rng: random generator of the pair.
