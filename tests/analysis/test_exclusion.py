@@ -143,7 +143,7 @@ def test_compare_ranks_no_excluded_run_and_says_why(measured, capsys, format):
     options = {"level": 0.95, "resamples": 199, "seed": 0, "metric": None, "output": None, "as_json": False}
     compare([run.path for run in measured.values()], format=format, **options)
     out = " ".join(capsys.readouterr().out.split())
-    ranking, _, rest = out.partition("possible ranks: a model is behind")
+    ranking, _, rest = out.partition("possible ranks: ranks consistent")
     assert "1 x DIS" in ranking
     assert "0.9 x DIS" in ranking
     assert "0.1 x DIS" not in ranking

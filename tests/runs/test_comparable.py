@@ -247,7 +247,7 @@ def test_means_without_intervals_say_why(base):
     title, remark = remark_of(6)
     assert title == "Means with intervals"
     assert remark.endswith("or over sequences where pairs share one.")
-    assert remark_of(3, 6)[1] == f"{remark} Means without one are over fewer than {why}"
+    assert remark_of(3, 6)[1] == f"{remark} Means without an interval are over fewer than {why}"
 
 
 @pytest.fixture

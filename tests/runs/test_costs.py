@@ -75,7 +75,9 @@ def _lines(runs, published=True):
 def test_costs_and_average_ranks_of_runs(runs):
     for run, flops in zip(runs, (30.0, 20.04, 20.01, 5.0), strict=True):
         write_cost(run, _cost(run, flops))
-    found = {name: cells for (title, name), (cells, _) in _lines(runs).items() if title == "Measured on other frames"}
+    found = {
+        name: cells for (title, name), (cells, _) in _lines(runs).items() if title == "Measured on different frames"
+    }
     assert {name: cells["FLOPs (G)"] for name, cells in found.items()} == {
         "one": "30.0 (4)",
         "two": "20.0 (2)",  # equal in the printed precision
@@ -111,11 +113,11 @@ def test_counts_at_another_size_are_noted_and_not_ranked_together(runs):
     write_cost(runs[0], _cost(runs[0], 30.0))
     write_cost(runs[1], _cost(runs[1], 20.0, height=64, width=64, iterations=24))
     found = _lines(runs, published=False)
-    cells, note = found["Measured on other frames", "two"]
+    cells, note = found["Measured on different frames", "two"]
     assert cells["FLOPs (G)"] == "20.0"
     assert note.endswith("FLOPs of 24 iterations, frames of 64x64")
-    assert found["Measured on other frames", "one"][0]["FLOPs (G)"] == "30.0"
-    assert found["Measured on other frames", "three"][0]["FLOPs (G)"] == "-"
+    assert found["Measured on different frames", "one"][0]["FLOPs (G)"] == "30.0"
+    assert found["Measured on different frames", "three"][0]["FLOPs (G)"] == "-"
 
 
 def test_a_cost_goes_with_the_record(runs, tmp_path):

@@ -1,3 +1,3 @@
-"""Reports: read rows, never models or images."""
+"""Reports made from result rows; nothing here loads models or images."""
 
 from __future__ import annotations

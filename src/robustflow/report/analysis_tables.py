@@ -1,4 +1,4 @@
-"""Tables beyond the paper's: means with intervals, effective robustness, anatomy of error, observations."""
+"""Tables that the paper does not have: means with intervals, effective robustness, error breakdown, observations."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
-    """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets if there are too few
-    images for one; a remark says so. `seeds` are groups of the runs; each gets a line of its mean and standard
-    deviation below its last run."""
+    """Tabulate the overall means of runs with confidence intervals, such as "3.21 [2.50, 4.10]". The interval is
+    omitted, with a remark, if there are too few images to compute it. For each group in `seeds`, a line with the mean
+    and standard deviation follows its last run."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = [Column("clean EPE (px)")]
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
@@ -49,13 +49,13 @@ def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, see
         remark = (
             f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share "
             "one."
-        ) + ("" if all(known) else f" Means without one are over fewer than {needed}.")
+        ) + ("" if all(known) else f" Means without an interval are over fewer than {needed}.")
     title = "Means with intervals" if any(known) else "Means"
     return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
 
 
 def effective_table(results: Sequence[ModelResult]) -> Table:
-    """`effective_robustness` of each set of comparable results.
+    """Tabulate `effective_robustness` for each set of comparable results.
 
     Raises:
         UsageError: too few models.
@@ -65,12 +65,13 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
     for setting, models in effective_robustness(results).items():
         lines = [Line.of_numbers(one.line.name, (one.clean, one.corrupted, one.expected, one.factor)) for one in models]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
-    remark = "factor: EPE over what the other models' clean EPE predicts; below 1 is more robust than accurate."
+    remark = "factor: EPE divided by the EPE predicted from the clean EPE with a fit to the other models; below 1 is "
+    "more robust than expected from accuracy."
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
 
 
 def anatomy_table(runs: Sequence[Run]) -> Table:
-    """Errors by region, by family, and by severity slope, of each run."""
+    """Break down the error of each run by image region, corruption family and severity slope."""
     columns = tuple(map(Column, ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
     sections = []
     for name, run in zip(run_names(runs), runs, strict=True):
@@ -85,15 +86,14 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
             lines.append(Line.of_numbers(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
         sections.append(Section(name, tuple(lines)))
     remark = (
-        "share: of the pixels; adds: what a family adds to the mean CRE, below 0 if it helps; broken: pixels that "
-        "became Fl outliers, net; slope: "
-        "RCRE per step of severity."
+        "share: share of the pixels; adds: contribution of a family to the mean CRE, below 0 if it reduces the mean; "
+        "broken: net share of pixels that became Fl outliers; slope: RCRE per severity step."
     )
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")
 
 
 def observations_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Table:
-    """The ten observations with their verdicts; results must be comparable."""
+    """Tabulate the paper's ten observations with their verdicts for comparable results."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
     for observation in observations(results, costs):

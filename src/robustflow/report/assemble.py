@@ -1,4 +1,4 @@
-"""Which tables and figures can be made from runs and the published results."""
+"""Select the tables and figures that can be made from runs and the published results."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 ROW = "row"
 ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES, FLAT_AND_DEPTH)
-"""The tables of runs if none is requested by name; `ROW` has the same means."""
+"""Tables made by default, if none is requested by name. `ROW` is not included because it repeats the means."""
 _MOST_NAMED = 4
 
 
 def results_of(runs: Sequence[Run], published: bool) -> list[ModelResult]:
-    """Results of runs, after the published ones if requested."""
+    """Return the published results, if requested, followed by those of the runs."""
     return [*(published_results() if published else []), *run_results(runs, published)]
 
 
@@ -49,17 +49,17 @@ def tables_of(
     seed: int = 0,
     only_own: bool = False,
 ) -> list[Table]:
-    """Tables of runs.
+    """Make the tables of runs.
 
     Args:
-        runs: none or more.
-        published: whether the paper's results are shown as well.
-        wanted: names of `ALL_TABLES`, or `ROW`; by default all that these runs can fill.
-        seed: of the bootstrap behind the intervals.
-        only_own: whether effective robustness and observations are left out for the paper's models.
+        runs: the runs; may be empty.
+        published: whether to include the paper's results.
+        wanted: table names from `ALL_TABLES`, or `ROW`; by default all tables that these runs can fill.
+        seed: random seed of the bootstrap for the intervals.
+        only_own: whether to omit the paper's models from effective robustness and observations.
 
     Raises:
-        UsageError: an unknown table, or a wanted one that would be empty.
+        UsageError: a table name is unknown, or a requested table would be empty.
     """
     for name in wanted or ():
         if name not in (*ALL_TABLES, ROW):
@@ -101,14 +101,14 @@ def tables_of(
         try:
             tables += makers[name]()
         except UsageError:
-            # not every table can be made from every run; unless requested by name, it is left out
+            # unless requested by name, tables that cannot be made from these runs are skipped
             continue
     return _concluded(tables, results)
 
 
 def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
-    """The tables without columns of dashes; the last one of RCRE ends with the conclusions from runs without ground
-    truth."""
+    """Remove columns of dashes from the tables, and append the conclusions from runs without ground truth to the last
+    RCRE table."""
     tables = [table.without_empty_columns() for table in tables]
     last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
     if last is not None:
@@ -117,8 +117,8 @@ def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Tabl
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
-    """Every figure that can be made from the runs, and from the published results if requested. Runs on the same frames
-    are drawn together; excluded ones only where each run has a curve."""
+    """Make every figure that the runs, and the published results if requested, allow. Runs on the same frames share a
+    figure; runs that are not ranked appear only in figures with one curve per run."""
     from .figures import all_figures, displacement_figure
     from .figures.displacement_histogram import MOST_LINES
 
@@ -145,8 +145,8 @@ def _uncoupled(runs: Sequence[Run]) -> Table:
 
 
 def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[ModelResult]], Table]) -> list[Table]:
-    """One table per set of comparable results that has enough models, with a title that names the set and the runs that
-    are not ranked and therefore not in it; raises an error if none has."""
+    """Make one table for each set of comparable results with enough models. Its title names the set and the runs
+    omitted because they are not ranked. Raise an error if no set has enough models."""
     tables: list[Table] = []
     reason = UsageError("there are no results")
     for frames, lines in by_frames(results).items():
@@ -167,7 +167,7 @@ def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[Mode
 
 
 def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
-    """A table of statements about models in general, with a remark that names the runs left out."""
+    """Make a table of statements about models in general, with a remark that names the omitted runs."""
     reasons = "; ".join(f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded)
     if not reasons:
         return table

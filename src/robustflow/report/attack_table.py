@@ -1,4 +1,4 @@
-"""Tables of attacks: errors, security curves, and whether robustness to corruptions predicts that to attacks."""
+"""Tables of attacks: errors, security curves, and the correlation between robustness to corruptions and to attacks."""
 
 from __future__ import annotations
 
@@ -39,29 +39,29 @@ _COLUMNS = (
 )
 _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
-    "Adversarial attacks, which no mean over corruptions includes. Budgets are grey levels of 255 and hold for the "
-    "8-bit frames that were measured. Median: of the pixels of a pair, then the mean over pairs. Capped: no pixel "
-    "counts more than the frame's diagonal. Gain: above random noise of the same norm. Way gone: from the clean flow "
-    "to the attack's target. L-inf, RMS: reached, grey levels. Flows and time: per pair. An attack is a lower bound: a "
-    "stronger one may exist."
+    "Adversarial attacks, not included in any mean over corruptions. Budgets are in grey levels (0 to 255) and apply "
+    "to the 8-bit frames that were evaluated. Median: median over the pixels of a pair, averaged over pairs. Capped: "
+    "error per pixel limited to the frame diagonal. Gain: error above that under random noise of the same norm. Way "
+    "gone: progress from the clean flow towards the attack's target. L-inf, RMS: norms reached, in grey levels. Flows "
+    "and time: per pair. An attack gives a lower bound on the worst-case error; stronger attacks may exist."
 )
 
 _CURVES = (
-    "Mean error over the budget in grey levels of 255, with 95 % intervals over pairs, or groups of pairs. Budget 0: "
-    "the clean frames. Without ground truth: the distance from the clean flow."
+    "Mean error by budget in grey levels (0 to 255), with 95 % intervals over pairs or groups of pairs. Budget 0 is "
+    "the clean frames. Without ground truth, the error is the distance from the clean flow."
 )
-_WARNED = "a pair of it carries a warning, see the table of attacks"
+_WARNED = "a pair has a warning, see the table of attacks"
 PREDICTION = "Does robustness to corruptions predict robustness to attacks?"
 
 ATTACK_TABLES = ("attacks", "security", "corruptions-and-attacks")
-"""The tables of `attack_tables`."""
+"""Tables that `attack_tables` can make."""
 
 
 def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
-    """One of `ATTACK_TABLES`; of "attacks" one for each run that has some.
+    """Make one of `ATTACK_TABLES`; "attacks" is one table per run with attacks.
 
     Raises:
-        UsageError: these runs cannot fill it.
+        UsageError: these runs do not have the data for the table.
     """
     if name == "attacks":
         each = [(title, attack_table(run)) for title, run in zip(run_names(runs), runs, strict=True)]
@@ -79,8 +79,8 @@ def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
 
 
 def attack_table(run: Run) -> Table | None:
-    """Every attack of a run at every severity; None if it has none. A line with a warning carries it as its note; none
-    is marked as best."""
+    """Tabulate every attack of a run at every severity; return None if the run has no attacks. Warnings become notes of
+    their lines. No value is marked as best."""
     scores = attack_scores(run)
     if not scores:
         return None
@@ -97,7 +97,7 @@ def attack_table(run: Run) -> Table | None:
 
 
 def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
-    """Say at which budget each attack doubles the error."""
+    """State the budget at which each attack doubles the error."""
     norms = {score.attack: score.norm for score in scores}
     known = {name: budget_at_double(scores, name, clean) for name in norms}
     each = [
@@ -128,7 +128,7 @@ def _line(score: AttackScore) -> Line:
 
 
 def explained(warning: str) -> str:
-    """A warning as a sentence; its name if a run of a different version wrote it.
+    """Return a warning as a sentence, or its name if this version has no sentence for it.
 
     >>> explained("gradient_zero")
     'the gradient was zero everywhere: the model may hide it'
@@ -137,7 +137,7 @@ def explained(warning: str) -> str:
 
 
 def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
-    """The security curves of runs as numbers, a section for each; None if none has attacks."""
+    """Tabulate the security curves of runs, one section per run; return None if no run has attacks."""
     sections = []
     for name, run in zip(run_names(runs), runs, strict=True):
         if lines := tuple(map(_curve_line, security_curves(run, seed))):
@@ -149,7 +149,8 @@ def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
 
 
 def prediction_table(runs: Sequence[Run]) -> Table | None:
-    """The rank correlation of each attack with the corruptions over models; None without two runs that have both.
+    """Tabulate the rank correlation over models between each attack and the corruptions. Return None if fewer than two
+    runs have both.
 
     Raises:
         RunError: the runs have no frames in common.
@@ -160,8 +161,8 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
     columns = tuple(map(Column, ("severities", "models", "rank correlation", "95 % low", "95 % high")))
     label = METRIC_LABELS[predicted[0].metric]
     remarks = [
-        f"Spearman's rank correlation over models between the mean {label} over corruptions and that under the attack; "
-        "interval by Fisher's z. A number with a warning and a model that is not ranked are left out."
+        f"Spearman's rank correlation over models between the mean {label} over corruptions and the one under the "
+        "attack; interval by Fisher's z. Values with a warning and models that are not ranked are left out."
     ]
     if any(len(one.models) < LEAST_MODELS for one in predicted):
         remarks.append(f"No correlation is given for fewer than {LEAST_MODELS} models.")
@@ -187,10 +188,10 @@ def _prediction_line(one: Prediction) -> Line:
 
 
 def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
-    """Rows of attacks that FlowBench's program stored, a section for each data set.
+    """Tabulate the attacks stored by FlowBench, one section per data set.
 
     Raises:
-        UsageError: there are none.
+        UsageError: the files contain no attacks.
     """
     if not rows:
         raise UsageError("no attacks in these files of FlowBench")
@@ -200,8 +201,8 @@ def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
     ]
     labels = ("norm", "budget", "steps", "target", "EPE (px)", "to target (px)", "reached")
     remark = (
-        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are in 0..1; norm frame is the plain norm of one frame. "
-        "Errors are means over images of the frames before rounding to 8 bits."
+        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are on a scale of 0 to 1; norm frame is the norm of the "
+        "change of one frame. Errors are means over images, for frames before rounding to 8 bits."
     )
     title = "Attacks stored by FlowBench"
     return Table("imported-attacks", title, tuple(map(Column, labels)), tuple(sections), (remark,), "Model, attack")

@@ -1,4 +1,4 @@
-"""`Comparison`: whether two runs differ, as data frames, as a sentence, and as a notebook's output."""
+"""`Comparison`: the difference between two runs as data frames, as a sentence, and as notebook output."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "h
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Two runs over the same frames, first minus second: below 0 the first has the lower value.
+    """A comparison of two runs over the same frames. Differences are first minus second: below 0 if the first run has
+    the lower value.
 
     Attributes:
-        names: of the two runs.
-        frame: everything, columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
-        remark: what was left out, how the runs differ, and why one is not ranked; "" if there is nothing to say.
+        names: names of the two runs.
+        frame: all comparisons, with the columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
+        remark: sentences about omitted data, differences between the runs, and why a run is not ranked; may be empty.
     """
 
     names: tuple[str, str]
@@ -49,19 +50,19 @@ class Comparison:
 
     @property
     def overall(self) -> pl.DataFrame:
-        """Clean EPE and the averages: `metric`, then the columns of `per_corruption`."""
+        """Differences in clean EPE and in the averages: `metric`, followed by the columns of `per_corruption`."""
         of_all = self.frame.filter(pl.col("corruption").is_in([CLEAN, AVERAGE]))
         return of_all.select("metric", *_COLUMNS)
 
     def per_corruption(self, metric: str = "") -> pl.DataFrame:
-        """Differences under each corruption, in the paper's order.
+        """Return the differences under each corruption, in the paper's order.
 
         Args:
             metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
 
         Returns:
-            Columns corruption, value_first, value_second, difference, low, high (null if there are too few images), p,
-            and p_holm, corrected over all corruptions and the average.
+            A frame with the columns corruption, value_first, value_second, difference, low, high (null if there are too
+            few images), p, and p_holm (p corrected over all corruptions and the average).
 
         Raises:
             UsageError: unknown metric.
@@ -74,8 +75,8 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """What can be claimed about the headline metric's average, or about its first corruption if there is no
-        average."""
+        """State what can be concluded about the average of the headline metric, or about its first corruption if there
+        is no average."""
         return self._sentence(self.metric)
 
     def _sentence(self, metric: str) -> str:
@@ -85,7 +86,7 @@ class Comparison:
         return str(sentences[0]) if sentences else f"No {METRIC_LABELS[metric]} was measured in both runs."
 
     def table(self, metric: str = "") -> Table:
-        """For `robustflow.report.render`: the overall lines, then every corruption in one metric.
+        """Return a table for `robustflow.report.render`: the overall lines, then every corruption in one metric.
 
         Args:
             metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
@@ -122,11 +123,11 @@ class Comparison:
 
 
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
-    """All pairs of many models, for `robustflow.report.render`.
+    """Tabulate all pairwise comparisons of several models, for `robustflow.report.render`.
 
     Args:
-        frame: from `robustflow.analysis.uncertainty.compare_all`, of one metric, not empty.
-        note: what was left out; "" if nothing.
+        frame: non-empty output of `robustflow.analysis.uncertainty.compare_all` for one metric.
+        note: sentence about omitted data; may be empty.
     """
     metric = frame["metric"][0]
     lines = [
@@ -157,23 +158,25 @@ def _cells(row: dict[str, Any], level: float) -> tuple[TableCell, ...]:
 
 
 AnyRun = Run | str | Path
-"""A run, its folder, or a record of it."""
+"""A run, its folder, or its record."""
 
 
 def compare(
     first: AnyRun, second: AnyRun, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
 ) -> Comparison:
-    """Test whether two runs over the same frames differ, image by image, with intervals and corrected p-values.
+    """Test whether two runs over the same frames differ, with paired tests over images, intervals and corrected
+    p-values.
 
     Args:
-        first, second: the runs, or their folders; only what both measured on the same frames and ground truth is
-            compared.
-        level: of the intervals.
-        resamples, seed: of the bootstrap. The same seed gives the same numbers.
+        first, second: runs, or paths of their folders or records. Only conditions that both measured on the same frames
+            and ground truth are compared.
+        level: confidence level of the intervals, between 0 and 1.
+        resamples, seed: number of bootstrap resamples, and their random seed. The same seed gives the same numbers.
 
     Raises:
-        RunError: nothing in common on the same frames and ground truth; the message says how the runs differ.
-        UsageError: neither a run nor a path, or a level or number of resamples out of range.
+        RunError: the runs have no condition in common on the same frames and ground truth; the message states how they
+            differ.
+        UsageError: an argument is neither a run nor a path, or the level or number of resamples is out of range.
 
     >>> import tempfile, numpy as np
     >>> from robustflow import compare, evaluate
@@ -197,4 +200,4 @@ def _opened(run: AnyRun) -> Run:
         return run
     if isinstance(run, str | Path):
         return load_any_run(run)
-    raise UsageError(f"compare takes runs, or their folders or records; this is {type(run).__name__}")
+    raise UsageError(f"compare takes runs, or their folders or records; got {type(run).__name__}")

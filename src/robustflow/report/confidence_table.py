@@ -1,4 +1,4 @@
-"""The table of how well a model's confidence predicts its errors."""
+"""Table of how well a model's confidence predicts its errors."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _COLUMNS = (
     "rejected (%)",
 )
 _REMARK = (
-    "AUSE: area between the sparsification curve and the oracle's; 0 if the least confident pixels are those with the "
-    "largest errors. Normalised: by the error of each image. Error at 80 %: of the 80 % of the pixels that are most "
-    "confident. Spearman: of confidence and error, -1 at best. Rejected: by the forward-backward check of Sundaram et "
-    "al. 2010."
+    "AUSE: area between the sparsification curve and the oracle's; 0 if the least confident pixels have the largest "
+    "errors. Normalised: divided by the error of each image. Error at 80 %: error of the 80 % most confident pixels. "
+    "Spearman: rank correlation of confidence and error; -1 is best. Rejected: share of pixels rejected by the "
+    "forward-backward check of Sundaram et al. 2010."
 )
 _NAMES = {CLEAN: "Clean", AVERAGE: "All corruptions"} | FAMILY_LABELS
 
 
 def confidence_table(run: Run) -> Table | None:
-    """The confidence of a run under each family of corruptions, and at each severity; None for a run without one."""
+    """Tabulate the confidence scores of a run by corruption family and by severity; return None if it has none."""
     scores = confidence_scores(run)
     if not scores:
         return None

@@ -1,4 +1,4 @@
-"""The paper's Tab. 3: size, computing cost, relative robustness, and the ranks made from them."""
+"""The paper's Tab. 3: model size, computing cost, relative robustness, and the ranks derived from them."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ _OTHER = (4, 7)
 
 
 def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Table:
-    """CREr and cost, ranked by the rule of `ranking`.
+    """Tabulate CREr and cost, ranked as in `ranking`.
 
-    The models of `costs` come first, with their printed CREr in both settings; then models of `results` that were
-    measured on other frames, each with the CREr of its setting, ranked only among those measured on the same frames:
-    the published models are never ranked with them.
+    The models of `costs` come first, with their printed CREr in both settings. The models of `results` measured on
+    different frames follow, each with the CREr of its setting and ranked only among models measured on the same frames,
+    never with the published models.
 
     Args:
-        results: of any source.
-        costs: the published ones.
+        results: results from any source.
+        costs: published costs by model.
 
     Raises:
-        UsageError: neither costs nor a CREr.
+        UsageError: there are no costs, and no result has a CREr.
     """
     sections = []
     if costs:
         sections.append(Section("Published", _published_lines(costs)))
     others = [line for line in results if line.frames != PAPER]
     if lines := _measured_lines(others):
-        sections.append(Section("Measured on other frames", lines))
+        sections.append(Section("Measured on different frames", lines))
     if not sections:
         raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
     shown = [index for index in range(len(_COLUMNS)) if lines or index not in _OTHER]
@@ -53,8 +53,8 @@ def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Tab
         Section(s.title, tuple(replace(x, cells=tuple(x.cells[i] for i in shown)) for x in s.lines)) for s in sections
     ]
     remarks = [
-        "FLOPs are ranked over all models, CREr within its setting, equal values alike; lower is better. The average "
-        "rank is that of their mean."
+        "FLOPs are ranked over all models, and CREr within its setting; equal values share a rank, and lower is "
+        "better. The average rank is the rank of the mean of both ranks."
     ]
     if any(line.cost for line in others):
         remarks.append(

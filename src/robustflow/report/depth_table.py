@@ -1,4 +1,4 @@
-"""The table of flat corruptions and their twins in three dimensions."""
+"""Table that compares 2D corruptions with their 3D counterparts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ FLAT_AND_DEPTH = "flat-and-depth"
 
 
 def depth_table(runs: Sequence[Run], seed: int = 0) -> Table:
-    """Rank correlations over models and differences of each model between flat corruptions and their twins.
+    """Tabulate rank correlations over models, and each model's differences, between 2D corruptions and their 3D
+    counterparts.
 
     Raises:
-        UsageError: no run has both of a kind, or the runs have no frames in common.
+        UsageError: no run has a 2D corruption and its 3D counterpart, or the runs have no frames in common.
     """
     try:
         found = twin_comparisons(runs, seed)
@@ -27,22 +28,21 @@ def depth_table(runs: Sequence[Run], seed: int = 0) -> Table:
         raise UsageError(str(error)) from error
     if not found:
         raise UsageError(
-            f"the table '{FLAT_AND_DEPTH}' needs runs with a corruption and its twin in three dimensions: "
-            "--corruptions fog,fog_3d"
+            f"the table '{FLAT_AND_DEPTH}' needs runs with a corruption and its 3D counterpart: --corruptions "
+            "fog,fog_3d"
         )
     label = METRIC_LABELS[found[0].metric]
     columns = tuple(map(Column, ("flat (px)", "in depth (px)", "value", "95 % low", "95 % high")))
     remarks = [
-        f"{label} of a flat corruption and of its twin in three dimensions, on the same pairs and severities. Value: "
-        "Spearman's rank correlation over models with its interval by Fisher's z; of a model the difference, depth "
-        "minus flat, px, with its interval over pairs, or groups of pairs. Models that are not ranked are in no "
-        "correlation."
+        f"{label} under a 2D corruption and its 3D counterpart, on the same pairs and severities. Value: Spearman's "
+        "rank correlation over models with an interval by Fisher's z; for a single model, the difference 3D minus 2D "
+        "in px with an interval over pairs or groups of pairs. Correlations exclude models that are not ranked."
     ]
     if any(one.count < LEAST_MODELS for one in found):
         remarks.append(f"No correlation is given for fewer than {LEAST_MODELS} models.")
     sections = [Section("Rank correlation over models", tuple(map(_correlation_line, found)))]
     sections += [Section(_title(one), tuple(_model_line(model) for model in one.models)) for one in found]
-    title = "Do flat corruptions predict those in three dimensions?"
+    title = "Do 2D corruptions predict 3D corruptions?"
     return Table(FLAT_AND_DEPTH, title, columns, tuple(sections), tuple(remarks), "Corruptions, model")
 
 

@@ -1,5 +1,4 @@
-"""Parts of a page that anyone may open: templates that escape, data as JSON, and the policy that allows no other
-script."""
+"""Building blocks of safe HTML pages: escaping templates, embedded JSON data, and a content security policy."""
 
 from __future__ import annotations
 
@@ -14,17 +13,17 @@ from markupsafe import Markup
 
 
 def templates(package: str) -> Environment:
-    """The templates in a package's folder `templates`; every text in them is escaped."""
+    """Return the Jinja environment for a package's `templates` folder, with autoescaping on."""
     return Environment(loader=PackageLoader(package), autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
 def asset(package: str, name: str) -> str:
-    """The text of a file in a package's folder `assets`."""
+    """Return the text of a file in a package's `assets` folder."""
     return (files(package) / "assets" / name).read_text(encoding="utf-8")
 
 
 def json_block(value: Any) -> Markup:
-    """JSON that is safe inside `<script type="application/json">`: no text in it can end the element.
+    """Serialise to JSON that is safe inside `<script type="application/json">`: no string in it can close the element.
 
     >>> print(json_block({"model": "</script><!--"}))
     {"model":"\\u003c/script\\u003e\\u003c!--"}
@@ -36,7 +35,7 @@ def json_block(value: Any) -> Markup:
 
 
 def content_policy(script: str) -> str:
-    """A Content-Security-Policy that allows this script by its hash, styles, and pictures inside the file."""
+    """Return a Content-Security-Policy that allows this script by its hash, inline styles, and embedded pictures."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (
         f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; base-uri 'none'; "

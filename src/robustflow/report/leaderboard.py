@@ -1,4 +1,4 @@
-"""The leaderboard: a `Table` per benchmark, of which a page shows some columns and lines at a time."""
+"""The leaderboard: one `Table` per benchmark, from which a page shows a selection of columns and lines."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ RANK: ValueKey = ("rank", "")
 CRER: ValueKey = ("crer", AVERAGE)
 
 START: tuple[ValueKey, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
-"""The initial sort key: the error under corruption, or how far the flow moves without ground truth. CRE alone would put
-the knowledge-driven methods first, whose clean error leaves little room to get worse."""
+"""Initial sort keys: the EPE under corruption, or the RCRE without ground truth. Sorting by CRE would put the
+knowledge-driven methods first because their clean error is already high."""
 
 OVERVIEW = "overview"
 COMPACT = "compact"
-"""The columns that fit a phone beside the names."""
+"""Columns that fit next to the names on a phone screen."""
 
 CLASSES = "classes"
 BOARD_METRICS = ("epe", "cre", "rcre")
@@ -52,11 +52,12 @@ class BoardColumn(Column):
     """A column of a leaderboard.
 
     Attributes:
-        key: (metric, corruption, "clean", "average", or a family), or one of this module's.
-        explanation: what it is, in a few words.
-        views: the choices of columns that it is in (`OVERVIEW`, `CLASSES`, a family); none if it is only for downloads.
-        metric: the choice of metric that it is in; "" if it is in each.
-        unit: of its numbers.
+        key: a metric paired with a corruption, "clean", "average" or a family; or a key defined in this module.
+        explanation: short description of the column.
+        views: column selections that include the column (`OVERVIEW`, `CLASSES`, a family); empty for columns that only
+            appear in downloads.
+        metric: metric selection that includes the column; "" for all metrics.
+        unit: unit of its numbers.
     """
 
     key: ValueKey
@@ -68,14 +69,14 @@ class BoardColumn(Column):
 
 @dataclass(frozen=True, kw_only=True)
 class Board(Table):
-    """The leaderboard of a benchmark: a section for each set of frames, whose lines are in the order of `by_error`. Its
-    remarks say what its marks mean.
+    """The leaderboard of a benchmark: one section per set of frames, with lines in the order of `by_error`. The remarks
+    explain the marks.
 
     Attributes:
-        benchmark: its name; `title` for display.
-        columns: those of no view come last.
-        views, metrics, settings: the choices as (value, label), for a setting also its meaning.
-        start: index of the column by which the lines are sorted initially.
+        benchmark: name of the benchmark; `title` is the displayed name.
+        columns: all columns; those that are in no view come last.
+        views, metrics, settings: selectable options as (value, label) pairs; settings also have an explanation.
+        start: index of the initial sort column.
     """
 
     benchmark: str
@@ -87,22 +88,22 @@ class Board(Table):
 
     @property
     def shown(self) -> list[BoardColumn]:
-        """The columns that a view has."""
+        """Return the columns of a view."""
         return [column for column in self.columns if column.views]
 
     def cells_of(self, line: Line) -> dict[ValueKey, TableCell]:
-        """The cells of a line that hold a number, by the key of their column."""
+        """Return the cells of a line that contain numbers, by column key."""
         cells = zip(self.columns, line.cells, strict=True)
         return {column.key: cell for column, cell in cells if cell.text != DASH}
 
 
 _OVERVIEW = (
-    (PLACE, "Rank", "Among the models measured here on the same frames, by EPE (else RCRE)", ""),
+    (PLACE, "Rank", "Rank by EPE (RCRE without ground truth) among the models measured on the same frames", ""),
     (("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", "px"),
     (("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", "px"),
     (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px"),
     (CRER, "CREr", "CRE / clean EPE", ""),
-    (("rcre", AVERAGE), "RCRE", "How far the flow moves under corruption", "px"),
+    (("rcre", AVERAGE), "RCRE", "Change of the flow under corruption", "px"),
     (COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are over these", ""),
     (PARAMETERS, "Param.", "Parameters, millions", "M"),
     (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G"),
@@ -114,12 +115,12 @@ _COMPACT: tuple[ValueKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", A
 def boards_of(
     results: Sequence[ModelResult], costs: Mapping[str, Cost], group_titles: Mapping[str, str]
 ) -> list[Board]:
-    """A board per benchmark: first that with most runs, of those without the one with most models.
+    """Build one board per benchmark, ordered by number of runs, then by number of models.
 
     Args:
-        results: of any source; the means over classes of corruptions that the paper does not print are added.
-        costs: the paper's, by model: its CREr is shown as printed.
-        group_titles: heading of each sample set.
+        results: results from any source; the means over corruption classes, which the paper does not print, are added.
+        costs: the paper's costs by model, with CREr as printed.
+        group_titles: heading for each sample set.
     """
     of_benchmark: dict[str, dict[ModelResult, dict[ValueKey, TableCell]]] = {}
     for line, cells in _cells(results, costs).items():
@@ -133,15 +134,14 @@ def boards_of(
 
 
 def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
-    """Sort by `START`, then by name; excluded models, which have no rank, come last."""
+    """Sort lines by `START`, then by name; models without a rank come last."""
     value = next((number for key in START if (number := line.number(*key)) is not None), None)
     return bool(line.excluded), value is None, value or 0.0, plain(line.name)
 
 
 def _cells(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
-    """The cells of each line with their marks. As in the paper, knowledge-driven methods have none, and neither do
-    numbers that the paper does not print. Nor do imported lines: that they were measured on the same frames cannot be
-    verified."""
+    """Build the cells of each line with their marks. As in the paper, knowledge-driven methods have no marks. Numbers
+    that the paper does not print and imported lines, whose frames cannot be verified, have none either."""
     ranks = cost_ranks(costs) if costs else {}
     own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     values, compared, derived = {}, [], {}
@@ -198,8 +198,8 @@ def _numbers(numbers: Mapping[ValueKey, float | None], decimals: int | None = No
 
 
 def _places(results: Sequence[ModelResult]) -> dict[ModelResult, int]:
-    """The place of each ranked run among those on the same frames in any setting, by the first of `START` that all of
-    them have; equal printed values share it."""
+    """Rank each run among the ranked runs on the same frames, across settings, by the first key of `START` that all of
+    them have. Equal printed values share a rank."""
     groups: dict[tuple[str, str], list[ModelResult]] = {}
     for line in results:
         if line.run is not None and not line.excluded:
@@ -270,7 +270,7 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
             "it; knowledge-driven methods are not marked."
         )
     if any(cell.derived for cell in every):
-        yield "In italics: CREr where the paper prints none, from the values beside it."
+        yield "In italics: CREr that the paper does not print, computed from the values in the same line."
     if any(line.intervals for line in cells):
         yield (
             "In brackets: 95 % confidence intervals of runs, by a bootstrap over images (over sequences where pairs "

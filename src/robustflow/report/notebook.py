@@ -1,4 +1,4 @@
-"""A notebook's output for a run: a small table and a figure, and further figures by name."""
+"""Notebook output of a run: a small table and a figure, and further figures by name."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 def result_html(run: Run) -> str:
-    """Means by class of corruption, with the figure of CREr if there is ground truth. Every text is escaped, and the
-    figure is embedded: nothing is loaded from elsewhere."""
+    """Return HTML with the means by corruption class, and the CREr figure if there is ground truth. All text is
+    escaped, and the figure is embedded, so nothing is loaded from the network."""
     from .figures import figure_bytes
 
     fragment = render(result_table(run), "html")
@@ -37,7 +37,7 @@ def result_html(run: Run) -> str:
 
 
 def result_table(run: Run) -> Table:
-    """The means of a run, overall and by class of corruption."""
+    """Tabulate the means of a run, overall and by corruption class."""
     summary = run.summary
     shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
     columns = [Column(metric_label(metric)) for metric in shown]
@@ -51,22 +51,22 @@ def result_table(run: Run) -> Table:
 
 
 def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:
-    """A figure of runs.
+    """Draw a figure of one or more runs.
 
     Args:
-        runs: one or more that measured the same; for "severity" what they have in common is drawn, for "displacement"
-            they may be of any frames.
-        kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by class of corruption),
+        runs: runs that measured the same conditions. "severity" draws the conditions they have in common, and
+        "displacement" accepts runs on any frames. kind: "severity" (a metric against severity, a panel per corruption),
+        "classes" (CREr by class of corruption),
             "accuracy" (clean EPE against CRE), "relations" (clean EPE, EPE, CRE and RCRE against each other), or
-            "displacement" (how far the pixels of the frames move).
-        metric: of "severity": "epe", "cre", "crer" or "rcre".
+            "displacement" (distribution of flow magnitudes).
+        metric: metric for "severity": "epe", "cre", "crer" or "rcre".
 
     Returns:
         A matplotlib `Figure`, which a notebook shows and `savefig` writes.
 
     Raises:
-        UsageError: an unknown kind or metric, runs that measured different things, or nothing to draw.
-        RunError: for "severity", runs without a common row.
+        UsageError: the kind or metric is unknown, the runs measured different conditions, or there is nothing to draw.
+        RunError: for "severity", the runs have no row in common.
     """
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from . import figures
@@ -86,6 +86,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     if kind == "severity":
         return figures.severity_curves(common_to(dict(zip(names, runs, strict=True))).rows, metric)
     if words := differences(dict(zip(names, runs, strict=True))):
-        raise UsageError(f"these runs did not measure the same and cannot be drawn together ({words}); plot each alone")
+        raise UsageError(
+            f"these runs measured different conditions and cannot be drawn together ({words}); plot each alone"
+        )
     results = run_results(runs)
     return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)

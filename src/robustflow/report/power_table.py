@@ -1,4 +1,4 @@
-"""The table of how many pairs a comparison needs."""
+"""Table of the number of pairs that a comparison needs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from .table import Column, Line, Section, Table
 
 
 def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
-    """The plan of `analysis.uncertainty.power.plan_pairs`: a section per metric, a line per comparison."""
+    """Tabulate the output of `analysis.uncertainty.power.plan_pairs`: one section per metric, one line per
+    comparison."""
     effect = plan["effect"][0]
     columns = (
         Column("difference (px)"),
@@ -41,9 +42,9 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         sections.append(Section(f"Average {METRIC_LABELS[metric]}", lines))
     about = (
         f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level finds with a probability "
-        f"of {100 * power:g} %. A group is a drive or a sequence, or a pair that belongs to none; the numbers of pairs "
-        "are for as many pairs a group as here. They are estimates from the variance of these runs: with few groups "
-        "they can be far off."
+        f"of {100 * power:g} %. A group is a drive or sequence, or a single pair that belongs to none. The numbers of "
+        "pairs assume as many pairs per group as here. They are estimated from the variance of these runs and can be "
+        "far off with few groups."
     )
     return Table("power", "Pairs that a comparison needs", columns, tuple(sections), (about,), "Comparison")
 

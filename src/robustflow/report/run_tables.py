@@ -1,4 +1,4 @@
-"""What the terminal shows of finished runs: means under each corruption, one metric, and several runs together."""
+"""Terminal tables of finished runs: means by corruption, a single metric, and several runs together."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def corruptions_table(run: Run, title: str) -> Table:
-    """The means of a run under each corruption, and its EPE at each severity; without ground truth its RCRE."""
+    """Tabulate the means of a run for each corruption, and its EPE (RCRE without ground truth) at each severity."""
     summary = run.summary
     shown = [
         metric
@@ -41,7 +41,7 @@ def corruptions_table(run: Run, title: str) -> Table:
 
 
 def severities_table(run: Run, metric: str, title: str) -> Table:
-    """A metric, or one of `UNCOUPLED`, of a run: corruption x severity, and the mean over severities."""
+    """Tabulate a metric of a run, or one of `UNCOUPLED`, by corruption and severity, with the mean over severities."""
     frame = uncoupled(run.rows).table(metric) if metric in UNCOUPLED else run.table(metric)
     labels = [name for name in frame.columns if name not in ("corruption", "family")]
     rows = frame.iter_rows(named=True)
@@ -50,8 +50,8 @@ def severities_table(run: Run, metric: str, title: str) -> Table:
 
 
 def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
-    """Overall means of runs; without ground truth also how far the clean flow reaches. Each group of `seeds` gets a
-    line of its mean and standard deviation below its last run."""
+    """Tabulate the overall means of runs; without ground truth also the mean length of the clean flow. For each group
+    in `seeds`, a line with the mean and standard deviation follows its last run."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = (Column("clean EPE (px)"), *(Column(metric_label(metric)) for metric in METRIC_LABELS))
     without_truth = all(line.number("epe", CLEAN) is None for line in results)
@@ -69,6 +69,6 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
 
 
 def _by_family(lines: Iterable[Line]) -> Iterable[Section]:
-    """Lines of corruptions, in their order."""
+    """Return one line per corruption, in the given order."""
     for family, of_family in groupby(lines, lambda line: family_label(line.label) or "Others"):
         yield Section(family, tuple(of_family))

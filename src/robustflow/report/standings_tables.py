@@ -1,4 +1,4 @@
-"""Tables of several runs: a ranking with ties, the spread by seed, the order under other conditions."""
+"""Tables of several runs: a ranking with ties, the spread over seeds, and the order under different conditions."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from .table import Column, Line, Section, Table, number_text
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
-    """The ranking of models with the ranks that the tests allow for each, from `analysis.uncertainty.standings`."""
+    """Tabulate the ranking of models with the range of ranks consistent with the tests, from
+    `analysis.uncertainty.standings`."""
     lines = tuple(
         Line.of(plain(row["model"]), (f"{row['value']:.2f}", str(row["rank"]), _range(row["best"], row["worst"])))
         for row in standings.iter_rows(named=True)
     )
     remark = (
-        "possible ranks: a model is behind those that are better by more than chance and ahead of those that are worse "
-        "by more than chance (paired tests, corrected for all pairs); models whose ranks overlap may be tied."
+        "possible ranks: ranks consistent with the significant differences to the other models (paired tests, "
+        "corrected for all pairs); models whose ranges overlap may be tied."
     )
     columns = (Column(metric_label(metric)), Column("rank"), Column("possible ranks"))
     section = Section(f"Average {METRIC_LABELS[metric]}", lines)
@@ -25,8 +26,8 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
 
 
 def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = "") -> Table:
-    """The spread of one model's score by source, from `analysis.uncertainty.variance_split`; `remark` says what was
-    left out."""
+    """Tabulate the variance of one model's score by source, from `analysis.uncertainty.variance_split`; `remark` names
+    omitted data."""
     lines = tuple(
         Line.of(
             row["source"],
@@ -41,8 +42,9 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
     )
     columns = (Column("levels"), Column("deviation (px)"), Column("share %"), Column("error of the mean (px)"))
     about = (
-        "deviation: of the score of one image, averaged over corruptions; error of the mean: what the source adds to "
-        "the standard error of the mean over all images and seeds. Severities are set by the protocol, not sampled."
+        "deviation: standard deviation of the score of one image, averaged over corruptions; error of the mean: "
+        "contribution of the source to the standard error of the mean over all images and seeds. Severities are fixed "
+        "by the protocol, not sampled."
     )
     title = f"Where the {METRIC_LABELS[metric]} of {plain(name)} varies"
     return Table(
@@ -51,8 +53,8 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
 
 
 def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> Table:
-    """The order of models under each condition, from `analysis.uncertainty.rank_stability`; `remark` says what was left
-    out."""
+    """Tabulate the order of models under each condition, from `analysis.uncertainty.rank_stability`; `remark` names
+    omitted data."""
     sections = []
     for condition in stability["condition"].unique(maintain_order=True):
         rows = stability.filter(condition=condition)
@@ -62,7 +64,8 @@ def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> T
         )
         sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))
     columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
-    about = "moved: ranks lost relative to the first condition; tau: Kendall's, of the order with that under the first."
+    about = "moved: ranks lost relative to the first condition; tau: Kendall's tau between the order and that under "
+    "the first condition."
     return Table("stability", "Order of the models", columns, tuple(sections), _remarks(about, remark))
 
 

@@ -1,4 +1,4 @@
-"""A table as data: the contents of each cell, and which is the best of its column."""
+"""Tables as data: the content of each cell, and the best cell of each column."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from statistics import mean, stdev
 from ..analysis.model_result import ModelResult, Value
 
 DASH = "-"
-"""The text of a cell without a number."""
+"""Text of a cell without a number."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column.
+    """A column of a table.
 
     Attributes:
-        label: its heading.
-        group: the heading over it that neighbours share; "" for none.
-        prose: whether it holds sentences, which run over several lines.
-        strongest: the value of the strongest colour, where a page shades cells by their values; None for no shade.
+    label: heading of the column. group: heading shared with neighbouring columns; "" for none. prose: whether the
+    column contains sentences, which are wrapped over several lines. strongest: value with the strongest colour on
+    pages that shade cells by value; None for no shading.
     """
 
     label: str
@@ -32,13 +31,12 @@ class Column:
 
 @dataclass(frozen=True)
 class TableCell:
-    """The text of a cell.
+    """A cell of a table.
 
     Attributes:
-        text: what is printed.
-        best: whether it is the smallest of its column among the lines it can be compared with.
-        interval: what a page prints small beside it.
-        derived: whether the number is computed from others where its source prints none; a page sets it in italics.
+    text: printed text. best: whether it is the smallest value of its column among comparable lines. interval:
+    confidence interval, shown in small print on pages. derived: whether the number is computed because its source
+    does not print it; shown in italics on pages.
     """
 
     text: str
@@ -49,15 +47,12 @@ class TableCell:
 
 @dataclass(frozen=True)
 class Line:
-    """A model.
+    """A line of a table: one model.
 
     Attributes:
-        label: its name.
-        cells: one a column.
-        note: how it differs from the paper's measurement; "" if not at all.
-        best: whether the line as a whole is the recommended choice, as the paper shades the lines of the best average
-            rank.
-        result: whose numbers the cells are, for what a page shows beside them.
+    label: name of the model. cells: one cell per column. note: difference from the paper's measurement; "" for
+    none. best: whether the whole line is highlighted, as the paper shades the lines with the best average rank.
+    result: result that the cells were made from, for further details on pages.
     """
 
     label: str
@@ -68,12 +63,12 @@ class Line:
 
     @classmethod
     def of(cls, label: str, texts: Iterable[str], note: str = "") -> Line:
-        """A line of texts, none of which is marked."""
+        """Make a line of texts without marks."""
         return cls(label, tuple(map(TableCell, texts)), note)
 
     @classmethod
     def of_numbers(cls, label: str, numbers: Iterable[float | None], note: str = "") -> Line:
-        """A line of numbers with two decimals, none of which is marked.
+        """Make a line of numbers with two decimals, without marks.
 
         >>> [cell.text for cell in Line.of_numbers("RAFT", [1.23456, None]).cells]
         ['1.23', '-']
@@ -83,7 +78,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Section:
-    """The models of one setting."""
+    """A section of a table: the models of one setting."""
 
     title: str
     lines: tuple[Line, ...]
@@ -91,15 +86,15 @@ class Section:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; every text in it may come from a file and is escaped by the renderers.
+    """A table. Its texts may come from files; renderers escape them.
 
     Attributes:
-        name: one of `tables.TABLES`, or the name of its source.
-        title: what it shows, in words.
-        columns: all but the first, which names the lines.
-        sections: in the paper's order.
-        remarks: sentences below it.
-        row_header: the heading of the first column.
+        name: a name in `tables.TABLES`, or the name of the table's source.
+        title: title in words.
+        columns: all columns except the first, which contains the line labels.
+        sections: sections in the paper's order.
+        remarks: sentences below the table.
+        row_header: heading of the first column.
     """
 
     name: str
@@ -111,11 +106,11 @@ class Table:
 
     @property
     def lines(self) -> list[Line]:
-        """The lines of all sections."""
+        """Return the lines of all sections."""
         return [line for section in self.sections for line in section.lines]
 
     def without_empty_columns(self) -> Table:
-        """The table without the columns that have a dash in every line.
+        """Return the table without columns that contain only dashes.
 
         >>> lines = (Line("dis", (TableCell("-"), TableCell("2.92"))), Line("tiny", (TableCell("-"), TableCell("-"))))
         >>> table = Table("means", "Means", (Column("CRE"), Column("RCRE")), (Section("Runs", lines),))
@@ -133,7 +128,7 @@ class Table:
 
 
 def with_exclusion(note: str, reason: str) -> str:
-    """The note of a line, and why its model is not ranked.
+    """Return the note of a line, including why its model is not ranked.
 
     >>> with_exclusion("3 pairs", "its weights are random")
     '3 pairs; not ranked: its weights are random'
@@ -142,7 +137,7 @@ def with_exclusion(note: str, reason: str) -> str:
 
 
 def spread_text(values: Sequence[float | None]) -> str:
-    """The mean of two or more values and their standard deviation; a dash where one is missing.
+    """Format the mean and standard deviation of two or more values; a dash if a value is missing.
 
     >>> spread_text([1.0, 2.0, 3.0]), spread_text([1.0, None])
     ('2.00 ± 1.00', '-')
@@ -152,7 +147,7 @@ def spread_text(values: Sequence[float | None]) -> str:
 
 
 def interval_text(ends: tuple[float, float] | None) -> str:
-    """The ends of an interval; "" if there is none.
+    """Format the bounds of an interval; "" if there is none.
 
     >>> interval_text((1.024, 1.7)), interval_text(None)
     ('[1.02, 1.70]', '')
@@ -161,7 +156,7 @@ def interval_text(ends: tuple[float, float] | None) -> str:
 
 
 def number_text(value: float | None, decimals: int | None = None) -> str:
-    """A number as it was printed, or with two decimals.
+    """Format a number as printed in its source, or with two decimals.
 
     >>> number_text(4.2, 2), number_text(1.23456), number_text(None)
     ('4.20', '1.23', '-')

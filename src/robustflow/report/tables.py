@@ -1,6 +1,6 @@
-"""The paper's tables from any results: published values, runs, or both.
+"""The paper's tables, made from published values, runs, or both.
 
-A renderer (`robustflow.report.render`) writes what `build_table` makes.
+Use `robustflow.report.render` to write a table as text.
 """
 
 from __future__ import annotations
@@ -37,17 +37,18 @@ def build_table(
     costs: Mapping[str, Cost] | None = None,
     seeds: Sequence[SeedGroup] = (),
 ) -> Table:
-    """One of the paper's tables, from any results.
+    """Build one of the paper's tables from any results.
 
     Args:
         name: "epe" (Tab. 2), "cre" (Tab. 7), "rcre" (Tab. 8), "gopro-rcre" (Tab. 4) or "cost" (Tab. 3).
-        results: published, of runs, or both after one another. Why a model is not ranked is in a footnote; the share
-            of pixels that it predicted, if it left out any, in a separate column.
-        costs: published ones by model, for "cost".
-        seeds: groups of runs whose mean and standard deviation get a line below the last of them.
+        results: published results, results of runs, or both concatenated. A footnote explains why a model is not
+            ranked; a separate column gives the share of predicted pixels if a model did not predict all of them.
+        costs: published costs by model, for "cost".
+        seeds: groups of runs that differ in the seed; a line with their mean and standard deviation follows the last
+            run of each.
 
     Raises:
-        UsageError: an unknown table, or results without anything that belongs in it.
+        UsageError: the table is unknown, or the results have no values for it.
 
     >>> from robustflow.analysis.published.tables import published_results
     >>> table = build_table("epe", published_results())
@@ -62,7 +63,7 @@ def build_table(
     if name == "cost":
         return cost_table(results, costs or {})
     metric = "rcre" if name == "gopro-rcre" else name
-    # The paper has two tables of RCRE: its benchmark without ground truth has a separate one.
+    # The paper has two RCRE tables, one of them for the benchmark without ground truth.
     chosen = {
         line: values
         for line in results
@@ -70,7 +71,7 @@ def build_table(
         and (values := {of: value for (kind, of), value in line.values.items() if kind == metric})
     }
     if not chosen:
-        raise UsageError(f"the table '{name}' would be empty: these results have no such {METRIC_LABELS[metric]}")
+        raise UsageError(f"the table '{name}' would be empty: these results do not have a {METRIC_LABELS[metric]}")
     measured = {condition for values in chosen.values() for condition in values}
     keys = [CLEAN] * (CLEAN in measured) + ordered(measured - {CLEAN, AVERAGE}) + [AVERAGE]
     columns = [_column(key, metric) for key in keys]
@@ -105,7 +106,7 @@ _SHARE = "Coverage: share of the pixels with ground truth that the model predict
 
 
 def _measured_on(benchmarks: Iterable[str]) -> str:
-    """What was measured on, in words, the paper's benchmark first."""
+    """Name the benchmarks of the results in words, the paper's first."""
     unique = dict.fromkeys(benchmarks)
     facts = {name: benchmark_facts(name) for name in unique}
     order = sorted(unique, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
@@ -113,7 +114,7 @@ def _measured_on(benchmarks: Iterable[str]) -> str:
 
 
 def settings_in_order(settings: Iterable[str]) -> list[str]:
-    """Each setting once, the paper's first."""
+    """Return the distinct settings, the paper's first."""
     known = set(settings)
     return [name for name in SETTING_LABELS if name in known] + sorted(known - set(SETTING_LABELS))
 
@@ -129,7 +130,7 @@ def _column(key: str, metric: str) -> Column:
 def _lines(
     chosen: Mapping[ModelResult, Mapping[str, Value]], keys: Sequence[str], seeds: Sequence[SeedGroup]
 ) -> tuple[Line, ...]:
-    """The lines of one setting; knowledge-driven models have no marks."""
+    """Build the lines of one setting; knowledge-driven models have no marks."""
     texts = {line: {of: value.text for of, value in values.items()} for line, values in chosen.items()}
     compared = [
         Compared(line.frames, {} if line.setting == "knowledge" else shown, bool(line.excluded))
@@ -153,6 +154,6 @@ def _over_seeds(
     chosen: Mapping[ModelResult, Mapping[str, Value]],
     keys: Sequence[str],
 ) -> Line:
-    """The means over runs that differ only in the seed."""
+    """Build a line of means over runs that differ only in the seed."""
     numbers = ([chosen[one][key].number if key in chosen[one] else None for one in results] for key in keys)
     return Line.of(group.label, map(spread_text, numbers), with_exclusion(group.note, results[0].excluded))

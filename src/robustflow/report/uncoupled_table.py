@@ -1,4 +1,4 @@
-"""Robustness less tied to accuracy than by the paper's metrics: one line per run."""
+"""Robustness metrics that depend less on accuracy than the paper's, one line per run."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _COLUMNS = (
     "given the motion",
 )
 _REMARK = (
-    "log ratio: ln(EPE / clean EPE) of an image, mean over images; 0.69 if errors double. Medians are over images. "
-    "Fl increase: percentage points of Fl-all. Rank correlation: over images, of the corrupted with the clean EPE; "
-    "then given the length of the true flow. CRE is EPE - clean EPE, so it is not independent of the accuracy."
+    "log ratio: ln(EPE / clean EPE), averaged over images; 0.69 if errors double. Medians are over images. "
+    "Fl increase: percentage points of Fl-all. Rank correlation: between corrupted and clean EPE over images, first "
+    "plain, then controlled for the true flow magnitude. CRE is EPE - clean EPE, so it depends on accuracy."
 )
 
 
 def uncoupled_table(results: Sequence[ModelResult]) -> Table:
-    """`uncoupled` of runs; with five ranked models or more on the same frames also how CRE and log ratio follow the
-    accuracy.
+    """Tabulate `uncoupled` for runs. With five or more ranked models on the same frames, add the correlation of CRE and
+    log ratio with accuracy.
 
     Raises:
         UsageError: no run has ground truth.

@@ -1,7 +1,7 @@
-"""Write tables: one file per format, and users' formats.
+"""Renderers of tables: one module per built-in format, and user-defined formats.
 
-Names in a table may come from anyone's file. Every renderer first removes characters that no format should get
-(`robustflow.text.plain`), then escapes what is special in its own format.
+Names in a table may come from untrusted files. Every renderer first removes control characters
+(`robustflow.text.plain`), then escapes the special characters of its format.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ for _name in ("terminal", "markdown", "latex", "csv", "html"):
 
 
 def render(table: Table, format: str) -> str:
-    """The table as text, ending with a line break.
+    """Render a table as text that ends with a line break.
 
     Args:
-        table: from `build_table`.
+        table: the table, for example from `build_table`.
         format: "terminal" (120 columns wide, no colour), "markdown", "latex" (booktabs), "csv" or "html" (a fragment),
-            an installed package's (entry points "robustflow.table_formats"), or your own as `module.path:function`.
+            the name of an installed package's format (entry point group "robustflow.table_formats"), or your own
+            function as `module.path:function`.
 
     Raises:
-        UsageError: see `renderer`; or your own function fails, or returns no text.
+        UsageError: see `renderer`; or a user-defined function fails or does not return text.
 
     >>> from robustflow.report.table import TableCell, Column, Line, Section, Table
     >>> line = Line("A|B", (TableCell("1.00", best=True),))
@@ -54,10 +55,10 @@ def render(table: Table, format: str) -> str:
 
 
 def renderer(format: str) -> Renderer:
-    """The function that writes a table in a format.
+    """Return the function that renders a table in a format.
 
     Raises:
-        UsageError: an unknown format, or a function of the user's that cannot be imported.
+        UsageError: the format is unknown, or a user-defined function cannot be imported.
 
     >>> renderer("csv").__module__
     'robustflow.report.render.csv'
@@ -66,5 +67,5 @@ def renderer(format: str) -> Renderer:
         return FORMATS.get(format)
     function = import_target(format, "format")
     if not callable(function):
-        raise UsageError(f"{format} is not a function, so it cannot write a table")
+        raise UsageError(f"{format} is not a function, so it cannot render a table")
     return function

@@ -1,4 +1,4 @@
-"""CSV: one line per model, for spreadsheets; marks and notes in separate columns."""
+"""CSV output for spreadsheets: one line per model, with marks and notes in separate columns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ..table import Column, Table
 
 
 def render(table: Table) -> str:
-    """The table as CSV with a header: section, the line's name, one column each, best (separated by "; "), note."""
+    """Render the table as CSV with a header: section, line label, the table's columns, best (separated by "; "), and
+    note."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     headings = [_heading(column) for column in table.columns]

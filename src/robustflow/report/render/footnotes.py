@@ -1,4 +1,4 @@
-"""Notes of lines, numbered: a note that several lines share has one number."""
+"""Numbered footnotes; identical notes share a number."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ..table import Table
 
 
 def numbered_notes(table: Table) -> dict[str, int]:
-    """Note -> number from 1, in the order of the lines; lines without a note have none.
+    """Map each note to a number, starting from 1, in the order of the lines.
 
     >>> from robustflow.report.table import Line, Section
     >>> lines = (Line("a", (), "3 pairs"), Line("b", ()), Line("c", (), "3 pairs"))
@@ -19,5 +19,5 @@ def numbered_notes(table: Table) -> dict[str, int]:
 
 
 def note_text(note: str) -> str:
-    """A note as one printable line."""
+    """Return a note as one printable line."""
     return plain(note, 300)

@@ -1,4 +1,4 @@
-"""An HTML fragment: one `<table>` inside a `<figure>`, without style or script; `b` marks the best of a column."""
+"""HTML output: one `<table>` inside a `<figure>`, without style or script; `b` marks the best value of a column."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .footnotes import note_text, numbered_notes
 
 
 def render(table: Table) -> str:
-    """The fragment; every text is escaped, and no attribute holds a text from outside."""
+    """Render the table as an HTML fragment. All text is escaped, and attributes contain only constants."""
     notes = numbered_notes(table)
     lines = ['<figure class="results">', f"<figcaption>{escape(table.title)}</figcaption>", "<table>", "<thead>"]
     groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
@@ -38,7 +38,7 @@ def render(table: Table) -> str:
 
 
 def escape(text: str, longest: int | None = 80) -> str:
-    """Escape text for elements and quoted attributes.
+    """Escape text for HTML elements and quoted attributes.
 
     >>> escape("<img src=x onerror=alert(1)>")
     '&lt;img src=x onerror=alert(1)&gt;'

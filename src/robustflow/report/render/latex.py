@@ -1,8 +1,8 @@
-"""LaTeX with booktabs, laid out like the paper's tables: rotated headings below those of their family, a rule between
-settings, the best of a column in bold on grey, and, where the best is a line, the whole line on grey.
+"""LaTeX output with booktabs, in the layout of the paper's tables: rotated column headings below their family, a rule
+between settings, and the best value of a column in bold on grey. A line marked as best has a grey background.
 
 Needs \\usepackage[table]{xcolor} and \\usepackage{booktabs,graphicx}; `\\ref{tab:robustflow-NAME}` refers to a table.
-Characters that pdfLaTeX has no letter for are written as their code point.
+Characters that pdfLaTeX cannot typeset are written as code points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from .footnotes import note_text, numbered_notes
 
 _PROSE = r"p{0.5\linewidth}"
 _PROSE_LETTERS, _PAGE_LINES = 38, 60
-"""Letters in a line of a prose column, and lines on a page, of LaTeX's own article class, which has the least room."""
+"""Characters per line of a prose column, and lines per page, in LaTeX's article class, which has the smallest text
+area."""
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -37,7 +38,7 @@ _SPECIAL = {
     "`": r"\textasciigrave{}",
     "…": r"\dots{}",
     "±": r"\textpm{}",
-    # after the end of a row these two would be read as its arguments
+    # after the end of a row, LaTeX would read these characters as arguments of \\
     "[": "{[}",
     "*": "{*}",
 }
@@ -45,7 +46,7 @@ _LETTERS = "äöüÄÖÜßéèêëáàâãåæçíìîïñóòôõøúùûýÁÀ
 
 
 def render(table: Table) -> str:
-    """A `table*` environment, or several where a table is longer than a page; a section is never divided."""
+    """Render the table as a `table*` environment, or as several if it exceeds a page; sections are never split."""
     parts = _pages(table)
     if len(parts) == 1:
         return _float(table, table.name)
@@ -59,8 +60,8 @@ def render(table: Table) -> str:
 
 
 def only_lines(table: Table) -> str:
-    """The lines of a table, to be pasted into a table of the reader's own; a comment at the end of each names the
-    columns and how it was measured."""
+    """Render only the lines of a table, to be pasted into a different table. A comment at the end of each line lists
+    the columns and the measurement conditions."""
     columns = ", ".join(column.label for column in table.columns)
     return "".join(
         " & ".join([escape(plain(line.label)), *(_cell(cell, shaded=False) for cell in line.cells)])
@@ -76,7 +77,7 @@ def _pages(table: Table) -> list[list[Section]]:
     parts: list[list[Section]] = [[]]
     room = _PAGE_LINES
     for section in table.sections:
-        needed = 2  # its title between two rules
+        needed = 2  # the section title between two rules
         for line in section.lines:
             needed += max([1, *(-(-len(line.cells[index].text) // _PROSE_LETTERS) for index in prose)])
         if parts[-1] and needed > room:
@@ -121,7 +122,7 @@ def _float(table: Table, name: str) -> str:
 
 
 def escape(text: str) -> str:
-    """Escape text for LaTeX; two hyphens stay two.
+    """Escape text for LaTeX, keeping double hyphens as they are.
 
     >>> print(escape("50% of A_1 \\\\input{x}"))
     50\\% of A\\_1 \\textbackslash{}input\\{x\\}
@@ -136,7 +137,7 @@ def _letter(c: str) -> str:
 
 
 def _cell(cell: TableCell, shaded: bool) -> str:
-    # The minus of a number is a minus, not the hyphen of a name.
+    # Typeset the sign of a number as a minus, and a hyphen in a name as a hyphen.
     text = f"${cell.text}$" if cell.text[:1] == "-" and cell.text[1:].replace(".", "").isdigit() else escape(cell.text)
     if not cell.best:
         return text

@@ -1,4 +1,4 @@
-"""GitHub-flavoured Markdown: the best of a column in bold, notes below."""
+"""GitHub-flavoured Markdown output: the best value of a column in bold, notes below the table."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SPECIAL = str.maketrans({c: f"\\{c}" for c in "\\`*_{}[]#|~$!"} | {"<": "&lt;",
 
 
 def render(table: Table) -> str:
-    """The table as a Markdown section."""
+    """Render the table as a Markdown section."""
     notes = numbered_notes(table)
     headings = [table.row_header, *(f"{column.group} {column.label}".strip() for column in table.columns)]
     lines = [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]

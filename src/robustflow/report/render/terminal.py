@@ -1,4 +1,4 @@
-"""The terminal: a table that is too wide is split into blocks of columns, each with the models' names."""
+"""Terminal output: a table that is too wide is split into blocks of columns, each with the model names."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ _GROUP = 11
 
 
 def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
-    """The table as text of at most `width` columns; bold (or a star, without colour) marks the best of a column."""
+    """Render the table as text at most `width` characters wide; bold (or a star, without colour) marks the best value
+    of a column."""
     out = io.StringIO()
     console = Console(
         file=out, width=width, force_terminal=colour, color_system="standard" if colour else None, highlight=False
     )
     console.print(Text(plain(table.title, None), style="bold"))
     if any(column.prose for column in table.columns):
-        # Sentences are long, and so are their sections' titles: each section is a separate grid below its title.
+        # In tables of prose, each section is a separate grid below its title, because both are long.
         for section in table.sections:
             console.print(Text(f"\n{plain(section.title, None)}", style="italic"))
             console.print(_grid(table, (section,), list(range(len(table.columns))), colour))
@@ -43,7 +44,7 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
 
 
 def _blocks(table: Table, width: int) -> list[list[int]]:
-    """Indices of the columns of each block."""
+    """Return the column indices of each block."""
     names = [plain(line.label, _NAME) for line in table.lines]
     room = width - max(map(len, names), default=0) - 6
     blocks: list[list[int]] = [[]]
@@ -69,7 +70,7 @@ def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour:
     for index in block:
         column = table.columns[index]
         justify: Literal["left", "right"] = "left" if column.prose else "right"
-        # an address too long for its column continues on the next line, because it would be useless if it were cut
+        # a URL that is too long for its column continues on the next line, because a truncated URL is useless
         grid.add_column(Text(_heading(column)), justify=justify, no_wrap=not column.prose, overflow="fold")
     for section in sections:
         if sections is table.sections:
@@ -87,7 +88,7 @@ def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour:
 
 
 def _heading(column: Column) -> str:
-    """Two lines: the group, cut where it would widen the column, and the label."""
+    """Return the heading as two lines: the group, truncated to the column width, and the label."""
     group = plain(column.group)
     group = group if len(group) <= _GROUP else f"{group[: _GROUP // 2]}."
     return f"{group}\n{plain(column.label)}" if group else plain(column.label)
