@@ -68,7 +68,7 @@ def test_the_card_holds_the_means_of_the_rows_and_escapes_names(run, tmp_path):
     assert f"| average | {' | '.join(f'{value:.3f}' for value in averages)} |" in markdown
     assert markdown.startswith(f"# Robustness of {escape(HOSTILE)} on")
     assert "<img" not in markdown
-    assert any("too few pairs to resample (1)" in warning for warning in card["warnings"])
+    assert any("too few pairs for a bootstrap (1)" in warning for warning in card["warnings"])
 
 
 def test_intervals_are_those_of_the_tables(run, tmp_path):

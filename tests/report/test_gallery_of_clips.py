@@ -107,7 +107,7 @@ def test_the_codec_really_ran(video, tmp_path):
         for frame, clean in zip(mild.frames, shown, strict=True):
             assert np.abs(frame.astype(int) - clean).mean() < 12
     assert cells["h264_crf", 5].ssim < 0.8
-    assert cells["bit_error", 1].caption.endswith("no byte hit")
+    assert cells["bit_error", 1].caption.endswith("no bit errors")
     assert cells["bit_error", 1].ssim > 0.9
 
 
@@ -121,8 +121,8 @@ def test_bit_errors_hit_a_stream_that_is_long_enough(tmp_path):
     folder = tmp_path / "encoded"
     folder.mkdir()
     (mild, severe) = clip_cells(part, shown, [1, 5], ["bit_error"], folder)
-    assert mild.caption.endswith("no byte hit")
-    assert not severe.caption.endswith("no byte hit")
+    assert mild.caption.endswith("no bit errors")
+    assert not severe.caption.endswith("no bit errors")
 
 
 def test_what_cannot_be_made_is_said():

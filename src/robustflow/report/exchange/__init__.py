@@ -1,6 +1,6 @@
-"""Export a run's results: a robustness card, Croissant, Every Eval Ever, Hugging Face.
+"""Export a run's results as a robustness card, Croissant, Every Eval Ever, or Hugging Face evaluation results.
 
-Every file follows from the run, so `check_exported` can compare one with the run's record, byte for byte.
+Exports are deterministic, so `check_exported` can compare a file with the run's record byte for byte.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ _HUB_NAME = re.compile(r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}")
 
 
 def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
-    """The files that describe a run in one of the formats, by their place in a folder.
+    """Export a run in one of the formats; return file contents by relative path.
 
     Args:
-        run: any.
+        run: the run to export.
         format: one of `EXCHANGE_FORMATS`.
-        hub_dataset: for "huggingface" the data set on the Hub that is the benchmark, ORGANISATION/NAME.
+        hub_dataset: name of the benchmark's data set on the Hub, as ORGANISATION/NAME; required for "huggingface".
 
     Raises:
-        UsageError: an unknown format, or for "huggingface" no data set.
+        UsageError: the format is unknown, or `hub_dataset` is missing for "huggingface".
     """
     if format not in EXCHANGE_FORMATS:
         raise unknown_name("exchange format", format, EXCHANGE_FORMATS)

@@ -13,7 +13,7 @@ from ..render.markdown import escape
 from .facts import RunFacts, RunMean
 
 CARD_VERSION = 1
-"""Incremented when a field of card.json is added or changes its meaning."""
+"""Schema version of card.json, incremented when a field is added or changes its meaning."""
 
 _CHECK = (
     "robustflow pack RUN -o mine.robustflow",
@@ -22,7 +22,7 @@ _CHECK = (
 
 
 def card_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
-    """`card.md` and `card.json`."""
+    """Return `card.md` and `card.json`."""
     return {
         PurePosixPath("card.md"): _markdown(facts).encode(),
         PurePosixPath("card.json"): json_bytes(_content(facts)),
@@ -70,7 +70,7 @@ def _markdown(facts: RunFacts) -> str:
         *(f"> **Warning.** {escape(warning)}\n" for warning in facts.warnings),
         *_table(facts.means),
         "",
-        "Check it: pack the run, or take its record, and compare this file with what follows from the rows.",
+        "To verify this file, pack the run, or use its record, and compare the file with the export of the record.",
         "",
         "```bash",
         *_CHECK,
@@ -80,7 +80,7 @@ def _markdown(facts: RunFacts) -> str:
 
 
 def _table(means: Sequence[RunMean]) -> list[str]:
-    """A line for each condition and a column for each metric."""
+    """Return a Markdown table with one line per condition and one column per metric."""
     cells = {(mean.condition, mean.metric): mean for mean in means}
     conditions, metrics = (list(dict.fromkeys(which)) for which in zip(*cells, strict=True))
     head = ["Frames", *(escape(metric_label(metric)) for metric in metrics)]

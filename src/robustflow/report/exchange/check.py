@@ -19,10 +19,10 @@ _HUB_DATASET = re.compile(rb'^    id: ("[^"\n]{3,200}")$', re.MULTILINE)
 
 
 def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
-    """Check that each file equals the export of the record's run, byte for byte; returns a sentence with their number.
+    """Check that each file equals the export of the record's run, byte for byte; return a sentence with the file count.
 
     Raises:
-        RunError: one is not; its first line that differs is named.
+        RunError: a file differs; the message names its first differing line.
         DataError: a file cannot be read.
     """
     with TemporaryDirectory(prefix="robustflow-") as folder:

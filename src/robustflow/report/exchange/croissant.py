@@ -1,4 +1,4 @@
-"""Croissant: the rows of a run as a data set for search engines and loaders."""
+"""Croissant metadata: the rows of a run as a data set for search engines and loaders."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CONTEXT: dict[str, Any] = {
 
 
 def croissant_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
-    """`croissant.json`, and the rows that it describes as `rows.csv`."""
+    """Return `croissant.json`, and the rows that it describes as `rows.csv`."""
     rows = rows_to_text(facts.run.rows)
     metadata = {
         "@context": _CONTEXT,

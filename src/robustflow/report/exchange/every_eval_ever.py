@@ -1,4 +1,4 @@
-"""Every Eval Ever: the shared schema of evaluation results of the EvalEval coalition, version 0.3.0."""
+"""Every Eval Ever: the EvalEval coalition's shared schema for evaluation results, version 0.3.0."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNKNOWN = "unknown"
 
 
 def every_eval_ever_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
-    """One file at its place in the collection: data/BENCHMARK/DEVELOPER/MODEL/UUID.json."""
+    """Return one file with its path in the collection: data/BENCHMARK/DEVELOPER/MODEL/UUID.json."""
     benchmark, model = file_name(facts.run.benchmark), file_name(facts.name)
     seconds = "0" if facts.finished is None else f"{facts.finished.timestamp():.0f}"
     content = {

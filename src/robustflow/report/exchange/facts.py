@@ -1,4 +1,4 @@
-"""The facts of a run for every format: model, data, means with intervals, and warnings."""
+"""Facts about a run, shared by all formats: model, data, means with intervals, and warnings."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from ...text import plain
 
 @dataclass(frozen=True)
 class RunMean:
-    """A mean of a run.
+    """A mean value of a run.
 
     Attributes:
-        metric: "epe", "cre", "crer" or "rcre"; pixels, CREr a ratio.
-        condition: "clean", "average", or a corruption.
-        value: the mean.
-        interval: the ends of its 95 % interval; None if there are too few pairs.
+        metric: "epe", "cre" or "rcre" (in pixels), or "crer" (a ratio).
+        condition: "clean", "average", or the name of a corruption.
+        value: mean value.
+        interval: bounds of its 95 % interval; None if there are too few pairs.
     """
 
     metric: str
@@ -37,7 +37,7 @@ class RunMean:
 
 
 class RunFacts:
-    """A run, as the formats describe it. Names are safe to print, but not escaped for any format."""
+    """Description of a run for the export formats. Names are safe to print, but not escaped for any format."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -47,19 +47,19 @@ class RunFacts:
 
     @cached_property
     def means(self) -> list[RunMean]:
-        """Clean and average means first, then those of each corruption."""
+        """Means: clean and average first, then those of each corruption."""
         (line,) = run_results([self.run])
         known = [RunMean(*key, value.number, line.intervals.get(key)) for key, value in line.values.items()]
         return sorted(known, key=lambda mean: mean.condition not in ("clean", AVERAGE))
 
     @property
     def averages(self) -> list[RunMean]:
-        """The means that are not of one corruption."""
+        """The clean and average means."""
         return [mean for mean in self.means if mean.condition in ("clean", AVERAGE)]
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Sentences that a reader must know before comparing the numbers."""
+        """Caveats that a reader must know before comparing the numbers."""
         run, summary, out = self.run, self.run.summary, []
         if run.setting not in ("OOD", "knowledge"):
             setting = run_setting(run)
@@ -67,28 +67,28 @@ class RunFacts:
                 f"{SETTING_LABELS.get(setting, setting)}: {SETTING_EXPLANATIONS.get(setting, 'see the manifest')}."
             )
         if note := comparison_note(run):
-            out.append(f"What was measured: {note}.")
+            out.append(f"This is {note}.")
         if reasons := exclusion_reasons(run):
             out.append(f"Not ranked, because {' and '.join(reasons)}.")
         if not summary.complete:
-            out.append("The run is not complete: rows are missing, or have no pixel to measure.")
+            out.append("The run is incomplete: rows are missing, or have no valid pixel.")
         if has_gaps(summary):
             out.append(
                 f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are over these."
             )
         if self.averages and not any(mean.interval for mean in self.averages):
-            out.append(f"No intervals: too few pairs to resample ({summary.samples}).")
+            out.append(f"No intervals: too few pairs for a bootstrap ({summary.samples}).")
         return [plain(each, None) for each in out]
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The model's identity, without texts that contain a path of this machine."""
+        """Return the model's identity without texts that contain a path on this machine."""
         given = self.run.manifest.identity.model.settings
         return {plain(name): plain(str(value)) for name, value in given.items() if not holds_path(str(value))}
 
     @property
     def data(self) -> dict[str, Any]:
-        """What was measured."""
+        """Describe the data and conditions of the run."""
         frames, summary = self.run.manifest.identity.frames, self.run.summary
         return {
             "benchmark": plain(self.run.benchmark),
@@ -105,7 +105,7 @@ class RunFacts:
 
     @property
     def finished(self) -> datetime | None:
-        """When the run was finished, in UTC; None if its manifest does not say."""
+        """Return the time the run finished, in UTC; None if its manifest does not contain it."""
         try:
             return datetime.fromisoformat(self.run.manifest.finished or "").astimezone(UTC)
         except (ValueError, OverflowError):
@@ -113,5 +113,5 @@ class RunFacts:
 
     @property
     def version(self) -> str:
-        """The version of this package that ran it."""
+        """Return the RobustFlow version of the run."""
         return plain(self.run.manifest.environment.packages.get("robustflow", "unknown"))

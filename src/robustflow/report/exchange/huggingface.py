@@ -1,4 +1,4 @@
-"""Hugging Face: evaluation results for a model's page, `.eval_results/*.yaml` in its repository."""
+"""Hugging Face evaluation results: `.eval_results/*.yaml` in a model's repository, shown on its page."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from .facts import RunFacts, RunMean
 
 
 def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, bytes]:
-    """`.eval_results/robustflow.yaml` with the clean and average means.
+    """Return `.eval_results/robustflow.yaml` with the clean and average means.
 
     Args:
-        facts: of the run.
-        dataset: the data set's name on the Hub, ORGANISATION/NAME; its `eval.yaml` has to name the tasks `epe_clean`,
-            `epe`, `cre`, `crer` and `rcre`.
+        facts: facts about the run.
+        dataset: name of the data set on the Hub, as ORGANISATION/NAME; its `eval.yaml` must define the tasks
+            `epe_clean`, `epe`, `cre`, `crer` and `rcre`.
     """
     text = "".join(_entry(facts, mean, dataset) for mean in facts.averages)
     return {PurePosixPath(".eval_results", "robustflow.yaml"): text.encode()}
@@ -35,5 +35,5 @@ def _entry(facts: RunFacts, mean: RunMean, dataset: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Quote a text so that nothing in it is special to YAML."""
+    """Quote a text for YAML."""
     return json.dumps(text.strip())

@@ -1,4 +1,4 @@
-"""Figures of results and runs, in PNG, SVG and PDF."""
+"""Figures of results and runs, as PNG, SVG and PDF."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ _DRAWN: dict[str, Callable[[Sequence[ModelResult], Looks, bool], MarkedFigure]] 
 
 
 def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
-    """Every figure that can be made from these results, by name; those that are not ranked are drawn only where each
-    run has a curve.
+    """Draw every figure that can be made from these results, by name. Results that are not ranked appear only in
+    figures with one curve per run.
 
-    Results measured on other frames are not drawn together: the figures of the published values and of each sample
-    set are separate, the latter with the number of the set in their names. Own models on the same frames are drawn
-    together, whatever their settings.
+    Results measured on different frames never share a figure: the published values and each sample set have separate
+    figures, and names of the latter contain the number of the set. The user's models on the same frames are drawn
+    together, regardless of their settings.
     """
     figures: dict[str, Figure] = {}
     of_results = figures_by_sample_set(ranked(results))
@@ -62,7 +62,7 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
         suffix = f"_{index}" if len(of_runs) > 1 else ""
         rows = {line.name: line.run.rows for line in lines if line.run}
         for metric in ("rcre", "epe"):
-            with suppress(UsageError):  # too many runs, or none that measured the metric
+            with suppress(UsageError):  # too many runs, or no run measured the metric
                 figures[f"severity_{metric}{suffix}"] = severity_curves(rows, metric)
     return figures
 
@@ -70,18 +70,18 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
 def figures_by_sample_set(
     results: Iterable[ModelResult], looks: Looks | None = None
 ) -> dict[str, dict[str, MarkedFigure]]:
-    """Sample set -> the figures of results by name, of all benchmarks with ground truth."""
+    """Map each sample set of benchmarks with ground truth to its figures of results, by name."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
     for frames, part in by_frames(line for line in results if benchmark_facts(line.benchmark).has_flow).items():
         figures[frames] = {}
         for name, draw in _DRAWN.items():
-            with suppress(UsageError):  # Not every set of results has what each figure needs.
+            with suppress(UsageError):  # Some sets of results lack the data for some figures.
                 figures[frames][name] = draw(part, looks or Looks(), not _by_setting(part))
     return figures
 
 
 def _by_setting(results: Sequence[ModelResult]) -> bool:
-    """Whether one panel per setting is more informative than one for all: for the paper's values, and if a model was
-    measured in two settings."""
+    """Return whether to draw one panel per setting: for the paper's values, and if a model was measured in two
+    settings."""
     models = {(line.setting, line.name) for line in results}
     return of_paper(results) or len({name for _, name in models}) < len(models)

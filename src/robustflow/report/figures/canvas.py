@@ -1,4 +1,4 @@
-"""Helpers of all figures: a figure without global state, comparable axes, and names as text."""
+"""Shared helpers of the figures: figures without global state, comparable axes, and placement of names."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from .marks import MarkedFigure
 from .styles import GRID
 
 LEAST_PX = 1.0
-"""Smallest span of an axis of errors in pixels: less would make a tenth of a pixel look large."""
+"""Minimum span of an error axis, in pixels, so that a difference of 0.1 pixels does not look large."""
 
 _NAME_SIZE = 7.5
 _NAMES_AT_ANY_COST = 40
 _OVERLAP = 10.0
-"""The cost of a name that overlaps another."""
+"""Cost of two overlapping names."""
 
 _Place = tuple[float, float, Literal["left", "center", "right"]]
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[MarkedFigure, list[Axes]]:
-    """A figure of `width` x `height` inches with a grid of axes, row by row."""
+    """Create a figure of `width` x `height` inches with a grid of axes, in row-major order."""
     figure = MarkedFigure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     axes = [figure.add_subplot(rows, columns, index + 1) for index in range(rows * columns)]
@@ -43,7 +43,7 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> 
 
 
 def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
-    """A figure of one panel per setting, three abreast."""
+    """Create a figure with one panel per setting, three per row."""
     columns = min(3, count)
     rows = -(-count // columns)
     figure, axes = new_figure(4.6 * columns, 4.2 * rows, rows, columns)
@@ -57,14 +57,15 @@ def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
 def fair_limits(
     values: Iterable[float], least: float = LEAST_PX, *, zero: bool = False, room: float = 0.08
 ) -> tuple[float, float]:
-    """Limits of a linear axis that do not make a small difference look large: `least` or a quarter of the largest value
-    apart, the larger of the two.
+    """Choose the limits of a linear axis so that small differences do not look large: the span is at least the larger
+    of `least` and a quarter of the largest value.
 
     Args:
-        values: everything that is drawn along the axis, with the ends of its intervals.
-        least: the shortest span.
-        zero: whether 0 is on the axis, as for bars and curves; it is then an end if no value is beyond it.
-        room: free space at either end, as a share of the span.
+        values: all values drawn along the axis, including interval bounds.
+        least: minimum span of the axis.
+        zero: whether the axis includes 0, as for bars and curves; 0 is then a limit unless values lie on both sides of
+            it.
+        room: margin at each end, as a fraction of the span.
 
     >>> fair_limits([2.5, 2.75], room=0)
     (2.125, 3.125)
@@ -85,7 +86,7 @@ def fair_limits(
 def whiskers(
     panel: Axes, x: float, y: float, across: IntervalEnds | None, up: IntervalEnds | None, colour: str
 ) -> bool:
-    """Draw the intervals of a point; returns whether there is one."""
+    """Draw the intervals of a point; return whether it has any."""
     if across is not None:
         panel.plot(across, (y, y), color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
     if up is not None:
@@ -94,7 +95,7 @@ def whiskers(
 
 
 def ends_text(ends: IntervalEnds | None) -> str:
-    """ " [1.02, 1.71]", or "" if there is no interval."""
+    """Format an interval as " [1.02, 1.71]"; "" if there is none."""
     return "" if ends is None else f" {interval_text(ends)}"
 
 
@@ -102,18 +103,18 @@ WITH_INTERVALS = "Whiskers are 95 % confidence intervals."
 
 
 def set_heading(figure: MarkedFigure, text: str) -> None:
-    """A heading over all panels, on as many lines as the figure's width requires."""
+    """Draw a heading above all panels, wrapped to the figure's width."""
     figure.suptitle(textwrap.fill(text, int(12.5 * figure.get_figwidth())), fontsize=10)
 
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:
-    """Put names next to their points, each where it overlaps the fewest names and points placed before. With more than
-    `_NAMES_AT_ANY_COST` points, names that would overlap another are not shown.
+    """Place names next to their points, choosing the position with the least overlap with names and points already
+    placed. With more than `_NAMES_AT_ANY_COST` points, names that would overlap are omitted.
 
     Args:
-        axes: with its limits set, of a figure whose layout is settled (`files.settle_layout`).
-        points: (x, y, name).
-        radii: of the points' markers in points (1/72 inch), 4 by default.
+        axes: axes with final limits, in a figure with a final layout (`files.settle_layout`).
+        points: points as (x, y, name), in data coordinates.
+        radii: radius of each marker in points (1/72 inch); 4 by default.
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
@@ -156,7 +157,8 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
 
 
 def _places(radius: float) -> list[_Place]:
-    """Positions for a name around a marker, best first: (right, up) in points, and the alignment."""
+    """Yield candidate positions of a name around a marker, best first: offset (right, up) in points, and the
+    alignment."""
     places: list[_Place] = []
     for reach in (radius + 3, radius + 11, radius + 20):
         slant = 0.8 * reach

@@ -19,7 +19,7 @@ from .marks import Mark, MarkedFigure
 from .styles import KIND_STYLES, Looks, kind_of
 
 _AREA = 260.0
-"""Square points of a bubble of CREr 1, if none is larger than `_LARGEST`."""
+"""Area of a bubble with CREr 1, in square points, unless the largest bubble would exceed `_LARGEST`."""
 
 _LARGEST = 1000.0
 
@@ -28,18 +28,18 @@ _LARGEST = 1000.0
 def clean_against_cre(
     results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False
 ) -> MarkedFigure:
-    """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting, all on the same axes.
+    """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes.
 
-    CRE is computed from the EPE. Of the paper's models those of `not_discussed` are left out, and knowledge-driven
-    methods unless there are only these, as in the paper.
+    CRE is computed from the EPE. As in the paper, models in `not_discussed` are omitted, and so are knowledge-driven
+    methods unless there are no others.
 
     Args:
-        results: with clean and average EPE.
-        looks: styles of the models.
-        together: all models in one panel, including knowledge-driven ones.
+        results: results with clean and average EPE.
+        looks: styles of the models, and whether to draw the legend.
+        together: whether to draw all models in one panel, including knowledge-driven ones.
 
     Raises:
-        UsageError: no model has a clean and an average EPE.
+        UsageError: no model has both a clean and an average EPE.
     """
     looks = looks or Looks()
     without, styles = not_discussed(results), looks.of(results)
@@ -52,7 +52,7 @@ def clean_against_cre(
     if len(panels) > 1:
         panels.pop("knowledge", None)
     if not panels:
-        raise UsageError("no clean EPE and average EPE to draw: this figure needs runs with ground truth")
+        raise UsageError("no clean and average EPE to draw: this figure needs runs with ground truth")
     figure, axes = panel_figure(len(panels))
     drawn = [one for models in panels.values() for one in models]
     scale = min(_AREA, _LARGEST / max(*(cre / clean for _, clean, cre in drawn), 1.0))
@@ -88,8 +88,8 @@ def clean_against_cre(
     shown = {kind_of(line.name) for line, _, _ in drawn} if of_paper(results) else set()
     figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
     figure.caption = (
-        "Clean EPE to the right, CRE upwards; the area of a bubble is CREr, which is printed next to the name. "
-        "Best is a small bubble at the lower left." + (f" {WITH_INTERVALS}" if any_interval else "")
+        "CRE against clean EPE; the area of a bubble is CREr, which is printed next to the name. A small bubble at "
+        "the lower left is best." + (f" {WITH_INTERVALS}" if any_interval else "")
     )
     set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed next to the name")
     settle_layout(figure)

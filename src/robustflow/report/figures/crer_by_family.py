@@ -1,4 +1,4 @@
-"""The paper's figure of CREr by class of corruption, out-of-domain against in-domain; and the same of other models."""
+"""The paper's figure of CREr by corruption class, out-of-domain and in-domain, and the same figure for other models."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .styles import MODEL_STYLES, OTHER, Looks, Style, distinct_styles
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
-"""Smallest end of the CREr axis."""
+"""Minimum upper limit of the CREr axis."""
 
 
 def family_crer(results: Iterable[ModelResult]) -> dict[ModelResult, dict[str, float]]:
-    """Line -> family -> mean CREr over the corruptions of the family that were measured."""
+    """Return, for each line and corruption family, the mean CREr over the measured corruptions of the family."""
     out: dict[ModelResult, dict[str, float]] = {}
     for line in results:
         epe = line.numbers("epe")
@@ -44,15 +44,17 @@ def crer_by_family(
 ) -> MarkedFigure:
     """Draw bars of CREr per family, on one axis.
 
-    Of the paper's values a panel per model, with a bar per setting; of other models all in one panel, a bar per model.
+    The paper's values get one panel per model with a bar per setting; other models share one panel with a bar per
+    model.
 
     Args:
-        results: with EPE per corruption.
-        models: which; by default the paper's example models (Fig. 1), or all if there are none of these; at most eight.
+        results: results with EPE per corruption.
+        models: up to eight model names; by default the paper's example models (Fig. 1), or all models if none of these
+            is present.
         looks: styles of the models.
 
     Raises:
-        UsageError: none of the models has a clean EPE, or there is a single bar.
+        UsageError: none of the models has a clean EPE, or there is only one bar.
     """
     looks, crer = looks or Looks(), family_crer(results)
     published = of_paper(results)
@@ -64,7 +66,7 @@ def crer_by_family(
     lines = [line for model in shown for line in crer if line.name == model]
     families = [family for family in MEMBERS if any(family in crer[line] for line in lines)]
     if len(lines) * len(families) < 2:
-        raise UsageError("one class of corruptions and one model make one bar: measure another, or read the table")
+        raise UsageError("one corruption class and one model give a single bar: measure more, or read the table")
     if published:
         styles = looks.of(results)
     else:
@@ -83,14 +85,14 @@ def crer_by_family(
             reached += _bars(figure, panel, drawn, families, crer, styles, by_setting)
             panel.set_title(name_text(model), fontsize=10)
         axes, legend = axes[: len(shown)], []
-        figure.caption = "CREr of each class of corruptions, all models on one axis."
+        figure.caption = "CREr of each corruption class, all models on one axis."
         if {"OOD", "ID"} <= {line.setting for line in lines}:
-            figure.caption += " What an outlined bar is above its filled one is what fine-tuning costs."
+            figure.caption += " The height of an outlined bar above the filled one is the cost of fine-tuning."
     else:
         figure, axes = new_figure(5.0, 3.4)
         reached += _bars(figure, axes[0], lines, families, crer, styles, by_setting)
         legend = [(name, Style(style.colour, "s"), True) for name, style in by_name.items()]
-        figure.caption = "Mean CREr over the corruptions of each class: CRE divided by the clean EPE."
+        figure.caption = "Mean CREr (CRE divided by the clean EPE) over the corruptions of each class."
     if by_setting:
         settings = dict.fromkeys(line.setting for line in lines)
         legend += [(setting, Style(OTHER.colour, "s"), setting != "ID") for setting in settings]
@@ -113,7 +115,7 @@ def _bars(
     styles: Mapping[ModelResult, Style],
     by_setting: bool,
 ) -> list[float]:
-    """Draw a bar for each line in each family, with `by_setting` an outline in-domain. Returns all values on the
+    """Draw a bar for each line in each family; with `by_setting`, in-domain bars are outlined. Return all values on the
     axis."""
     width = 0.8 / max(2, len(lines))
     reached: list[float] = []

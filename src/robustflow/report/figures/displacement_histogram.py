@@ -1,4 +1,4 @@
-"""The paper's figure of flow amplitudes: how far the pixels of each benchmark move."""
+"""The paper's figure of flow amplitudes: the distribution of flow magnitudes in each benchmark."""
 
 from __future__ import annotations
 
@@ -19,30 +19,32 @@ MOST_LINES = 8
 _DASHES: tuple[tuple[str, str], ...] = tuple(
     (colour, dash) for colour in (BLACK, "#666666") for dash in ("-", "--", ":", "-.")
 )
-"""In other figures colours are models; these lines are frames, so they differ in dashes."""
+"""Dash patterns of the lines. Colours identify models in the other figures, but the lines of this figure are
+benchmarks."""
 
 
 @default_style()
 def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
-    """Share of the pixels against the length of their flow, a dashed line per table, on a logarithmic axis.
+    """Plot the share of pixels against their flow magnitude on a logarithmic axis, with a dashed line per table.
 
     Args:
-        tables: label -> bins `low`, `high` (pixels, the last may reach to infinity) and `share` (0 to 1), see
-            `displacement_histogram`; at most eight. The last bin is drawn as wide as the one before.
+        tables: up to eight histograms by label, with the columns `low` and `high` (in pixels; the last `high` may be
+            infinite) and `share` (0 to 1), see `displacement_histogram`. The last bin is drawn as wide as the one
+            before.
 
     Raises:
-        UsageError: more than eight tables, or none that counts a pixel.
+        UsageError: there are more than eight tables, or all of them are empty.
     """
     if len(tables) > MOST_LINES:
         raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {MOST_LINES}")
     tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
     if not tables:
-        raise UsageError("no displacement to draw: none of these has a pixel with a flow")
+        raise UsageError("no displacement to draw: no pixel in these tables has a flow")
     figure, (axes,) = new_figure(6.4, 3.6)
     right = 0.0
     for drawn, (label, table) in enumerate(tables.items()):
         colour, dash = _DASHES[drawn]
-        # broad lines first, so that a line on top of another leaves its rim visible
+        # wide lines first, so that a hidden line remains visible on both sides of the line above it
         width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
         edges = [*lows, _end(table)]
@@ -56,16 +58,16 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     axes.set_yscale("log")
     axes.set_ylim(top=min(axes.get_ylim()[1], 130.0))
     axes.set_xlim(0, right)
-    axes.set_xlabel("length of the flow (px)")
+    axes.set_xlabel("flow magnitude (px)")
     axes.set_ylabel("pixels (%)")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    figure.caption = "Share of the pixels by the length of their flow on the clean frames, on a logarithmic axis."
+    figure.caption = "Share of the pixels by flow magnitude on the clean frames, on a logarithmic axis."
     figure.legend(loc="outside upper center", ncols=1 if len(tables) > 2 else 2, frameon=False, fontsize=8)
     return figure
 
 
 def _end(table: pl.DataFrame) -> float:
-    """The right edge of the last bin."""
+    """Return the right edge of the last bin."""
     low, high = float(table["low"][-1]), float(table["high"][-1])
     if math.isfinite(high):
         return high

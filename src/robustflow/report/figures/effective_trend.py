@@ -1,4 +1,4 @@
-"""Effective robustness drawn: corrupted against clean EPE, with the trend through all models of a setting."""
+"""Figure of effective robustness: corrupted against clean EPE, with the trend through all models of a setting."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .styles import KIND_STYLES, Looks, kind_of
 def effective_trend(
     results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False
 ) -> MarkedFigure:
-    """One panel per setting, all on the same axes; a model's printed factor is its EPE divided by what the trend of the
-    others predicts.
+    """Plot one panel per setting, all with the same axes. The factor printed for a model is its EPE divided by the EPE
+    predicted from the trend of the other models.
 
-    With `together` there is one trend through the models of all settings.
+    With `together`, a single trend is fitted to the models of all settings.
 
     Raises:
-        UsageError: too few models, see `effective_robustness`.
+        UsageError: there are too few models, see `effective_robustness`.
     """
     looks = looks or Looks()
     panels = effective_robustness(results, by_setting=not together)
@@ -75,10 +75,11 @@ def effective_trend(
     shown = {kind_of(one.line.name) for models in panels.values() for one in models} if of_paper(results) else set()
     figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
     figure.caption = (
-        "Corrupted against clean EPE on logarithmic axes, with the trend through the models: below the line is more "
-        "robust than the clean error predicts. The printed factor is the EPE divided by what the others' trend gives."
+        "Corrupted against clean EPE on logarithmic axes, with the trend through the models. Models below the line "
+        "are more robust than their clean error predicts. The printed factor is the EPE divided by the EPE predicted "
+        "from the trend of the other models."
     ) + (f" {WITH_INTERVALS}" if any_interval else "")
-    set_heading(figure, "Effective robustness: below the line is more robust than the clean error predicts")
+    set_heading(figure, "Effective robustness: models below the line are more robust than their clean error predicts")
     settle_layout(figure)
     for panel, models in zip(axes, panels.values(), strict=True):
         labels = [(one.clean, one.corrupted, f"{one.line.name} ×{one.factor:.2f}") for one in models]
@@ -88,7 +89,7 @@ def effective_trend(
 
 
 def _log_limits(values: list[float]) -> tuple[float, float]:
-    """Limits of a logarithmic axis, a factor of 2 apart at least."""
+    """Choose limits of a logarithmic axis that differ by a factor of at least 2."""
     low, high = min(values), max(values)
     wider = max(1.12, (2 * low / high) ** 0.5)
     return low / wider, high * wider

@@ -1,4 +1,4 @@
-"""Figures as files: the same bytes for the same figure."""
+"""Write figures to files deterministically."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ FILE_FORMATS = ("png", "svg", "pdf")
 
 @contextmanager
 def any_script() -> Iterator[None]:
-    """Suppress the warning for characters that matplotlib's font lacks if text is only measured, or drawn with the
-    reader's fonts."""
+    """Suppress matplotlib's warning about missing glyphs where text is only measured, or rendered with the reader's
+    fonts."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
         yield
@@ -30,7 +30,7 @@ def any_script() -> Iterator[None]:
 
 @default_style()
 def settle_layout(figure: Figure) -> None:
-    """Place the axes of a figure where its layout puts them, without drawing anything."""
+    """Compute the final layout of a figure without drawing it."""
     engine = figure.get_layout_engine()
     if engine is not None:
         with any_script():
@@ -39,19 +39,19 @@ def settle_layout(figure: Figure) -> None:
 
 @default_style()
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
-    """Write a figure as "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
+    """Encode a figure as "png" (200 dpi), "svg" or "pdf"; equal figures give equal bytes.
 
-    With `live_text` an SVG holds its texts as text, in whatever font the reader has, instead of outlines.
+    With `live_text`, text in an SVG stays text, rendered with the reader's fonts, instead of outlines.
 
     Raises:
-        UsageError: another format.
+        UsageError: the format is unknown.
     """
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
     if figure.get_layout_engine() is not None:
-        # the layout is computed once: every draw would shift it slightly and change the bytes
+        # compute the layout once: every draw would shift it slightly and change the bytes
         settle_layout(figure)
-        figure.set_layout_engine(None)  # not "none", for which everything would be drawn again to measure it
+        figure.set_layout_engine(None)  # not "none", which draws everything twice to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"
@@ -62,7 +62,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
 
 
 def write_figures(figures: Mapping[str, Figure], folder: Path, formats: tuple[str, ...] = FILE_FORMATS) -> list[Path]:
-    """Write each figure in each format as FOLDER/<name>.<format>.
+    """Write each figure in each format to FOLDER/<name>.<format>.
 
     Raises:
         DataError: the folder cannot be written.

@@ -1,4 +1,4 @@
-"""The meaning of each mark in a figure, so that a page can label it and link its model."""
+"""Meaning of each mark in a figure, which lets a page label the mark and link to its model."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Mark:
     """A point, bar or name in a figure.
 
     Attributes:
-        model: the model it belongs to.
-        setting: of the model, "" if the figure does not distinguish settings.
-        values: (what, number with its unit), as the figure shows them; none for a name next to a point.
+        model: name of the model.
+        setting: setting of the model; "" if the figure does not distinguish settings.
+        values: the shown values as (quantity, number with unit) pairs; empty for a name next to a point.
     """
 
     model: str
@@ -32,9 +32,9 @@ class MarkedFigure(Figure):
     """A figure with the meaning of its marks.
 
     Attributes:
-        marks: id of an artist in the SVG -> its marks, in the order they are drawn.
-        caption: what is drawn, in sentences.
-        key: what its colours and markers mean: (label, style, whether the marker is filled).
+        marks: marks of each artist in drawing order, by the artist's id in the SVG.
+        caption: description of the figure in sentences.
+        key: legend of the colours and markers, as (label, style, whether the marker is filled).
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -44,7 +44,7 @@ class MarkedFigure(Figure):
         self.key: tuple[tuple[str, Style, bool], ...] = ()
 
     def explain(self, key: Sequence[tuple[str, Style, bool]], legend: bool) -> None:
-        """Set the key, and draw it below the panels as a legend if wanted."""
+        """Set the key and, if requested, draw it as a legend below the panels."""
         self.key = tuple(key)
         if legend and key:
             columns = max(1, min(len(key), int(self.get_figwidth() // 1.6)))
@@ -53,11 +53,11 @@ class MarkedFigure(Figure):
             )
 
     def _repr_png_(self) -> bytes:
-        """The notebook's output, whatever backend it uses."""
+        """Return the figure as PNG for notebooks, independent of their backend."""
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:
-        """State what the points of an artist mean; one for a bar or a text.
+        """Register the meaning of an artist's points; bars and texts have one mark.
 
         >>> figure = MarkedFigure()
         >>> figure.mark(figure.text(0, 0, "RAFT"), [Mark("RAFT")])

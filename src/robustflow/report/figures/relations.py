@@ -1,4 +1,4 @@
-"""The paper's figure of how clean EPE, corrupted EPE, CRE and RCRE are related, with correlations."""
+"""The paper's figure of the relations between clean EPE, corrupted EPE, CRE and RCRE, with correlations."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ _OF = {
 
 @default_style()
 def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
-    """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model; a quantity
-    has the same axis in every panel.
+    """Plot four panels with a point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE. A
+    quantity has the same axis in every panel.
 
-    Pearson's r and Spearman's rho are given per setting of at least `LEAST_MODELS` models. `not_discussed` are left
-    out, and knowledge-driven methods if there are others, as in the paper's discussion; CRE is computed from the EPE.
-    With `together` all models are drawn, and one correlation is given over all of them.
+    Pearson's r and Spearman's rho are shown for each setting with at least `LEAST_MODELS` models. As in the paper's
+    discussion, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no others;
+    CRE is computed from the EPE. With `together`, all models are drawn, and the correlations are computed over all of
+    them.
 
     Raises:
         UsageError: fewer than `LEAST_MODELS` models have all four.
@@ -52,7 +53,7 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     drawn = {line: values for models in points.values() for line, values in models.items()}
     if len(drawn) < LEAST_MODELS:
         raise UsageError(
-            f"how EPE, CRE and RCRE are related needs {LEAST_MODELS} models with ground truth: there are {len(drawn)}"
+            f"the figure of EPE, CRE and RCRE needs {LEAST_MODELS} models with ground truth: there are {len(drawn)}"
         )
     figure, axes = new_figure(6.6, 6.4, 2, 2)
     ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _OF.items()}
@@ -89,7 +90,7 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
         key = model_key({line.name: styles[line] for line in drawn})
     figure.explain(key, looks.legend)
     figure.caption = (
-        "A point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with Pearson's r and "
+        "Corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with a point per model, Pearson's r and "
         "Spearman's rho."
     ) + (f" {WITH_INTERVALS}" if any(ends.values()) else "")
     return figure
@@ -98,5 +99,5 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
 def _correlation(points: list[dict[str, float]], x: str, y: str) -> str:
     xs, ys = (np.array([point[name] for point in points]) for name in (x, y))
     if np.ptp(xs) == 0 or np.ptp(ys) == 0:
-        return "no correlation, as a value is the same for all"
+        return "no correlation: a value is the same for all models"
     return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}, {len(xs)} models"

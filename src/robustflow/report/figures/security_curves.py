@@ -1,4 +1,4 @@
-"""Security curves: error over the budget of each attack, a panel for each norm."""
+"""Security curves: error by attack budget, with a panel for each norm."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ NORMS = {"linf": "largest change", "rms": "root mean square of the change", "are
 
 @default_style()
 def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> MarkedFigure:
-    """The curves of one run; a hollow mark carries a warning.
+    """Plot the security curves of a run; hollow markers indicate a warning.
 
     Args:
-        points: of `analysis.security_curves.security_curves`.
-        legend: whether the figure draws its legend, or a page writes it.
+        points: points from `analysis.security_curves.security_curves`.
+        legend: whether to draw the legend in the figure instead of on the page.
 
     Raises:
-        UsageError: no points.
+        UsageError: there are no points.
     """
     if not points:
         raise UsageError("a run without attacks has no security curves: give --attacks to run")
@@ -61,8 +61,8 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
     figure.explain(key, legend)
     banded = any(point.low is not None for point in points)
     figure.caption = (
-        f"{metric_label(metric)} over the budget of each attack, 0 on the clean frames; budgets are not to scale. "
-        "A steeper curve is a less robust model. A hollow mark carries a warning."
+        f"{metric_label(metric)} by budget of each attack; budget 0 is the clean frames, and budgets are not to "
+        "scale. A steeper curve means a less robust model. Hollow markers have a warning."
     ) + (" Bands are 95 % confidence intervals." if banded else "")
     return figure
 

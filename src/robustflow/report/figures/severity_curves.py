@@ -1,4 +1,4 @@
-"""How a metric grows with severity, a panel per corruption, a line per run, with confidence bands."""
+"""Curves of a metric by severity, with a panel per corruption, a line per run, and confidence bands."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def severity_curves(
     legend: bool = True,
     seed: int = 0,
 ) -> MarkedFigure:
-    """A metric at each severity of each corruption, with 95 % intervals if there are enough images. All panels have the
-    same axes.
+    """Plot a metric by severity for each corruption, with 95 % intervals if there are enough images. All panels have
+    the same axes.
 
     Args:
-        runs: name -> rows; at most eight.
+        runs: rows of up to eight runs, by name.
         metric: "epe", "cre", "crer" or "rcre".
-        styles: of the runs; by their place where it is empty.
-        legend: whether the figure draws its legend, or a page writes it.
-        seed: of the bootstrap.
+        styles: styles of the runs by name; if empty, styles are assigned in order.
+        legend: whether to draw the legend in the figure instead of on the page.
+        seed: random seed of the bootstrap.
 
     Raises:
-        UsageError: more than eight runs, or none that measured the metric.
+        UsageError: there are more than eight runs, or none measured the metric.
     """
     if len(runs) > len(MODEL_STYLES):
         raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(MODEL_STYLES)}")
@@ -61,7 +61,7 @@ def severity_curves(
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
-    figure.set_layout_engine(None)  # equal panels need no measuring, which would take longer than drawing
+    figure.set_layout_engine(None)  # equal panels need no layout engine, which is slow
     for extra in axes[len(shown) :]:
         extra.remove()
     banded = False
@@ -84,7 +84,9 @@ def severity_curves(
                 panel.fill_between(
                     known["severity"], known["low"], known["high"], color=style.colour, alpha=0.15, linewidth=0
                 )
-        panel.set_title(name_text(long_label(corruption)), fontsize=8.5, y=1)  # measured otherwise, as are labels
+        panel.set_title(
+            name_text(long_label(corruption)), fontsize=8.5, y=1
+        )  # otherwise measured by the layout, as are labels
         panel.xaxis.set_label_coords(0.5, 0)
         panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)
@@ -107,12 +109,12 @@ def severity_curves(
 
 
 def _legend(figure: MarkedFigure) -> int:
-    """Draw the legend above the panels; returns on how many lines."""
+    """Draw the legend above the panels; return its number of lines."""
     handles = [
         Line2D([], [], color=style.colour, marker=style.marker, markersize=3.5, label=name_text(name))
         for name, style, _ in figure.key
     ]
-    widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with its line, points
+    widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with the line, points
     columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
     figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
     return -(-len(handles) // columns)
@@ -120,8 +122,8 @@ def _legend(figure: MarkedFigure) -> int:
 
 @default_style()
 def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool = False) -> None:
-    """Give every panel the vertical axis that holds all of them, or, with `apart`, one that holds its own curves. Each
-    begins at 0 unless a value is below, and spans `least` or more."""
+    """Give all panels a vertical axis that fits the curves of all or, with `apart`, of each panel alone. Each axis
+    starts at 0 unless a value is negative, and spans at least `least`."""
     together = [end for axes in figure.axes for end in axes.dataLim.intervaly]
     for axes in figure.axes:
         axes.set_ylim(fair_limits(axes.dataLim.intervaly if apart else together, least, zero=True))

@@ -1,4 +1,4 @@
-"""Sparsification curves: the error when the least confident pixels are removed; a panel per family, a line per
+"""Sparsification curves: the error after removing the least confident pixels, with a panel per family and a line per
 severity."""
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ _COLUMNS = 4
 
 @default_style()
 def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> MarkedFigure:
-    """The mean error of the remaining pixels when 0, 10, ... 90 % are removed: the least confident first, and
-    dashed the largest errors first. All panels have the same axes.
+    """Plot the mean error of the remaining pixels when 0, 10, ... 90 % are removed: least confident first (solid), and
+    largest errors first (dashed). All panels have the same axes.
 
     Args:
-        model: its name.
-        scores: of `robustflow.analysis.confidence.confidence_scores`.
+        model: name of the model.
+        scores: scores from `robustflow.analysis.confidence.confidence_scores`.
 
     Raises:
-        UsageError: nothing was measured against ground truth.
+        UsageError: the run has no confidence measured against ground truth.
     """
     drawn = [score for score in scores if score.severity is not None and score.by_confidence]
     families = list(dict.fromkeys(score.family for score in drawn))
@@ -55,11 +55,11 @@ def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> Mark
     highest = [value for score in drawn for value in (*score.by_confidence, *score.by_error)]
     for panel in axes[: len(families)]:
         panel.set_ylim(fair_limits(highest, LEAST_PX, zero=True))
-    axes[0].set_ylabel("EPE of the rest (px)", fontsize=8)
+    axes[0].set_ylabel("EPE of remaining pixels (px)", fontsize=8)
     figure.explain([(f"severity {level}", style, True) for level, style in styles.items()], legend=False)
     figure.caption = (
-        f"{model}: mean error of what is left when the least confident pixels are removed; dashed: when the largest "
-        "errors are. The area between the two is AUSE."
+        f"{model}: mean error of the remaining pixels after removing the least confident ones; dashed: after removing "
+        "those with the largest errors. The area between the two is AUSE."
     )
     return figure
 

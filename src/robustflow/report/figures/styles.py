@@ -1,4 +1,4 @@
-"""Colours and markers in all figures: of a published model's kind, or of one of the other models."""
+"""Colours and markers of all figures: one style per kind of published model, and one per other model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...analysis.model_result import ModelResult
 from ...analysis.published.tables import method_of, of_paper
 from ...text import name_text
 
-# Okabe and Ito's palette, and four colours in between
+# Okabe and Ito's palette, with four intermediate colours
 ORANGE, SKY, GREEN, OLIVE, BLUE, RED, PINK, BLACK = (
     "#E69F00",
     "#56B4E9",
@@ -40,7 +40,8 @@ KIND_STYLES = {
     "Unsupervised": Style(BLUE),
     "Knowledge-driven": Style(GREY),
 }
-"""Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
+"""Styles by model kind, similar to the paper's: purple for CNNs, green for Transformers, blue for unsupervised
+models."""
 
 MODEL_STYLES = (
     Style(ORANGE, "o"),
@@ -52,26 +53,27 @@ MODEL_STYLES = (
     Style(OLIVE, "X"),
     Style(NAVY, "p"),
 )
-"""Styles of models that are not published ones; none has the colour of a kind, so that both can be on one page."""
+"""Styles of models that are not in the paper. Their colours differ from those of the kinds, so both can appear on one
+page."""
 
 OTHER = Style("#666666")
-"""Style of models beyond `MODEL_STYLES` in a figure that prints names next to its points."""
+"""Style of models for which `MODEL_STYLES` has no style left, in figures that print names next to the points."""
 
 
 @dataclass(frozen=True)
 class Looks:
-    """What a figure is given besides the results of its models.
+    """Styling options of a figure.
 
     Attributes:
-        styles: by line; published models are coloured by kind, and others in their order, where it is empty.
-        legend: whether the figure draws its legend, or a page writes it (`MarkedFigure.key`).
+        styles: styles by line; if empty, published models are coloured by kind and others in order.
+        legend: whether to draw the legend in the figure; pages write it from `MarkedFigure.key`.
     """
 
     styles: Mapping[ModelResult, Style] = field(default_factory=dict)
     legend: bool = True
 
     def of(self, results: Sequence[ModelResult]) -> dict[ModelResult, Style]:
-        """The style of every line of some results."""
+        """Return the style of every line of the results."""
         if of_paper(results):
             return {line: KIND_STYLES.get(kind_of(line.name), OTHER) for line in results}
         by_place = model_styles(line.name for line in results)
@@ -79,7 +81,7 @@ class Looks:
 
 
 def kind_of(model: str) -> str:
-    """The kind of a published model: a key of `KIND_STYLES`, "" for other models.
+    """Return the kind of a published model, a key of `KIND_STYLES`; "" for other models.
 
     >>> kind_of("SAMFlow-H"), kind_of("CRAFT"), kind_of("ARFlow"), kind_of("DIS")
     ('Transformer-based', 'Transformer-based', 'Unsupervised', 'Knowledge-driven')
@@ -93,7 +95,7 @@ def kind_of(model: str) -> str:
 
 
 def model_styles(models: Iterable[str]) -> dict[str, Style]:
-    """The style of each model by its place; `OTHER` for those for which none is left.
+    """Assign a style to each model in order; models for which no style is left get `OTHER`.
 
     >>> list(model_styles(["DIS", "Mine"]).values())
     [Style(colour='#E69F00', marker='o'), Style(colour='#6A3D9A', marker='s')]
@@ -105,20 +107,20 @@ def model_styles(models: Iterable[str]) -> dict[str, Style]:
 
 
 def distinct_styles(styles: Mapping[str, Style | None]) -> dict[str, Style]:
-    """The styles of a few models, if known; by their place among these if they would not all differ."""
+    """Return the given styles of a few models, or assign styles in order if the given ones are not distinct."""
     known = {model: style for model, style in styles.items() if style not in (None, OTHER)}
     return {**known} if len(set(known.values())) == len(styles) else model_styles(styles)
 
 
 def model_key(styles: Mapping[str, Style]) -> list[tuple[str, Style, bool]]:
-    """A legend of models; those without their own style share a line."""
+    """Build a legend of models; models without a unique style share an entry."""
     key = [(model, style, True) for model, style in styles.items()]
     own = [entry for entry in key if entry[1] != OTHER]
     return [*own, ("other models", OTHER, True)] if len(own) < len(key) else own
 
 
 def legend_handles(key: Sequence[tuple[str, Style, bool]]) -> list[Line2D]:
-    """Handles of a legend: (label, style, whether filled)."""
+    """Make legend handles from (label, style, whether filled)."""
     return [
         Line2D(
             [],

@@ -1,1 +1,1 @@
-"""Corruptions to look at: pictures, a figure, a page."""
+"""Galleries of corruptions as pictures, a figure, or an HTML page."""

@@ -1,4 +1,4 @@
-"""The gallery of a clip: the same few frames under each corruption, so that its course over time is visible."""
+"""The gallery of a clip: a few consecutive frames under each corruption, which shows how it changes over time."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from ...datasets.video import Video
 
 LONGEST_PART = 96
-"""Number of frames that are encoded, because the effect of H.264 and bit errors depends on earlier frames."""
+"""Number of encoded frames; the effect of H.264 and bit errors depends on earlier frames."""
 
 SHOWN = 10
 MOST_SHOWN = 24
 
 MADE_FROM_CLIP = tuple(name for name in CLIP if name not in BETWEEN_FRAMES)
-"""The corruptions that need a clip and can be made from any."""
+"""Corruptions that need a clip but no interpolated frames."""
 
 _NEEDS_MORE = (
-    f"{' and '.join(BETWEEN_FRAMES)} are left out: they take frames between the frames, which a clip only has after "
-    "interpolation in time (robustflow prepare gopro-fc)"
+    f"{' and '.join(BETWEEN_FRAMES)} are left out: they need intermediate frames, which a clip has only after "
+    "temporal interpolation (robustflow prepare gopro-fc)"
 )
 
 
 @dataclass(frozen=True)
 class ClipCell:
-    """The frames under one corruption at one severity; none if the severity does not exist on the scale."""
+    """The frames under one corruption at one severity; empty if the scale does not have this severity."""
 
     name: str
     severity: int
@@ -47,16 +47,17 @@ class ClipCell:
 
 
 class ClipPart:
-    """A part of a video, or of a folder of frames, and the frames that are shown: those at `start`, or in its middle.
+    """Select a part of a video or of a folder of frames, and the frames to show: those from `start`, or from the
+    middle.
 
     Args:
-        path: a video file, or a folder of pictures (of a folder of such folders, the first).
+        path: video file, folder of pictures, or folder of such folders (the first one is used).
         start, stop: frame numbers, or for a video times such as "12.5s"; `stop` is exclusive.
-        shown: how many frames, 2 to `MOST_SHOWN`; fewer if the part has fewer.
+        shown: number of frames to show, 2 to `MOST_SHOWN`; fewer if the part is shorter.
 
     Raises:
-        DataError: not a clip, or fewer than two frames in the part.
-        UsageError: a number of frames that a page cannot hold.
+        DataError: the path is not a clip, or the part has fewer than two frames.
+        UsageError: the number of frames is out of range.
     """
 
     def __init__(self, path: Path, start: str | None = None, stop: str | None = None, shown: int = SHOWN) -> None:
@@ -74,7 +75,7 @@ class ClipPart:
         self.first_number = (int(keys[0]) if digits else 0) + self.shown[0]
 
     def frames(self, numbers: range | None = None) -> Iterator[Frame]:
-        """RGB uint8 (H, W, 3) of the whole part, or of some of its frames, one at a time."""
+        """Yield the RGB frames, uint8 (H, W, 3), of the whole part or of a range of it."""
         for number in range(self.count) if numbers is None else numbers:
             if number < len(self._keys):
                 yield self._data.load(self._keys[number]).frames[0]
@@ -83,10 +84,10 @@ class ClipPart:
 
 
 def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[str], list[str]]:
-    """The corruptions in the gallery of a clip, and sentences about those left out.
+    """Return the corruptions of a clip gallery, and sentences about omitted ones.
 
     Raises:
-        UsageError: a corruption was requested by name that cannot be made from a plain clip.
+        UsageError: a requested corruption cannot be applied to a plain clip.
 
     >>> chosen, left_out = chosen_corruptions(None, "paper")
     >>> len(chosen), [sentence.partition(":")[0] for sentence in left_out]
@@ -96,13 +97,13 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
         for name in names:
             parts = [part for part, _ in split_stack(name)]
             if needs_depth(name):
-                raise UsageError(
-                    f"{name} needs depth, which the frames of a clip do not have; show a pair with --frames"
-                )
+                raise UsageError(f"{name} needs depth, which is not available for clips; show a pair with --frames")
             if set(parts) & set(BETWEEN_FRAMES):
                 raise UsageError(_NEEDS_MORE)
             if len(parts) > 1 and set(parts) & set(CLIP):
-                raise UsageError(f"'{name}' cannot be shown: a corruption of the whole clip does not stack here")
+                raise UsageError(
+                    f"'{name}' cannot be shown: corruptions of whole clips cannot be stacked in the gallery"
+                )
             if scale != "paper" and set(parts) & set(CLIP):
                 raise UsageError(f"{name} has no {scale} severities; leave out --severity-scale")
         return list(names), []
@@ -121,16 +122,16 @@ def clip_cells(
     key: str = "",
     scale: str = "paper",
 ) -> Iterator[ClipCell]:
-    """The cells, corruption by corruption; holds the frames shown, and those of one cell.
+    """Yield the cells, corruption by corruption. Only the shown frames and those of one cell are in memory.
 
     Args:
-        part: the clip.
-        shown: its frames `part.shown`.
-        severities: of 1 to 5.
-        corruptions: from `chosen_corruptions`.
-        folder: an empty one for the encoded clip.
-        seed, key: of the draws; the frames equal those of `corrupt_clip`.
-        scale: "paper" or "calibrated".
+        part: part of the clip.
+        shown: frames `part.shown`, RGB uint8 (H, W, 3).
+        severities: severities, 1 to 5.
+        corruptions: corruptions from `chosen_corruptions`.
+        folder: empty folder for the encoded clip.
+        seed, key: seed and key of the random draws; the frames equal those from `corrupt_clip`.
+        scale: severity scale, "paper" or "calibrated".
     """
     similarity = Ssim(shown[0])
     encoded: ShortClip | None = None
@@ -144,7 +145,7 @@ def clip_cells(
                 encoded = encoded or ShortClip(part.frames(), part.rate, folder)
                 parameter = load_corruption(name).parameter(severity)
                 frames, changed = encoded.corrupted(name, parameter, part.shown)
-                remark = "" if changed else ", no byte hit"
+                remark = "" if changed else ", no bit errors"
             else:
                 frames = list(corrupt_clip(shown, name, severity, seed, key, scale=scale))
             ssim = similarity(frames[0])

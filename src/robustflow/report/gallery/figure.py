@@ -1,4 +1,4 @@
-"""The gallery as a figure: the paper's figure of all corruptions at one severity, as PNG or PDF."""
+"""The gallery as a figure like the paper's: all corruptions at one severity, as PNG or PDF."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _DPI = 160
 
 @default_style()
 def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, form: str) -> bytes:
-    """The clean frame and one picture per cell, in rows of three (wide frames) to five.
+    """Draw the clean frame and one picture per cell, in rows of three (wide frames) to five.
 
     Args:
-        clean: RGB uint8 (H, W, 3).
-        cells: of one severity.
-        title: one line above the pictures.
-        form: "png" or "pdf".
+        clean: clean frame, RGB uint8 (H, W, 3).
+        cells: cells of one severity.
+        title: title line above the pictures.
+        form: file format, "png" or "pdf".
 
     Returns:
-        The file's bytes, the same for the same arguments.
+        The bytes of the file; equal arguments give equal bytes.
     """
     ratio = clean.shape[0] / clean.shape[1]
     columns = min(len(cells) + 1, 3 if ratio < 0.4 else 4 if ratio < 0.6 else 5)
@@ -54,7 +54,7 @@ def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, for
 
 
 def caption(cell: CorruptedPicture) -> str:
-    """The caption above a picture.
+    """Return the caption above a picture.
 
     >>> import numpy as np
     >>> caption(CorruptedPicture("over_exposure", 2, np.zeros((1, 1, 3), np.uint8), index=1, ssim=0.8231))

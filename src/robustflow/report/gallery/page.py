@@ -1,4 +1,4 @@
-"""The gallery as one HTML file with a slider: opens from disk, loads nothing from the network."""
+"""The gallery as one self-contained HTML file with a slider."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .clip import ClipCell
 from .pictures import CorruptedPicture
 
 WIDEST = 480
-"""Width in pixels to which a picture is shrunk, so that a hundred of them take a few megabytes."""
+"""Maximum picture width in pixels; a hundred pictures take a few megabytes."""
 
 WIDEST_OF_CLIP = 288
-"""The width for a clip, whose page holds a thousand pictures."""
+"""Maximum picture width in pixels for a clip, whose page contains a thousand pictures."""
 
 _QUALITY, _QUALITY_OF_CLIP = 80, 50
 ABSENT = "not on this scale"
 
 
 def render_page(clean: Frame, cells: Sequence[CorruptedPicture], severity: int, title: str) -> str:
-    """The page of a pair.
+    """Return the page of a pair.
 
     Args:
-        clean: RGB uint8 (H, W, 3), the first frame.
-        cells: for every severity that the slider should reach.
-        severity: where the slider starts.
-        title: text; names and titles are escaped.
+        clean: first frame, RGB uint8 (H, W, 3).
+        cells: cells for every severity of the slider.
+        severity: initial severity, 1 to 5.
+        title: title of the page; names and titles are escaped.
 
     Raises:
-        UsageError: no cells, or none at `severity`.
+        UsageError: there are no cells, or none at `severity`.
     """
     severities = sorted({cell.severity for cell in cells})
     if severity not in severities:
@@ -65,14 +65,14 @@ def clip_slider(
     title: str,
     first_frame: int,
 ) -> Slider:
-    """The slider of a clip's page; `cells` may be a generator, of which one cell is held at a time.
+    """Make the slider of a clip's page; `cells` may be a generator, consumed one cell at a time.
 
     Args:
-        clean: RGB uint8 (H, W, 3), the frames shown.
-        cells: the corrupted frames.
-        severities: those that the slider reaches; severity: the initial one.
-        title: text.
-        first_frame: the number of the first of the frames in the clip.
+        clean: shown frames, RGB uint8 (H, W, 3).
+        cells: cells with the corrupted frames.
+        severities, severity: severities of the slider, and the initial one, 1 to 5.
+        title: title of the page.
+        first_frame: number in the clip of the first shown frame.
     """
     pictures = ((cell.name, cell.severity, cell.frames, cell.caption) for cell in cells)
     return make_slider(
@@ -90,7 +90,7 @@ def clip_slider(
 
 
 def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
-    """The page around a slider, with sentences below its title."""
+    """Return the page with a slider, and sentences below its title."""
     return (
         _environment()
         .get_template("gallery.html")
@@ -106,8 +106,8 @@ def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
 
 
 def example_slider(clean: Frame, cells: Iterable[CorruptedPicture], title: str) -> Slider:
-    """A slider for a page on which it is one element of many; it shows one corruption at a time, severities that do not
-    exist are left out, and its hundred pictures take about a megabyte."""
+    """Make a slider for a page with other content. It shows one corruption at a time and omits missing severities; its
+    hundred pictures take about a megabyte."""
     pictures = ((cell.name, cell.severity, [cell.frame], "") for cell in cells if cell.frame is not None)
     return make_slider(title, [clean], pictures, widest=256, quality=50)
 

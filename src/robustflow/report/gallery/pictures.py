@@ -1,4 +1,4 @@
-"""The pictures of a gallery: one frame of a pair under each corruption at each severity."""
+"""Pictures of a gallery: one frame of a pair under each corruption at each severity."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ...sample import Frame, Sample, SceneDepth
 
 @dataclass(frozen=True)
 class CorruptedPicture:
-    """One picture of the gallery.
+    """A picture of the gallery.
 
     Attributes:
-        name: the corruption.
-        severity: 1 to 5.
-        frame: RGB uint8, the first frame of the pair that the corruption changes; None if the severity does not exist
-            on the scale.
-        index: which frame that is, 0 or 1.
-        ssim: its mean SSIM to the clean frame.
-        caption: shown in place of the SSIM.
+        name: name of the corruption.
+        severity: severity, 1 to 5.
+        frame: first frame of the pair that the corruption changes, RGB uint8 (H, W, 3); None if the scale does not have
+            this severity.
+        index: index of that frame, 0 or 1.
+        ssim: mean SSIM between this frame and the clean frame.
+        caption: caption shown instead of the SSIM.
     """
 
     name: str
@@ -48,20 +48,20 @@ def gallery(
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
     depth: SceneDepth | None = None,
 ) -> Iterator[CorruptedPicture]:
-    """The cells, corruption by corruption.
+    """Yield the cells, corruption by corruption.
 
     Args:
-        frame1, frame2: RGB uint8 (H, W, 3) of one size.
-        severities: of 1 to 5.
-        corruptions: names or stacks; every image-pair corruption by default.
-        seed, key: of the draws; the frames equal those of `corrupt`.
-        scale: "paper" or "calibrated".
-        classes: see `load_corruption`.
-        depth: of the pair, for corruptions that need it; shown first.
+        frame1, frame2: frames of equal size, RGB uint8 (H, W, 3).
+        severities: severities, 1 to 5.
+        corruptions: names of corruptions or stacks; all image-pair corruptions by default.
+        seed, key: seed and key of the random draws; the frames equal those from `corrupt`.
+        scale: severity scale, "paper" or "calibrated".
+        classes: user-defined corruption classes, see `load_corruption`.
+        depth: depth of the pair, for corruptions that need it; shown as the first cell.
 
     Raises:
-        UsageError: an unknown corruption or scale, or one that needs a clip.
-        DataError: frames that are not a pair.
+        UsageError: the corruption or scale is unknown, or the corruption needs a clip.
+        DataError: the frames are not a valid pair.
 
     >>> grey = np.full((32, 48, 3), 128, np.uint8)
     >>> [(cell.name, cell.severity, cell.index) for cell in gallery(grey, grey, [1, 2], ["contrast"])]
@@ -88,7 +88,8 @@ def gallery(
 def _changed(
     pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str, depth: SceneDepth | None
 ) -> tuple[Frame, int]:
-    """The first frame that changed (one of the two is not exposed), or the first one."""
+    """Return the first frame that the corruption changed, since some corruptions change only one, or else the first
+    frame."""
     unchanged = pair[0]
     for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key, depth=depth)):
         if not np.array_equal(frame, pair[index]):

@@ -1,4 +1,4 @@
-"""A model at a glance: the frame, the flow and its errors under each corruption, and what each attack does to them."""
+"""Overview pictures of a model: frame, flow and errors under each corruption, and under each attack."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ _MARGIN_IN = 0.04
 _DPI = 130
 _GREY = 128
 _REACH = 100
-"""Distance from middle grey of the largest change in a picture."""
+"""Grey levels between mid-grey and the largest change in a picture."""
 
 _Cells = dict[tuple[int, int], tuple[str, Frame]]
-"""(row, column) -> title and picture, RGB uint8 (H, W, 3)."""
+"""Title and picture, RGB uint8 (H, W, 3), by (row, column)."""
 
 
 @dataclass(frozen=True)
 class StripColumn:
-    """One condition.
+    """A column of the picture: one condition.
 
     Attributes:
-        title: "clean", or the corruption.
-        frame: the frame that is shown, RGB uint8 (H, W, 3).
-        flow: float32 (H, W, 2), pixels, what the model predicts under it.
+        title: "clean", or the name of the corruption.
+        frame: shown frame, RGB uint8 (H, W, 3).
+        flow: flow predicted under the condition, float32 (H, W, 2), in pixels.
     """
 
     title: str
@@ -49,17 +49,17 @@ def strip_columns(
     pair: Sequence[Frame], predict: Callable[[Frame, Frame], Flow], corruptions: Sequence[Corruption],
     severity: int, seed: int = 0, key: str = "", depth: SceneDepth | None = None,
 ) -> list[StripColumn]:  # fmt: skip
-    """The clean pair and each corruption of it at a severity, with the model's flow.
+    """Predict the flow of the clean pair and of each corrupted version of it at one severity.
 
-    Of the two frames the first that the corruption changes is shown.
+    A column shows the first frame that the corruption changes.
 
     Args:
-        pair: two frames, RGB uint8 (H, W, 3).
-        predict: of the model.
-        corruptions: loaded.
-        severity: 1 to 5.
-        seed, key: of the draws.
-        depth: of the pair, for corruptions that need it.
+        pair: clean frames, RGB uint8 (H, W, 3).
+        predict: prediction function of the model.
+        corruptions: loaded corruptions.
+        severity: severity, 1 to 5.
+        seed, key: seed and key of the random draws.
+        depth: depth of the pair, for corruptions that need it.
     """
     columns = [StripColumn("clean", pair[0], predict(pair[0], pair[1]))]
     for corruption in corruptions:
@@ -71,12 +71,12 @@ def strip_columns(
 
 @default_style()
 def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> bytes:
-    """A picture of three rows: frames, flows in one scale of colours, end-point errors; a WebP file.
+    """Draw a WebP picture of three rows: frames, flows on a common colour scale, and end-point errors.
 
     Args:
-        sample: the clean pair; errors are relative to its ground truth or, if it has none, to the first column's flow.
-            Where nothing moves in it, they are phantom motion.
-        columns: the clean frames first.
+        sample: clean pair. Errors are relative to its ground truth or, without ground truth, to the flow of the first
+            column. For a static pair, the errors are phantom motion.
+        columns: columns, with the clean one first.
         model: its name, for the captions.
 
     Returns:
@@ -105,11 +105,12 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
 
 @default_style()
 def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> bytes:
-    """A row for each attack: attacked frame 1, its change magnified around grey, flow before and after; a WebP file.
+    """Draw a WebP picture with a row per attack: attacked frame 1, its change magnified around grey, and the flow
+    before and after.
 
     Args:
-        clean: frame 1, RGB uint8 (H, W, 3).
-        attacked: results of attacks on the pair.
+        clean: clean frame 1, RGB uint8 (H, W, 3).
+        attacked: results of the attacks on the pair.
         model: its name, for the captions.
 
     Returns:
@@ -122,15 +123,16 @@ def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> byte
         warned = " (with a warning)" if one.warnings else ""
         cells |= {
             (row, 0): (f"{one.attack}, {one.budget:g} grey levels {one.norm}{warned}", one.frames[0]),
-            (row, 1): (f"change of frame 1, times {factor:g}", change),
+            (row, 1): (f"change of frame 1, magnified by {factor:g}", change),
             (row, 2): (f"{model}, clean frames", flow_colours(one.clean_flow, radius)),
-            (row, 3): (f"{model}, attacked: moved by {one.moved:.2f} px", flow_colours(one.flow, radius)),
+            (row, 3): (f"{model}, attacked: flow changed by {one.moved:.2f} px", flow_colours(one.flow, radius)),
         }
     return _grid(cells, 2.8, 85)
 
 
 def magnified(clean: Frame, attacked: Frame) -> tuple[Frame, float]:
-    """The change of a frame around grey, and its magnification; grey and 1 for an unchanged frame.
+    """Return the change of a frame, magnified around mid-grey, and the magnification; plain grey and 1 if nothing
+    changed.
 
     >>> picture, factor = magnified(np.zeros((1, 2, 3), np.uint8), np.array([[[4, 0, 2], [0, 0, 0]]], np.uint8))
     >>> picture.tolist(), factor
@@ -143,12 +145,12 @@ def magnified(clean: Frame, attacked: Frame) -> tuple[Frame, float]:
 
 
 def _grid(cells: _Cells, width: float, quality: int) -> bytes:
-    """Pictures of one size under their titles, as a WebP file.
+    """Arrange pictures of equal size under their titles, as a WebP file.
 
     Args:
-        cells: of the picture.
-        width: of a picture, inches.
-        quality: of the encoding, 1 to 100.
+        cells: titles and pictures by (row, column).
+        width: width of one cell, in inches.
+        quality: WebP quality, 1 to 100.
     """
     rows, columns = (1 + max(place[axis] for place in cells) for axis in (0, 1))
     tall, wide = cells[0, 0][1].shape[:2]
