@@ -55,8 +55,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
 
     Args:
         runs: runs that measured the same conditions. "severity" draws the conditions they have in common, and
-        "displacement" accepts runs on any frames. kind: "severity" (a metric against severity, a panel per corruption),
-        "classes" (CREr by class of corruption),
+            "displacement" accepts runs on any frames.
+        kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by corruption class),
             "accuracy" (clean EPE against CRE), "relations" (clean EPE, EPE, CRE and RCRE against each other), or
             "displacement" (distribution of flow magnitudes).
         metric: metric for "severity": "epe", "cre", "crer" or "rcre".

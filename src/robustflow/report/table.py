@@ -18,9 +18,10 @@ class Column:
     """A column of a table.
 
     Attributes:
-    label: heading of the column. group: heading shared with neighbouring columns; "" for none. prose: whether the
-    column contains sentences, which are wrapped over several lines. strongest: value with the strongest colour on
-    pages that shade cells by value; None for no shading.
+        label: heading of the column.
+        group: heading shared with neighbouring columns; "" for none.
+        prose: whether the column contains sentences, which are wrapped over several lines.
+        strongest: value with the strongest colour on pages that shade cells by value; None for no shading.
     """
 
     label: str
@@ -34,9 +35,10 @@ class TableCell:
     """A cell of a table.
 
     Attributes:
-    text: printed text. best: whether it is the smallest value of its column among comparable lines. interval:
-    confidence interval, shown in small print on pages. derived: whether the number is computed because its source
-    does not print it; shown in italics on pages.
+        text: printed text.
+        best: whether it is the smallest value of its column among comparable lines.
+        interval: confidence interval, shown in small print on pages.
+        derived: whether the number is computed because its source does not print it; shown in italics on pages.
     """
 
     text: str
@@ -50,9 +52,11 @@ class Line:
     """A line of a table: one model.
 
     Attributes:
-    label: name of the model. cells: one cell per column. note: difference from the paper's measurement; "" for
-    none. best: whether the whole line is highlighted, as the paper shades the lines with the best average rank.
-    result: result that the cells were made from, for further details on pages.
+        label: name of the model.
+        cells: one cell per column.
+        note: difference from the paper's measurement; "" for none.
+        best: whether the whole line is highlighted, as the paper shades the lines with the best average rank.
+        result: result that the cells were made from, for further details on pages.
     """
 
     label: str
