@@ -272,7 +272,7 @@ def test_the_setting_stands_beside_the_name(robustflow, real_pictures):
     with real_pictures():
         assert "DIS (knowledge), 1 pair" in robustflow(*command)[1]
     page = Path("run/report.html").read_text()
-    assert "nothing: it learns nothing" in page
+    assert "none: not a learned method" in page
     assert "not declared" not in page
 
 

@@ -47,7 +47,7 @@ def test_the_page_of_a_run_shows_it_at_once(robustflow, tmp_path, real_pictures)
     data = _stills(tmp_path / "data", 40)
     with real_pictures():
         run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
-    assert "How far pixels move" not in (run.path / "report.html").read_text()
+    assert "Flow magnitudes" not in (run.path / "report.html").read_text()
     assert robustflow("displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)[0] == 0
     assert "our own frames, 2 pairs (dis)" in (run.path / "report.html").read_text()
 

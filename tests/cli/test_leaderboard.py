@@ -72,7 +72,7 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
         "Reference code, kitti-fc",
         "FlowBench, kitti-2015, severity 3",
         NOTE,
-        "Not judged here: 1 imported line",
+        "Not ranked here: 1 imported line",
     ):
         assert said in page
     written = read_results("site/results.csv")

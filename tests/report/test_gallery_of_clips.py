@@ -179,7 +179,7 @@ def test_wrong_requests_are_a_sentence(gallery, video, tmp_path):
         (("--length", 4), 2, "give --clip"),
         (("--clip", video, "--length", 1), 2, "2 to 24"),
         (("--clip", video, "--length", 100), 2, "2 to 24"),
-        (("--clip", video, "-c", "object_motion_blur"), 2, "interpolation in time"),
+        (("--clip", video, "-c", "object_motion_blur"), 2, "temporal interpolation"),
         (("--clip", video, "--start", "20"), 1, "1 frame"),
         (("--clip", tmp_path / "none.mp4"), 1, "no such"),
     ):

@@ -177,4 +177,4 @@ def test_table_figure_and_page_show_the_confidence(whole):
     assert severities == {"1", "4"}
     page = render_site(run_content(whole))
     assert 'id="confidence"' in page
-    assert "Does it know when it is wrong" in page
+    assert "Does the model know when it is wrong" in page

@@ -50,7 +50,7 @@ def test_a_run_keeps_that_of_its_ground_truth(kept):
 
 def test_the_page_draws_it_with_its_numbers(kept):
     page = render_site(whole_content([kept], published=False))
-    assert "How far pixels move" in page
+    assert "Flow magnitudes" in page
     found = read_displacement(kept).table.filter(pl.col("share") > 0)
     for low, high, share in found.iter_rows():
         said = f"demo, 1 pair (ground truth): length {low:g} to {high:g} px, pixels {100 * share:.3g} %"
@@ -66,7 +66,7 @@ def test_without_examples_or_ground_truth_there_is_none(tmp_path):
         write_image(tmp_path / "data" / f"{index}.png", np.full((32, 32, 3), 40 * index, np.uint8))
     bare = rf.evaluate(ZeroFlow(), "folder", tmp_path / "data", tmp_path / "b", examples=True, **CELL)
     assert read_displacement(bare) is None
-    assert "How far pixels move" not in render_site(whole_content([bare]))
+    assert "Flow magnitudes" not in render_site(whole_content([bare]))
 
 
 def test_more_samples_are_counted_again(tmp_path):

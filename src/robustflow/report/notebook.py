@@ -62,7 +62,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         metric: metric for "severity": "epe", "cre", "crer" or "rcre".
 
     Returns:
-        A matplotlib `Figure`, which a notebook shows and `savefig` writes.
+        A matplotlib `Figure`, which notebooks display and `savefig` writes.
 
     Raises:
         UsageError: the kind or metric is unknown, the runs measured different conditions, or there is nothing to draw.

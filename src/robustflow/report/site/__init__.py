@@ -1,4 +1,4 @@
-"""The pages: a report of runs and the leaderboard, each one HTML file that loads nothing from the network."""
+"""HTML pages: a report of runs and the leaderboard, each in one self-contained file."""
 
 from __future__ import annotations
 

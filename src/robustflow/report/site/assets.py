@@ -1,4 +1,4 @@
-"""The style and scripts of the pages, and the policy that lets nothing else run."""
+"""Style sheet and scripts of the pages, and the policy that blocks any other script."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ SCRIPTS = (
 
 @cache
 def style() -> Markup:
-    """The style sheet. It is our own file, so nothing in it is escaped."""
+    """Return the style sheet. It ships with the package, so it is not escaped."""
     return Markup(asset("robustflow.report.site", "site.css")) + slider.style()
 
 
 @cache
 def script() -> Markup:
-    """All scripts after one another, each in its own scope."""
+    """Concatenate all scripts, each in a separate scope."""
     own = (asset("robustflow.report.site", name) for name in SCRIPTS)
     return Markup("".join(f"(() => {{\n{text}}})();\n" for text in (*own, slider.script())))
 
 
 @cache
 def policy() -> str:
-    """A Content-Security-Policy that allows this script by its hash, styles, and pictures inside the file."""
+    """Return a Content-Security-Policy that allows this script by its hash, inline styles, and embedded pictures."""
     return content_policy(script())

@@ -1,4 +1,4 @@
-"""The content of a page: runs, results files, and the paper's results."""
+"""Content of a page: runs, results files, and the paper's results."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ if TYPE_CHECKING:
 
 
 MOST_DETAILED = 24
-"""The most runs for which a page shows intervals of every corruption, and pictures; with more, only intervals of the
-averages."""
+"""Maximum number of runs for which a page shows pictures and an interval for every corruption. With more runs, only the
+averages have intervals."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """What a page is made from.
+    """The content of a page.
 
     Attributes:
-        title: of the page.
-        lines: of runs, then of files and of the paper.
-        costs: the paper's, empty if its results are not shown.
-        pages: line -> the id of its model's page.
-        group_titles: sample set -> heading.
-        alone: whether the page is about its runs, and the paper's results are only shown for comparison: then there are
-            no figures, observations and audit of the latter.
-        of_paper: whether the runs' averages are over the paper's corruptions only, for comparison with the published
-            ones.
+        title: title of the page.
+        lines: lines of the runs, then of the files, then of the paper.
+        costs: the paper's costs; empty if its results are not shown.
+        pages: id of the model's page for each line.
+        group_titles: heading for each sample set.
+        alone: whether the page is about its runs, and the paper's results are shown only for comparison, without
+            figures, observations or audit.
+        of_paper: whether the averages of runs include only the paper's corruptions, for comparison with the published
+            averages.
     """
 
     title: str
@@ -57,28 +57,28 @@ class Content:
 
     @property
     def of_one_run(self) -> bool:
-        """Whether the page is the report of a single run, whose own page then comes first."""
+        """Whether the page is the report of a single run; the model's page then comes first."""
         return self.alone and sum(line.run is not None for line in self.lines) == 1
 
     @cached_property
     def boards(self) -> list[Board]:
-        """The leaderboard of each benchmark."""
+        """Leaderboard of each benchmark."""
         return boards_of(self.lines, self.costs, self.group_titles)
 
     @cached_property
     def cells(self) -> dict[ModelResult, dict[ValueKey, TableCell]]:
-        """The cells of each line of the leaderboards."""
+        """Cells of each line of the leaderboards."""
         lines = ((board, line) for board in self.boards for line in board.lines)
         return {line.result: board.cells_of(line) for board, line in lines if line.result}
 
     @property
     def focus(self) -> list[ModelResult]:
-        """The lines that the page is about."""
+        """Lines that the page is about."""
         return [line for line in self.lines if not (self.alone and line.frames == PAPER)]
 
 
 def run_content(run: Run) -> Content:
-    """The content of a run's own report: the run first, the paper's lines below."""
+    """Return the content of a run's report: the run first, followed by the paper's lines."""
     title = f"{run.name} on {benchmark_words(run.benchmark)}"
     return _content(plain(title, 160), [run], [], published=True, alone=True)
 
@@ -90,17 +90,18 @@ def whole_content(
     published: bool = True,
     only_own: bool = False,
 ) -> Content:
-    """The content of a leaderboard.
+    """Return the content of a leaderboard.
 
     Args:
-        runs: none or more.
-        files: (name of a file, the results read from it). Each is a separate sample set unless its lines name one.
-        published: whether the paper's results are shown as well.
-        only_own: whether the page is about the runs and files, and the paper's results are only shown for comparison.
+        runs: the runs; may be empty.
+        files: pairs of a file name and the results read from the file. Each file is a separate sample set unless its
+            lines name one.
+        published: whether to include the paper's results.
+        only_own: whether the page is about the runs and files, and shows the paper's results only for comparison.
 
     Raises:
-        DataError: a value that appears twice, in two files or in a file and the paper's results.
-        UsageError: no result at all.
+        DataError: a value appears twice, in two files or in a file and the paper's results.
+        UsageError: there are no results.
     """
     return _content("Robustness of optical flow", runs, files, published, alone=only_own)
 
@@ -108,7 +109,7 @@ def whole_content(
 def _content(
     title: str, runs: Sequence[Run], files: Sequence[tuple[str, Sequence[ModelResult]]], published: bool, alone: bool
 ) -> Content:
-    # A page about its runs states what was requested of each; the paper's lines are only shown below.
+    # a page about its runs shows the selection of each run; the paper's lines are only shown below
     beside, detailed = published and not alone, len(runs) <= MOST_DETAILED
     of_frames: dict[str, list[Run]] = {}
     for run in runs:
@@ -140,8 +141,8 @@ _LONGEST_ID = 40
 
 
 def page_ids(lines: Iterable[ModelResult]) -> dict[ModelResult, str]:
-    """Line -> the id of its model's page, of letters, digits and hyphens, safe in an address and an attribute; lines of
-    one model on the same frames share a page.
+    """Map each line to the id of its model's page. Ids consist of letters, digits and hyphens, so they are safe in URLs
+    and attributes. Lines of one model on the same frames share a page.
 
     >>> names = ("SAMFlow-H", "samflow h", "<>")
     >>> list(page_ids(ModelResult("demo", "frames", "OOD", name, "", {}) for name in names).values())

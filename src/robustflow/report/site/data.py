@@ -1,7 +1,7 @@
-"""The data of a page, from which its script makes the leaderboard's rows, the pages of models and the downloads.
+"""JSON data of a page, from which its script builds the leaderboard rows, the model pages and the downloads.
 
-A row of markup is many times the size of its numbers, and most rows and pages are never viewed. Every text from outside
-is data here and becomes text in the browser, never markup.
+Markup of a row is many times larger than its numbers, and most rows and pages are never viewed. Untrusted text is
+passed as data and becomes text in the browser, never markup.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .models import ModelPage
 
 
 def page_data(content: Content, pages: Sequence[ModelPage]) -> dict[str, Any]:
-    """The data of a page.
+    """Build the data of a page.
 
     Returns:
-        `boards` in their order, `models` by the id of their page, `settings`: name -> (words, class of its chip, what
-        it means), `labels`: the labels of the lines of shaded tables, which refer to them by number.
+        A dictionary with `boards` in order, `models` by page id, `settings` (label, CSS class and explanation by name),
+        and `labels` (line labels of shaded tables, which refer to them by index).
     """
     labels = {label: number for number, label in enumerate(_labels(pages))}
     settings = {name for board in content.boards for name, _, _ in board.settings}
@@ -58,8 +58,8 @@ def _board(board: Board, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
 
 
 def _keys(board: Board) -> list[ValueKey]:
-    """First the columns of a download, in its order; then means over classes of corruptions, which follow from the
-    rest, and costs."""
+    """Order the columns: first those of a download, then the means over corruption classes, which can be computed from
+    the others, and costs."""
     present = {column.key for column in board.columns}
     corruptions = {corruption for _, corruption in present}
     order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
@@ -74,7 +74,7 @@ def _is_number(metric: str, corruption: str) -> bool:
 def _line(
     result: ModelResult, cells: Mapping[ValueKey, TableCell], place: Mapping[ValueKey, int], title: str, page: str
 ) -> dict[str, Any]:
-    """Only existing parts: most lines have no intervals, and many no note."""
+    """Return only the fields that exist: most lines have no intervals, and many have no note."""
     values: list[str | int] = [0] * len(place)
     for key, cell in cells.items():
         values[place[key]] = cell.text
@@ -85,7 +85,7 @@ def _line(
         "page": page,
         "frames": plain(result.frames, 200),
         "note": note,
-        # The text below the name: how it differs, unless the heading says so, and why it is not ranked.
+        # text below the name: differences that the heading does not state, and why the model is not ranked
         "remark": with_exclusion(plain(note, 80) if note not in title else "", plain(result.excluded, 300)),
         "excluded": bool(result.excluded),
         "values": values,
@@ -132,14 +132,14 @@ def _labels(pages: Sequence[ModelPage]) -> list[str]:
 
 
 def _shaded_table(table: Table, labels: Mapping[str, int]) -> dict[str, Any]:
-    """A line is the number of its label, its texts separated by spaces, and its intervals, if any."""
+    """Encode each line as the index of its label, its texts separated by spaces, and its intervals, if any."""
     lines = []
     for line in table.lines:
         intervals = [cell.interval for cell in line.cells]
         texts = " ".join(cell.text for cell in line.cells)
         lines.append((labels[line.label], texts, *([intervals] if any(intervals) else [])))
     columns = [column.label for column in table.columns]
-    # the value of the strongest colour is only for shading
+    # the value of the strongest colour is used only for shading
     tops = [None if c.strongest is None else float(f"{c.strongest:.4g}") for c in table.columns]
     return {"title": table.title, "columns": columns, "tops": tops, "lines": lines}
 

@@ -1,5 +1,4 @@
-"""The slider of the embedded pair, for a page whose runs have no pictures: drawn once and stored in the user's
-cache."""
+"""Slider of the embedded pair, for pages whose runs have no pictures; drawn once and cached for the user."""
 
 from __future__ import annotations
 
@@ -30,9 +29,9 @@ _LARGEST = 2**24
 
 
 def embedded_slider() -> Slider | None:
-    """The embedded pair under every corruption of image pairs, with the frost that needs no network; None, with a
-    warning, where scikit-image comes without the pair. The pictures of another version of this package, or of other
-    frames, are drawn again."""
+    """Return a slider of the embedded pair under every image-pair corruption, with the frost variant that needs no
+    download. Return None, with a warning, if scikit-image does not include the pair. Cached pictures from a different
+    version of this package, or of different frames, are redrawn."""
     try:
         frames = load_dataset(_KEY, None).load(_KEY).frames
     except AssetError as error:
@@ -75,4 +74,4 @@ def _write(slider: Slider, source: str) -> None:
         make_folder(folder)
         write_json(folder / f"{_KEY}.json", sealed({"source": source, "slider": asdict(slider)}))
     except DataError:
-        pass  # the cache cannot be written, so it is drawn again next time
+        pass  # the cache is not writable, so the slider is redrawn next time

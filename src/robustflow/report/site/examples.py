@@ -1,7 +1,7 @@
-"""Example pictures of a run's folder, and of the embedded pair, ready to be embedded in a page.
+"""Example pictures from a run's folder, or of the embedded pair, ready to be embedded in a page.
 
-A folder may come from anyone: its list is checked, a file's name is a plain name, and a picture is decoded and encoded
-again, so that only pixels reach the page.
+The folder is untrusted: its list is validated, file names must be plain names, and pictures are decoded and re-encoded
+so that only pixels reach the page.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
 _QUALITY = 62
 
 MOST_RUNS = 12
-"""Largest number of runs whose panels a page shows, as each adds a third of a megabyte; of more runs it shows the first
-ones."""
+"""Maximum number of runs whose panels a page shows, since each run adds a third of a megabyte. With more runs, the page
+shows the first ones."""
 
 _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=500)]
@@ -68,7 +68,7 @@ class _ExampleList(Untrusted):
 
 @dataclass(frozen=True)
 class Examples:
-    """The pictures of a page: a slider, and the panels of each run."""
+    """Pictures of a page: a slider, and the panels of each run."""
 
     slider: Slider
     panels: Mapping[ModelResult, list[PanelPicture]] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class Examples:
 
 @dataclass(frozen=True)
 class PanelPicture:
-    """A sample, what was predicted on it, and the errors; `corruption` as written in tables."""
+    """A picture of a sample, the prediction and the errors; `corruption` is the name used in tables."""
 
     title: str
     corruption: str
@@ -88,10 +88,10 @@ class PanelPicture:
 
 
 def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
-    """The pictures of a run's folder; None if it has none.
+    """Read the pictures from a run's folder; None if it has none.
 
     Raises:
-        DataError: the list or a picture is damaged, too large, or not as expected.
+        DataError: the list or a picture is corrupt, too large, or has unexpected content.
     """
     folder = run.path / FOLDER
     if not (folder / EXAMPLES_FILE).is_file():
@@ -108,8 +108,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
 
 
 def examples_of(lines: Sequence[ModelResult]) -> Examples | None:
-    """The slider of the first run with examples, and the panels of all of them; of more than `MOST_RUNS` runs, only
-    those of the first."""
+    """Return the slider of the first run with examples, and the panels of the first `MOST_RUNS` runs."""
     slider: Slider | None = None
     panels: dict[ModelResult, list[PanelPicture]] = {}
     most = MOST_RUNS if len(lines) <= MOST_RUNS else 1
@@ -154,5 +153,5 @@ def _bytes(path: Path, largest: int) -> bytes:
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     if len(data) > largest:
-        raise DataError(f"{path}: larger than {largest >> 20} MiB; this is not a list of example pictures")
+        raise DataError(f"{path}: larger than {largest >> 20} MiB; not a list of example pictures")
     return data

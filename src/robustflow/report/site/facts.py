@@ -1,4 +1,4 @@
-"""Facts about a run, or the sources of published numbers: (label, text) pairs."""
+"""Facts about a run, or sources of published numbers, as (label, text) pairs."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from ...runs.run import Run
 
 _LONGEST = 600
-_WITHOUT_TRAINING = {"knowledge": "nothing: it learns nothing", "untrained": "nothing: its weights are random"}
+_WITHOUT_TRAINING = {"knowledge": "none: not a learned method", "untrained": "none: its weights are random"}
 Facts = list[tuple[str, str]]
 
 
 def run_facts(run: Run) -> Facts:
-    """Facts of a run, from its manifest: model, data, seed, versions, and what is left out or differs from the
+    """Return facts about a run from its manifest: model, data, seed, versions, omitted data, and differences from the
     paper."""
     manifest, provenance = run.manifest, run.provenance
     frames, published = manifest.identity.frames, benchmark_facts(run.benchmark).published
@@ -47,7 +47,8 @@ def run_facts(run: Run) -> Facts:
 
 
 def published_facts(model: str, sources: list[str]) -> Facts:
-    """Facts of a model from the paper or a results file: its method, and the tables that contain its values."""
+    """Return facts about a model from the paper or a results file: its method, and the tables that contain its
+    values."""
     method = method_of(model)
     facts = [("Source", ", ".join(source for source in sources if source))]
     if method is not None:

@@ -1,4 +1,4 @@
-"""The figures of a page, each with the table of what it shows."""
+"""Figures of a page, each with a table of its numbers."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ from .svg import inline_svg, key_markup
 _TITLES = {
     "clean_against_cre": "Accuracy against robustness",
     "crer_by_family": "Relative robustness by class of corruption",
-    "relations": "How the numbers are related",
+    "relations": "Relations between the metrics",
     "effective_trend": "Effective robustness",
     "severity_curves": "Severity curves",
-    "displacement": "How far pixels move",
+    "displacement": "Flow magnitudes",
     "security_curves": "Security curves",
-    "sparsification": "Does it know when it is wrong",
+    "sparsification": "Does the model know when it is wrong?",
 }
 _MOST_LINES = 200
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure.
+    """A figure of a page.
 
     Attributes:
-        id, title, caption: what it shows.
-        svg: its panels as markup; `apart` the same with a scale for each panel where those of `svg` share one.
-        key: what its colours and markers mean, as markup.
-        wide: whether it has many panels.
-        head: heading of the first column of the numbers.
-        columns, lines: the same as numbers, empty if tables elsewhere give them.
+        id, title, caption: identifier, title and caption of the figure.
+        svg, apart: markup of the panels with a shared scale, and with a separate scale for each panel.
+        key: markup of the legend of colours and markers.
+        wide: whether the figure has many panels.
+        head: heading of the first column of the number table.
+        columns, lines: columns and lines of the number table; empty if the page has the numbers in a different table.
     """
 
     id: str
@@ -69,12 +69,12 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class FigureGroup:
-    """The figures of what was measured on the same frames.
+    """A group of figures of results measured on the same frames.
 
     Attributes:
-        benchmark: what they are of.
-        title: of the frames, as in the leaderboard.
-        figures: of one group.
+        benchmark: name of the benchmark.
+        title: title of the frames, as in the leaderboard.
+        figures: figures of the group.
     """
 
     benchmark: str
@@ -83,8 +83,8 @@ class FigureGroup:
 
 
 def page_figures(content: Content) -> list[FigureGroup]:
-    """Figures of each sample set that the page is about, with the severity curves of its runs and how far pixels move
-    in their frames. A model has the same colour in all of them."""
+    """Draw the figures of each sample set that the page is about, including the severity curves of its runs and the
+    flow magnitudes of their frames. A model has the same colour in all figures."""
     looks = page_looks(content)
     groups = []
     count = 0
@@ -103,13 +103,13 @@ def page_figures(content: Content) -> list[FigureGroup]:
             made.append(_page_figure(f"figure-{count}", name, figure, note, pages))
             count += 1
         if made:
-            made.sort(key=lambda figure: figure.wide)  # those that fit beside each other first
+            made.sort(key=lambda figure: figure.wide)  # narrow figures, which fit side by side, come first
             groups.append(FigureGroup(benchmark, content.group_titles.get(frames, plain(frames)), tuple(made)))
     return groups
 
 
 def attack_figure(number: int, run: Run) -> PageFigure | None:
-    """The security curves of a run; None if it has no attacks."""
+    """Draw the security curves of a run; None if it has no attacks."""
     points = security_curves(run)
     if not points:
         return None
@@ -117,7 +117,7 @@ def attack_figure(number: int, run: Run) -> PageFigure | None:
 
 
 def page_looks(content: Content) -> Looks:
-    """The looks of the models: those of one name are alike in every sample set, and nothing else is."""
+    """Assign a distinct style to each model name, the same in every sample set."""
     places: dict[tuple[str, int], int] = {}
     styles: dict[ModelResult, Style] = {}
     for lines in by_frames(line for line in content.lines if line.frames != PAPER).values():
@@ -131,20 +131,20 @@ def page_looks(content: Content) -> Looks:
 
 
 def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str, MarkedFigure, str]]:
-    """(name, figure, what it leaves out) of the figures that need rows."""
+    """Yield the figures that need rows, as (name, figure, sentences about omitted runs)."""
     of_frames = {line.name: line.run for line in content.lines if line.frames == frames and line.run is not None}
     styles = {line.name: looks.styles[line] for line in content.lines if line.frames == frames and line.run}
     runs = _best_runs(list(of_frames), frames, content)
     try:
         curves = severity_curves({name: of_frames[name].rows for name in runs}, styles=styles, legend=looks.legend)
     except UsageError:
-        pass  # Runs in which no pixel could be measured have no curve.
+        pass  # runs without any valid pixel have no curve
     else:
         fewer = len(runs) < len(of_frames)
         note = f"The {len(runs)} of {len(of_frames)} runs with the lowest error are drawn. " if fewer else ""
         yield "severity_curves", curves, note
     for name in runs:
-        with suppress(UsageError):  # without a confidence, or without ground truth
+        with suppress(UsageError):  # the run has no confidence, or no ground truth
             yield "sparsification", sparsification_curves(plain(name), confidence_scores(of_frames[name])), ""
     moved = iter(displacements_of(list(of_frames.values())).items())
     while lines := dict(islice(moved, MOST_LINES)):
@@ -152,8 +152,8 @@ def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str,
 
 
 def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
-    """Names of the runs of a sample set, at most as many as a figure can distinguish, in the order of the runs; if
-    there are more, those that are first on the leaderboard."""
+    """Return the names of the runs of a sample set, in order. If there are more than a figure can distinguish, only
+    those highest on the leaderboard are included."""
     if len(names) <= len(MODEL_STYLES):
         return names
     lines = sorted((line for line in content.lines if line.frames == frames), key=by_error)
@@ -162,13 +162,13 @@ def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
-    """Whether there is a distribution to see, more than a single point."""
+    """Return whether the histogram has more than one non-empty bin."""
     return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 
 def _page_figure(id_: str, name: str, figure: MarkedFigure, note: str, pages: dict[str, str]) -> PageFigure:
     if figure.get_suptitle():
-        figure.suptitle("")  # The page has its own heading.
+        figure.suptitle("")  # the page provides the heading
     marks = dict.fromkeys(mark for of_artist in figure.marks.values() for mark in of_artist if mark.values)
     columns = tuple(dict.fromkeys(what for mark in marks for what, _ in mark.values))
     lines = tuple((plain(mark.model), tuple(dict(mark.values).get(what, "–") for what in columns)) for mark in marks)

@@ -1,4 +1,4 @@
-"""The paper's observations checked on each set of comparable results, and what the audit of the tables found."""
+"""Checks of the paper's observations on each set of comparable results, and findings of the audit of the tables."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", THIN: "open", UNKNOWN:
 
 @dataclass(frozen=True)
 class Checked:
-    """The ten observations on one set of results."""
+    """The verdicts on the ten observations for one set of results."""
 
     title: str
     observations: tuple[Observation, ...]
 
     @property
     def computed(self) -> list[Observation]:
-        """The observations with a verdict."""
+        """Observations with a verdict."""
         return [one for one in self.observations if one.verdict != UNKNOWN]
 
     @property
     def unknown(self) -> list[Observation]:
-        """The observations on which these results have no bearing."""
+        """Observations that these results cannot test."""
         return [one for one in self.observations if one.verdict == UNKNOWN]
 
 
 def checked_observations(content: Content, benchmark: str) -> list[Checked]:
-    """The observations on each sample set of a benchmark that the page is about, if at least one can be computed."""
+    """Check the observations on each sample set of a benchmark that the page is about, if at least one can be
+    computed."""
     checked = []
     for frames, part in by_frames(ranked(line for line in content.focus if line.benchmark == benchmark)).items():
         made = observations(part, content.costs if frames == PAPER else {})
@@ -45,8 +46,8 @@ def checked_observations(content: Content, benchmark: str) -> list[Checked]:
 
 
 def audits(content: Content, benchmark: str) -> list[Audit]:
-    """The audit of what the paper's tables and results files have of a benchmark; runs are audited by `robustflow audit
-    RUN`."""
+    """Audit the values of a benchmark in the paper's tables and in results files; use `robustflow audit RUN` for
+    runs."""
     results = [line for line in content.lines if line.benchmark == benchmark and line.run is None]
     made = []
     for frames, lines in by_frames(results).items():
@@ -59,7 +60,7 @@ def audits(content: Content, benchmark: str) -> list[Audit]:
 
 
 def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:
-    """(check, number of values, findings) in the order of the checks."""
+    """The results as (check, number of values, findings), in the order of the checks."""
     return [
         (AUDIT_CHECKS[check], count, [finding for finding in audit.findings if finding.check == check])
         for check, count in audit.checked.items()

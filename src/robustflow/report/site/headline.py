@@ -1,4 +1,4 @@
-"""The first sentences of a page: which model is best, and whether that is significant."""
+"""First sentences of a page: the best model, and whether its lead is significant."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _RANKED: tuple[ValueKey, ...] = (("cre", AVERAGE), _MOVED)
 
 
 def headline(content: Content, benchmark: str | None = None) -> list[str]:
-    """Sentences about the runs first, then about the paper's values; of one benchmark, or of all."""
+    """Return sentences about the runs, followed by sentences about the paper's values, for one benchmark or all."""
     sentences: list[str] = []
     groups: dict[tuple[str, str], list[ModelResult]] = {}
     for line in content.lines:
@@ -52,15 +52,17 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
     if published and not content.alone:
         sentences.append(
             f"Among the published models, {'; '.join(published)}. The paper prints means but no values per image, so "
-            "it is unknown whether a lead is more than chance."
+            "the significance of a lead is unknown."
         )
     if imported:
-        sentences.append(f"Not judged here: {counted(imported, 'imported line')}, in which nothing can be verified.")
+        sentences.append(
+            f"Not ranked here: {counted(imported, 'imported line')}, because imported values cannot be verified."
+        )
     return sentences
 
 
 def _phantom(lines: Sequence[ModelResult]) -> list[str]:
-    """The phantom motion of each run of a group over still scenes."""
+    """State the phantom motion of each run of a group over static scenes."""
     known = {plain(line.name): phantom_motion(line.run) for line in lines if line.run is not None}
     return [f"{model}: {sentence}." for model, sentence in known.items() if sentence]
 
@@ -69,7 +71,7 @@ _LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
 
 
 def _best_of_settings(lines: Sequence[ModelResult]) -> str:
-    """Name for each setting the model with the lowest CRE, or RCRE if there is no CRE, and say what that means."""
+    """Name the model with the lowest CRE (RCRE if there is no CRE) for each setting, and explain the result."""
     leaders: dict[str, list[str]] = {}
     for setting in dict.fromkeys(line.setting for line in lines if line.setting != "knowledge"):
         ranked = _ranked([line for line in lines if line.setting == setting])
@@ -81,7 +83,7 @@ def _best_of_settings(lines: Sequence[ModelResult]) -> str:
 
 
 def _printed(line: ModelResult, key: ValueKey) -> str:
-    """A printed score; for a CRE that does not follow from the printed EPE, also the one that does."""
+    """Format a printed score; if a CRE is inconsistent with the printed EPE, add the CRE recomputed from the EPE."""
     epe, clean, value = line.number("epe", AVERAGE), line.number("epe", CLEAN), line.values[key]
     text = f"{value.text} px"
     if key != ("cre", AVERAGE) or epe is None or clean is None or not misfits(value.number, epe - clean, 0.015):
@@ -96,7 +98,7 @@ def _alone(line: ModelResult) -> list[str]:
         moved = _text(line, _MOVED)
         return [f"{where}: corruption moves its flow by {moved} px (RCRE)."] if moved else []
     changes = (
-        f"leaves the end-point error at {clean} px"
+        f"leaves the end-point error unchanged at {clean} px"
         if clean == whole
         else f"{'raises' if float(whole) > float(clean) else 'lowers'} the end-point error from {clean} to {whole} px"
     )
@@ -106,13 +108,14 @@ def _alone(line: ModelResult) -> list[str]:
     )
     interval = line.intervals.get(("cre", AVERAGE))
     if interval is None:
-        return [f"{sentence}. Too few images, or values, for a confidence interval."]
+        return [f"{sentence}. There are too few images or values for a confidence interval."]
     significant = "more than chance" if interval[0] > 0 or interval[1] < 0 else "not more than chance"
     return [f"{sentence}; 95 % interval of the CRE {interval[0]:.2f} to {interval[1]:.2f} px: {significant}."]
 
 
 def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
-    """Which error grows least, if that is more than chance, and the accuracy; among the models that are ranked."""
+    """Return a sentence about the smallest increase in error among the ranked models, its significance, and the
+    accuracy."""
     left_out = _not_ranked(lines, "Not ranked")
     sound = ranked(lines)
     leaders = _ranked(sound)
@@ -141,7 +144,7 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
 
 
 def _shown(line: ModelResult, key: ValueKey) -> str:
-    """State a score together with the clean EPE, without which it cannot be judged."""
+    """State a score together with the clean EPE, which is needed to interpret it."""
     clean = _text(line, _CLEAN)
     return f"{METRIC_LABELS[key[0]]} {line.values[key].text} px" + (f"; clean EPE {clean} px" if clean else "")
 
@@ -151,23 +154,23 @@ def _text(line: ModelResult, key: ValueKey) -> str:
 
 
 def _not_ranked(lines: Sequence[ModelResult], start: str) -> list[str]:
-    """Name the models that are not ranked, and say why."""
+    """Name the models that are not ranked, with reasons."""
     reasons = [f"{plain(line.name)}, because {line.excluded}" for line in lines if line.excluded]
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 
 def _difference(metric: str, order: Sequence[ModelResult], content: Content) -> tuple[bool, list[str]]:
-    """Whether the best leads the second by more than chance, and the sentence about it; corrected for every pair of the
-    best `MOST_COMPARED`, because the two were chosen by looking at all."""
+    """Return whether the lead of the best model over the second is significant, and a sentence about it. The test is
+    corrected for all pairs of the best `MOST_COMPARED` models, because the two were selected from them."""
     lines = order[:MOST_COMPARED]
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
     measured = {line.name: rows(line.run) for line in lines if line.run is not None}
     if len(measured) < len(lines):
-        return False, []  # Results files have no values per image.
+        return False, []  # results files have no values per image
     try:
         table = compare_all(measured, metric)
     except RunError:
-        return False, []  # Records may group the same samples differently; the leaderboard still shows their values.
+        return False, []  # records may group the same samples differently; the leaderboard still shows their values
     pair = table.filter(first=order[0].name, second=order[1].name)
     sure = any(p is not None and p < 0.05 for p in pair["p_holm"])
     return sure, [plain(sentence, None) for sentence in pair["sentence"]]

@@ -1,4 +1,4 @@
-"""The page of a model: its numbers under every corruption, what ran, and the anatomy of its error."""
+"""Page of a model: its numbers under every corruption, facts about the run, and a breakdown of its error."""
 
 from __future__ import annotations
 
@@ -28,17 +28,18 @@ _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE),
 
 @dataclass(frozen=True)
 class ModelPage:
-    """What the page of a model shows.
+    """The content of a model's page.
 
     Attributes:
-        id: of the page.
-        name: of the model.
-        tiles: per line of the leaderboard (label, cell) of the overall means.
-        sentences: about it.
-        tables: shaded, corruptions as lines, severities or settings as columns; the first one is the most telling.
-        facts: what ran.
-        anatomy: error by region and family, of a run.
-        panels: pictures of a run's predictions.
+        id: id of the page.
+        name: name of the model.
+        tiles: overall means as (label, cell) pairs, for each line of the leaderboard.
+        sentences: sentences about the model.
+        tables: shaded tables with corruptions as lines and severities or settings as columns, the most informative
+            first.
+        facts: facts about the runs, or about the sources of the values.
+        anatomy: errors of a run by region and corruption family.
+        panels: pictures of the run's predictions.
     """
 
     id: str
@@ -52,11 +53,11 @@ class ModelPage:
 
 
 def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPicture]]) -> list[ModelPage]:
-    """A page for each model of each sample set, in the order of the lines.
+    """Build a page for each model of each sample set, in the order of the lines.
 
     Args:
-        content: of the page.
-        panels: pictures of predictions, of the lines of runs.
+        content: content of the whole page.
+        panels: pictures of predictions, by line of a run.
     """
     by_page: dict[str, list[ModelResult]] = {}
     for line, page in content.pages.items():
@@ -109,7 +110,7 @@ def _tiles(cells: Mapping[ValueKey, TableCell]) -> tuple[tuple[str, TableCell], 
 
 
 def _sentences(line: ModelResult) -> tuple[str, ...]:
-    """The corruptions under which the model is worst and best."""
+    """Name the corruptions under which the model is worst and best."""
     for metric in ("cre", "rcre"):
         numbers = line.numbers(metric)
         values = {name: numbers[name] for name in ORDER if name in numbers}
@@ -144,7 +145,7 @@ def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
         lines.append(Line(plain(long_label(row["corruption"])), tuple(cells)))
     columns = [Column(label, strongest=top) for label in (*levels, "mean")]
     columns += [Column("slope")] if slopes else []
-    label = "Spread over draws (px)" if metric == "spread" else metric_label(metric)
+    label = "Deviation over draws (px)" if metric == "spread" else metric_label(metric)
     return _table(f"{label} by severity", columns, lines)
 
 
@@ -164,7 +165,8 @@ def _table(title: str, columns: Sequence[Column], lines: Sequence[Line]) -> Tabl
 
 
 def _anatomy(run: Run) -> Table | None:
-    """Regions and families of the anatomy table; the slopes are in the tables of severities."""
+    """Return the regions and families of the anatomy table; slopes are omitted because the severity tables show
+    them."""
     whole = anatomy_table([run])
     lines = [line for line in whole.lines if any(cell.text != DASH for cell in line.cells[:2])]
     if not lines:
@@ -175,8 +177,8 @@ def _anatomy(run: Run) -> Table | None:
 
 
 def scale_top(values: Iterable[float | None]) -> float:
-    """The value of the strongest colour, which the page's script divides into steps: the 95th percentile, so that one
-    outlier does not make all others pale.
+    """Return the value of the strongest colour: the 95th percentile, so that one outlier does not make all other cells
+    pale. The page's script divides the range into steps.
 
     >>> scale_top([1.0, None, 2.0, -3.0])
     3.0

@@ -34,11 +34,11 @@ from .models import model_pages
 
 
 def render_site(content: Content, gallery: Slider | None = None) -> str:
-    """The page as one HTML file: it opens from disk and loads nothing from the network.
+    """Render the page as one self-contained HTML file.
 
     Args:
-        content: what it shows.
-        gallery: pictures for a page whose runs have none.
+        content: content of the page.
+        gallery: slider for a page whose runs have no pictures.
 
     >>> from .content import whole_content
     >>> render_site(whole_content([])).splitlines()[0]
@@ -75,7 +75,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
 
 
 def _attacks(lines: Sequence[ModelResult]) -> list[tuple[str, Table, PageFigure | None]]:
-    """Name, table and security curves of each run with attacks."""
+    """Return name, table and security curves of each run with attacks."""
     tables = [(line.name, line.run, attack_table(line.run)) for line in lines if line.run]
     return [(name, table, attack_figure(at, run)) for at, (name, run, table) in enumerate(tables) if table is not None]
 
@@ -83,19 +83,19 @@ def _attacks(lines: Sequence[ModelResult]) -> list[tuple[str, Table, PageFigure 
 def _predictions(runs: Sequence[Run]) -> Table | None:
     try:
         return prediction_table(runs)
-    except RunError:  # without frames in common there is nothing to correlate
+    except RunError:  # the runs have no frames in common, so there is no correlation
         return None
 
 
 @dataclass(frozen=True)
 class BenchmarkSection:
-    """The part of a page about one benchmark; one is shown at a time.
+    """The part of a page about one benchmark; the page shows one benchmark at a time.
 
     Attributes:
-        board: its part of the leaderboard.
-        headline: the first sentences.
-        figures: by the frames they are of.
-        observations, audits: what was checked of its results.
+        board: leaderboard of the benchmark.
+        headline: first sentences.
+        figures: groups of figures, one group per sample set.
+        observations, audits: checks of the benchmark's results.
     """
 
     board: Board

@@ -1,5 +1,5 @@
-"""Turn a matplotlib figure into SVG for a page, an element per panel, with the page's colours and fonts and labelled
-marks. What its colours and markers mean is a list below it, whose lines break where a figure's cannot."""
+"""Convert a matplotlib figure to SVG for a page: one element per panel, with the page's colours and fonts and labelled
+marks. The legend is an HTML list below the figure, so that its lines can wrap."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _COLOURS = {
     NAVY.lower(): "var(--chart-navy)",
     OTHER.colour: "var(--muted)",
 }
-"""Colours as matplotlib writes them, in lower case, and their names in the page."""
+"""Page colour names by the hex colour in matplotlib's SVG output (lower case)."""
 
 _FONT = re.compile(r"font:[^;]*?([\d.]+)px[^;]*")
 _FAMILY = re.compile(r"\s*font-family:[^;]*;?")
@@ -60,11 +60,11 @@ _GEOMETRY = ("d", "x", "y", "points", "transform", "width", "height")
 
 
 _MANY = 4
-"""Panels beyond which they may be small."""
+"""Number of panels above which panels may be small."""
 
 
 def page_colour(colour: str) -> str:
-    """A figure's colour in a page.
+    """Return the page's colour for a figure colour.
 
     >>> page_colour("#E69F00")
     'var(--chart-orange)'
@@ -74,16 +74,16 @@ def page_colour(colour: str) -> str:
 
 @default_style()
 def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str | None]) -> Markup:
-    """The `<svg>` elements of a figure's panels, in a `<div class="plot">` that a page can fold into lines.
+    """Return the `<svg>` elements of a figure's panels, in a `<div class="plot">` that wraps into several rows.
 
     Args:
-        figure: with its marks.
-        prefix: of every id in it, so that one page can hold several figures; `{prefix}-title` and `{prefix}-text` name
-            what describes it.
-        page_of: the id of a model's page, by the model's name.
+        figure: figure with its marks.
+        prefix: prefix of all ids, which must be unique for each figure of a page; elements `{prefix}-title` and
+            `{prefix}-text` describe the figure.
+        page_of: id of each model's page, by model name.
 
     Returns:
-        The element; marks have `class="mark"`, `data-page` and `data-label`, names next to them `class="name"`.
+        The markup. Marks have `class="mark"`, `data-page` and `data-label`; names next to them have `class="name"`.
     """
     for index, axes in enumerate(figure.axes):
         axes.set_gid(f"panel-{index}")
@@ -120,7 +120,8 @@ def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str |
 
 
 def _panel_boxes(figure: MarkedFigure) -> list[Bbox]:
-    """Where each panel is in the SVG, in points from the upper left, with its labels and names; all of one size."""
+    """Return the bounding box of each panel in the SVG, including labels and names, in points from the upper left. All
+    boxes have the same size."""
     around = [0.0, 0.0, 0.0, 0.0]  # left, below, right, above
     for axes in figure.axes:
         with any_script():
@@ -142,17 +143,18 @@ def _panel_boxes(figure: MarkedFigure) -> list[Bbox]:
 
 
 _RIM = 2.0
-"""Free pixels around a panel, because a browser's letters may be wider than measured."""
+"""margin in pixels around a panel, because text may be wider in the browser than measured"""
 
 
 def mark_text(mark: Mark) -> str:
-    """ "RAFT (OOD): clean EPE 4.29 px, CRE 5.24 px"."""
+    """Format the label of a mark, such as "RAFT (OOD): clean EPE 4.29 px, CRE 5.24 px"."""
     setting = f" ({plain(mark.setting, 40)})" if mark.setting else ""
     return f"{plain(mark.model)}{setting}: " + ", ".join(f"{what} {value}" for what, value in mark.values)
 
 
 def _name_marks(group: ElementTree.Element, marks: Sequence[Mark], page_of: Callable[[str], str | None]) -> None:
-    """A point of a collection or line is a `use`; a bar or a text is the group itself."""
+    """Return the mark elements of a group: its `use` elements for collections and lines, or the group itself for bars
+    and texts."""
     points = list(group.iter(f"{{{_SVG}}}use"))
     pairs = zip(points, marks, strict=True) if len(points) == len(marks) else ((group, mark) for mark in marks[:1])
     for element, mark in pairs:
@@ -172,7 +174,7 @@ def _drop(root: ElementTree.Element, *tags: str) -> None:
 
 
 def _share_shapes(root: ElementTree.Element) -> None:
-    """Replace equal shapes by references to the first."""
+    """Replace duplicate shapes with references to the first one."""
     first: dict[tuple[str | None, ...], str] = {}
     same: dict[str, str] = {}
     for group in list(root.iter()):
@@ -192,7 +194,7 @@ def _share_shapes(root: ElementTree.Element) -> None:
 
 
 def _share_styles(root: ElementTree.Element) -> None:
-    """Move attributes that all points of a group share to the group, and remove spaces between elements."""
+    """Move attributes shared by all points of a group to the group, and remove whitespace between elements."""
     for group in root.iter():
         for text in ("text", "tail"):
             if not (getattr(group, text) or "").strip():
@@ -207,7 +209,7 @@ def _share_styles(root: ElementTree.Element) -> None:
 
 
 def _rename_ids(root: ElementTree.Element, prefix: str) -> None:
-    """Remove ids to which nothing refers."""
+    """Remove unreferenced ids."""
     used: set[str] = set()
     for element in root.iter():
         target = element.attrib.pop(_XLINK, None)
@@ -249,7 +251,7 @@ _ITEM = Markup('<li><svg class="glyph" viewBox="-6 -6 12 12" aria-hidden="true">
 
 
 def key_markup(key: Sequence[tuple[str, Style, bool]]) -> Markup:
-    """A list of (label, style, whether the marker is filled); empty for an empty key.
+    """Return the key, given as (label, style, whether the marker is filled), as an HTML list; "" for an empty key.
 
     >>> print(key_markup([]))
     <BLANKLINE>

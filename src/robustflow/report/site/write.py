@@ -1,4 +1,4 @@
-"""The report page in a run's folder."""
+"""Write the report page in a run's folder."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ REPORT = "report.html"
 
 
 def write_report(run: Run) -> None:
-    """Write `report.html` into a run's folder, with the existing examples, unless nothing has changed.
+    """Write `report.html` with the existing examples into a run's folder, unless it is up to date.
 
     Args:
-        run: of the report.
+        run: run to report.
 
     Raises:
-        DataError: the folder cannot be written.
+        DataError: the folder is not writable.
     """
     source = source_digest(run.path, run.rows_digest, run.manifest, beside=True)
     if is_current(run.path, REPORT, source):

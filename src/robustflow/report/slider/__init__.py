@@ -1,4 +1,4 @@
-"""The picture slider of every page: a clean picture next to corrupted ones, by corruption, severity and frame."""
+"""Picture slider for pages: a clean picture next to corrupted ones, selected by corruption, severity and frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The slider as HTML, with its style and script, for inclusion in any page."""
+"""HTML of the slider, with its style and script, for inclusion in any page."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .pictures import Shot, Slider
 
 
 def slider_markup(slider: Slider) -> Markup:
-    """The slider's element, with its pictures as data. Every text in it is escaped.
+    """Return the slider's element, with its pictures as data. All text is escaped.
 
-    The pictures shown initially are in the markup itself, so that they are visible without scripts.
+    The initial pictures are in the markup itself, so they are visible without scripts.
     """
     figures = []
     for index, (name, shots) in enumerate(slider.corruptions):
@@ -28,13 +28,13 @@ def slider_markup(slider: Slider) -> Markup:
 
 @cache
 def style() -> Markup:
-    """The slider's style sheet; colours are taken from the page's own variables if it has them."""
+    """Return the slider's style sheet, which uses the page's colour variables if they are defined."""
     return Markup(asset("robustflow.report.slider", "slider.css"))
 
 
 @cache
 def script() -> Markup:
-    """The slider's script, to be run once, below all sliders of a page."""
+    """Return the slider's script, to be included once, below all sliders of a page."""
     return Markup(asset("robustflow.report.slider", "slider.js"))
 
 
@@ -45,7 +45,8 @@ def _first(slider: Slider, shots: tuple[Shot, ...]) -> Shot | None:
 
 
 def _data(slider: Slider) -> dict[str, Any]:
-    """The data for the script. Pictures in the markup are null here, so that their bytes are in the page only once."""
+    """Return the data for the script. Pictures that are already in the markup are null, so that each is embedded only
+    once."""
     corruptions = []
     for name, shots in slider.corruptions:
         first = _first(slider, shots)

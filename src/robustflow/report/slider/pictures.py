@@ -1,4 +1,4 @@
-"""The pictures of a slider: frames as `data:` addresses, small enough that hundreds of them fit in one page."""
+"""Pictures of a slider: frames as `data:` URLs, small enough for hundreds of them in one page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...text import plain
 
 @dataclass(frozen=True)
 class Shot:
-    """A corruption at one severity: a `data:` address for each frame, and a few words about it."""
+    """A corruption at one severity: a `data:` URL for each frame, and a caption."""
 
     severity: int
     pictures: tuple[str, ...]
@@ -23,18 +23,18 @@ class Shot:
 
 @dataclass(frozen=True)
 class Slider:
-    """Clean frames and the same under corruptions.
+    """A slider: clean frames and their corrupted versions.
 
     Attributes:
-        title: what the frames are.
-        width, height: of every picture, pixels.
-        clean: a `data:` address for each frame; with more than one the page has a frame control.
-        corruptions: (label, shots by ascending severity); a severity without a shot shows `absent`.
-        severities: those of the severity control.
-        start: the severity shown initially, or the nearest one.
-        together: whether all corruptions are shown initially, rather than the first of them.
-        absent: why a severity may have no picture.
-        first_frame: the number of the first frame in its clip.
+        title: description of the frames.
+        width, height: size of every picture, in pixels.
+        clean: a `data:` URL for each clean frame; with more than one, the page has a frame control.
+        corruptions: corruptions as (label, shots by ascending severity); a severity without a shot shows `absent`.
+        severities: severities of the severity control.
+        start: initial severity; the nearest one is used if it is missing.
+        together: whether to show all corruptions initially instead of the first one.
+        absent: text shown for a severity without a picture.
+        first_frame: number of the first frame in its clip.
     """
 
     title: str
@@ -62,15 +62,15 @@ def make_slider(
     absent: str = "This severity was not run.",
     first_frame: int = 0,
 ) -> Slider:
-    """A slider from frames; holds one corrupted clip at a time if `pictures` is a generator.
+    """Make a slider from frames; `pictures` may be a generator, consumed one corrupted clip at a time.
 
     Args:
         title, severities, start, together, absent, first_frame: see `Slider`.
-        clean: RGB uint8 (H, W, 3), one or more frames of one size.
-        pictures: (corruption, severity, as many frames as `clean`, caption) in the order of the choice of corruptions.
-            Without frames the corruption is listed and its severity shows `absent`.
-        widest: pixels that pictures are shrunk to.
-        quality: of the JPEG encoding, 1 to 95.
+        clean: one or more clean frames of equal size, RGB uint8 (H, W, 3).
+        pictures: tuples of corruption, severity, as many frames as in `clean`, and caption, in the order of the
+            corruption menu. With an empty list of frames, the corruption is listed and its severity shows `absent`.
+        widest: maximum picture width, in pixels.
+        quality: JPEG quality, 1 to 95.
 
     >>> import numpy as np
     >>> grey = np.full((32, 48, 3), 128, np.uint8)
