@@ -93,7 +93,7 @@ def test_add_your_attack(reader):
 def test_add_your_attack_with_torch(reader):
     pytest.importorskip("torch", reason="needs the torch extra")
     reader.run(blocks((DOCS / "add-your-attack.md").read_text()), "add-your-attack.md")
-    assert "attack 'momentum': every check passes" in "".join(reader.printed)
+    assert "attack 'momentum': all checks passed" in "".join(reader.printed)
     assert "momentum:steps=2" in set(rf.load_run("runs/momentum").attack_rows["corruption"])
 
 

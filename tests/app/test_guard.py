@@ -189,7 +189,7 @@ def test_a_port_that_is_taken(refusal):
     [
         (("--port", "70000"), "port 70000 does not exist"),
         (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),
-        (("-O", "preset=fast"), "preset is an option of a model"),
+        (("-O", "preset=fast"), "preset is a model option"),
     ],
 )
 def test_what_cannot_be_served(refusal, arguments, says):

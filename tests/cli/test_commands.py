@@ -44,15 +44,15 @@ def test_run_and_show_as_json_print_the_summary_and_nothing_else(robustflow):
 
 
 def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):
-    assert "model 'ZeroFlow': every check passes" in robustflow("check", "robustflow.testing:ZeroFlow")[1]
+    assert "model 'ZeroFlow': all checks passed" in robustflow("check", "robustflow.testing:ZeroFlow")[1]
     Path("my_rain.py").write_text(
         "import numpy as np\n\n\nclass Rain:\n    severities = (0.9, 0.8, 0.7, 0.6, 0.5)\n\n"
         "    def draw(self, rng, severity, shape):\n        return self.severities[severity - 1]\n\n"
         "    def apply(self, frame, state, index):\n        return np.rint(frame * state).astype(np.uint8)\n"
     )
-    assert "every check passes" in robustflow("check", "my_rain:Rain")[1]
+    assert "all checks passed" in robustflow("check", "my_rain:Rain")[1]
     pairs = robustflow("check", "robustflow.datasets.motorcycle:Motorcycle")
-    assert "dataset 'motorcycle': every check passes" in pairs[1]
+    assert "dataset 'motorcycle': all checks passed" in pairs[1]
     code, _, err = robustflow("check", "json:loads", "--kind", "corruption")
     assert code == 2
     assert err.count("\n") == 1

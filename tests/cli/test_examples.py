@@ -53,7 +53,7 @@ def test_no_examples_then_one_cell(robustflow, real_pictures):
         (("--sample", "motorcycle", "-c", "contrast", "-s", 5), 2, "no severity 5 of contrast"),
         (("--sample", "motorcycle", "-c", "fog", "-s", 1), 2, "unknown corruption of this run 'fog'"),
         (("--sample", "car", "-c", "contrast", "-s", 1), 2, "unknown sample of this run 'car'"),
-        (("-o", "x.png"), 2, "--output names the PNG of a --sample"),
+        (("-o", "x.png"), 2, "--output is the PNG file for --sample"),
         (("-m", "farneback"), 1, "it differs in: model"),
         (("-O", "preset=fast"), 1, "it differs in: model"),
         (("-m", "no_such_module:net"), 1, "can no longer be loaded: cannot import 'no_such_module'"),

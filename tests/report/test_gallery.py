@@ -177,5 +177,5 @@ def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(tmp_path, m
     width, height = Image.open(tmp_path / "out" / "attacks.webp").size
     assert width > height / 3 * 4
     assert capsys.readouterr().out == f"{tmp_path / 'out' / 'attacks.webp'}\n"
-    with pytest.raises(UsageError, match="name it with --model"):
+    with pytest.raises(UsageError, match="give it with --model"):
         gallery_command(frames=frames, attacks="square")

@@ -1,5 +1,5 @@
-"""The command line: one thin file per command.
+"""The command line: one thin module per command.
 
-The files of commands do without `from __future__ import annotations`: Typer reads the annotations of every option of
-every command on every start, and evaluating them as text takes noticeable time.
+Command modules do not use `from __future__ import annotations`: Typer evaluates the annotations of every option on
+every start, and evaluating strings takes noticeable time.
 """

@@ -1,4 +1,4 @@
-"""`robustflow app`: look at a pair under corruptions, live, in a browser."""
+"""`robustflow app`: explore a pair under corruptions interactively in a browser."""
 
 import signal
 import sys
@@ -13,7 +13,7 @@ from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_
 
 def app(
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="Model to list first, such as module.path:Attribute.")
+        str | None, typer.Option("--model", "-m", help="Model listed first, e.g. module.path:Attribute.")
     ] = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
@@ -21,16 +21,16 @@ def app(
     option: ModelOptions = None,
     psf_dir: PsfDir = None,
     host: Annotated[
-        str | None, typer.Option(help="Address to listen on, so that other machines can connect; 127.0.0.1 by default.")
+        str | None, typer.Option(help="Address to listen on; 127.0.0.1 by default, which only this machine can reach.")
     ] = None,
     port: Annotated[
-        int | None, typer.Option(help="Port to listen on; 8642 by default, or any free one if that is taken.")
+        int | None, typer.Option(help="Port to listen on; by default 8642, or any free port if 8642 is in use.")
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
     """Choose or drop two frames, choose a model and corruptions, and watch the frames, flow, error and numbers change.
 
-    The page is served on this machine only, with a token in its address. Press Ctrl-C to stop.
+    By default the page is served on this machine only. Its URL contains an access token. Press Ctrl-C to stop.
 
     \b
     Examples:
@@ -44,10 +44,10 @@ def app(
     from ..models import ModelSpec
 
     use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, and removes the uploads
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as with Ctrl-C, which removes the uploads
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
-        raise UsageError(f"{options[0][0]} is an option of a model: give the model with --model")
+        raise UsageError(f"{options[0][0]} is a model option: give the model with --model")
     given = [] if model is None else [ModelSpec(model, options)]
     serve(given, host, port, browser, lambda line: print(line, flush=True), _warn)
 

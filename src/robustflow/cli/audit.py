@@ -1,4 +1,4 @@
-"""`robustflow audit`: are results consistent with each other?"""
+"""`robustflow audit`: check results for internal consistency."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 FOUND = 3
-"""Exit code if something is inconsistent; 1 and 2 are errors, as for every command."""
+"""Exit code for inconsistent results; 1 and 2 are errors, as for every command."""
 
 
 def audit(
@@ -20,11 +20,11 @@ def audit(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """List the numbers that do not follow from the others within rounding, with the printed and the recomputed value.
+    """List numbers that are inconsistent with the others beyond rounding, with the printed and the recomputed value.
 
-    Recomputes CRE from EPE, averages, CREr, ranks and which values are marked as best; detects rows that were swapped
-    or moved, and attacks of FlowBench that are beyond their budget. Exit code 0: everything is consistent; 3: something
-    is not; 1: the source cannot be read.
+    Recomputes CRE from EPE, averages, CREr, ranks and the marks of best values; detects swapped or shifted rows, and
+    FlowBench attacks that exceed their budget. Exit codes: 0 if everything is consistent, 3 if not, 1 if the source
+    cannot be read.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""`robustflow calibrate`: measure the severities at which corruptions can be compared."""
+"""`robustflow calibrate`: find severities that are comparable across corruptions."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,16 +12,16 @@ def calibrate(
     data: Annotated[
         Path | None, typer.Option("--data", "-d", help="Folder of pictures instead of scikit-image's photographs.")
     ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the table (JSON).")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write the table to (JSON).")] = None,
     corruptions: Corruptions = None,
     seed: Seed = 0,
-    draws: Annotated[int, typer.Option(help="Draws of a random corruption per picture.")] = 4,
+    draws: Annotated[int, typer.Option(help="Random draws per picture, for random corruptions.")] = 4,
 ) -> None:
-    """Find the parameters at which every corruption leaves the same mean SSIM (docs/severity-scales.md).
+    """Find the parameters at which all corruptions have the same mean SSIM (docs/severity-scales.md).
 
-    Takes a quarter of an hour for all corruptions on the reference set. With --corruptions, an existing --output made
-    with the same pictures, seed and draws keeps its other corruptions. ROBUSTFLOW_CALIBRATION=FILE replaces the shipped
-    table with your own.
+    All corruptions on the reference set take 15 minutes. With --corruptions, an existing --output with the same
+    pictures, seed and draws keeps its other corruptions. Set ROBUSTFLOW_CALIBRATION=FILE to use your own table instead
+    of the shipped one.
 
     \b
     Examples:
@@ -47,4 +47,4 @@ def calibrate(
         typer.echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
         same = all(shipped().corruptions.get(name) == result for name, result in table.corruptions.items())
-        typer.echo("as shipped, digit for digit" if same else "differs from the shipped table")
+        typer.echo("identical to the shipped table" if same else "differs from the shipped table")

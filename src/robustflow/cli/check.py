@@ -1,4 +1,4 @@
-"""`robustflow check`: try your own model, corruption, attack or data set before a run."""
+"""`robustflow check`: test your own model, corruption, attack or data set before a run."""
 
 from typing import Annotated, Any
 
@@ -12,10 +12,10 @@ KINDS = ("model", "corruption", "attack", "dataset")
 def check(
     target: Annotated[str, typer.Argument(metavar="MODULE:ATTRIBUTE", help="Your class, object or function.")],
     kind: Annotated[
-        str | None, typer.Option(help="model, corruption, attack or dataset; by default what its methods say.")
+        str | None, typer.Option(help="model, corruption, attack or dataset; detected from its methods by default.")
     ] = None,
 ) -> None:
-    """Try your own model, corruption, attack or data set: shapes, dtypes, the same result twice, untouched inputs.
+    """Test your own model, corruption, attack or data set: shapes, dtypes, determinism, unmodified inputs.
 
     \b
     Examples:
@@ -39,7 +39,7 @@ def check(
         name = check_dataset(thing() if isinstance(thing, type) else thing)
     else:
         name = check_model(thing)
-    typer.echo(f"{kind} '{name}': every check passes")
+    typer.echo(f"{kind} '{name}': all checks passed")
 
 
 def _kind(thing: Any) -> str:

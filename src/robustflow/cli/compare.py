@@ -1,4 +1,4 @@
-"""`robustflow compare`: is one model really better than another?"""
+"""`robustflow compare`: test whether models differ significantly."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,22 +15,23 @@ def compare(
     metric: Annotated[
         str | None, typer.Option("--metric", help="Compare only this metric: epe, cre, crer or rcre.")
     ] = None,
-    level: Annotated[float, typer.Option(help="Level of the confidence intervals.")] = 0.95,
-    resamples: Annotated[int, typer.Option(help="Resamples of the bootstrap.")] = 4999,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    level: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    resamples: Annotated[int, typer.Option(help="Number of bootstrap resamples.")] = 4999,
+    seed: Annotated[int, typer.Option(help="Random seed of the bootstrap.")] = 0,
     format: Format = "terminal",
     output: OutputFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
-    """Say whether models differ, image by image, with intervals and corrected p-values.
+    """Test whether models differ, paired by image, with intervals and corrected p-values.
 
-    Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold marks a value that is significantly lower. More than two are ranked, with the range of
-    ranks that the tests allow for each (not in CSV, which holds a single table), and compared pairwise in the average
-    of one metric: one sentence per pair on the terminal, one line per pair in the other formats.
+    Two runs are compared in one table: overall in every metric, and under each corruption in one metric (CRE by
+    default, RCRE without ground truth). Bold marks significantly lower values. More than two runs are ranked, each with
+    its range of possible ranks (not in CSV, which contains a single table), and compared pairwise in the average of one
+    metric: one sentence per pair on the terminal, one line per pair in other formats.
 
-    For runs of one model with several seeds, the spread is split into the shares of images, seeds and severities; runs
-    of several models under several conditions (seed, split, variant, ...) show how the order of the models changes.
+    For runs of one model with several seeds, the variance is split into the contributions of images, seeds and
+    severities. Runs of several models under several conditions (seed, split, variant, ...) show how the order of the
+    models changes.
 
     \b
     Examples:
@@ -59,7 +60,7 @@ def compare(
         raise unknown_name("metric", metric, INTERVAL_METRICS)
     check_format(format, as_json)
     if len(runs) < 2:
-        raise UsageError("one run cannot be compared: name two or more")
+        raise UsageError("a comparison needs two or more runs")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
     tables, sentences = [], []
@@ -79,10 +80,12 @@ def compare(
         frame = compare_all(common.rows, chosen, level=level, resamples=resamples, seed=seed)
         if frame.is_empty():
             label = METRIC_LABELS[chosen]
-            raise RunError(f"no two of these runs have an average {label} in common; compare two, or another --metric")
+            raise RunError(
+                f"no two of these runs have an average {label} in common; compare two, or choose a different --metric"
+            )
         ranked = [line.name for line in lines if not line.excluded]
         sound = frame.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))
-        if format != "csv" and _every_pair(sound, ranked):  # a CSV file holds a single table
+        if format != "csv" and _every_pair(sound, ranked):  # a CSV file contains a single table
             tables.append(standings_table(standings(sound, ranked), chosen))
         notes = [note for note in (common.remark, *not_ranked(lines)) if note]
         if format == "terminal":

@@ -1,10 +1,10 @@
-"""Shell completion: names of models, corruptions, benchmarks and data sets."""
+"""Shell completion for names of models, corruptions, benchmarks and data sets."""
 
 from collections.abc import Iterable
 
 
 def models(incomplete: str) -> list[str]:
-    """Names of models.
+    """Complete names of models.
 
     >>> models("farn")
     ['farneback']
@@ -15,14 +15,14 @@ def models(incomplete: str) -> list[str]:
 
 
 def checkpoints(incomplete: str) -> list[str]:
-    """Published checkpoints of any model, and random weights."""
+    """Complete names of published checkpoints of any model, and "random"."""
     from ..models.catalog import checkpoints as catalogue
 
     return _beginning(("random", *(entry.checkpoint for entry in catalogue())), incomplete)
 
 
 def corruptions(incomplete: str) -> list[str]:
-    """Names of corruptions, for what follows the last comma or plus.
+    """Complete the name of a corruption after the last comma or plus.
 
     >>> corruptions("fog,fro")
     ['fog,frost']
@@ -34,7 +34,7 @@ def corruptions(incomplete: str) -> list[str]:
 
 
 def benchmarks(incomplete: str) -> list[str]:
-    """Names of benchmarks and of data sets, which can serve as benchmarks."""
+    """Complete names of benchmarks, and of data sets, which can be used as benchmarks."""
     from ..benchmarks import BENCHMARKS
     from ..datasets import DATASETS
 
@@ -42,23 +42,23 @@ def benchmarks(incomplete: str) -> list[str]:
 
 
 KINDS = ("models", "corruptions", "attacks", "benchmarks", "datasets", "recipes")
-"""What `list` lists."""
+"""Categories of `list`."""
 
 
 def kinds(incomplete: str) -> list[str]:
-    """What `list` lists, and all of it."""
+    """Complete the categories of `list`, and "all"."""
     return _beginning((*KINDS, "all"), incomplete)
 
 
 def methods(incomplete: str) -> list[str]:
-    """Methods with a training recipe."""
+    """Complete names of methods with a training recipe."""
     from ..training.recipe import trained_methods
 
     return _beginning(trained_methods(), incomplete)
 
 
 def tables(incomplete: str) -> list[str]:
-    """Tables of `report`, for what follows the last comma."""
+    """Complete the name of a `report` table after the last comma."""
     from ..report.assemble import ALL_TABLES, ROW
 
     cut = incomplete.rfind(",") + 1

@@ -1,4 +1,4 @@
-"""`robustflow corrupt`: apply corruptions to two frames of your own."""
+"""`robustflow corrupt`: apply corruptions to your own pair of frames."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +11,7 @@ from .options import CommonDraws, Depth, Focal, PsfDir, Seed, SeverityScale, Var
 
 def corrupt(
     frame1: Annotated[Path | None, typer.Argument(help="First frame.")] = None,
-    frame2: Annotated[Path | None, typer.Argument(help="Second frame, of the same size.")] = None,
+    frame2: Annotated[Path | None, typer.Argument(help="Second frame; same size as the first.")] = None,
     corruptions: Annotated[
         str | None,
         typer.Option(
@@ -36,7 +36,7 @@ def corrupt(
     depth: Depth = None,
     focal: Focal = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Compare this machine's bytes with the package's, without frames.")
+        bool, typer.Option("--check", help="Check, without frames, that this machine produces the reference bytes.")
     ] = False,
 ) -> None:
     """Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.
@@ -67,7 +67,7 @@ def corrupt(
     chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]
     levels = [check_severity(level) for level in numbers(severities) or []]
     if not chosen or not levels:
-        raise UsageError("nothing to do: name at least one corruption and one severity")
+        raise UsageError("nothing to do: give at least one corruption and one severity")
     for one in chosen:
         for level in levels:
             one.parameter(level)
@@ -92,7 +92,7 @@ def corrupt(
 
 
 def _check_machine() -> None:
-    """Print a line for every corruption that this machine computes differently, and exit with 1 if there is one."""
+    """Print a line for every corruption whose result differs on this machine; exit with 1 if there are any."""
     from ..corruptions.machine_check import compare_with_package
 
     compared = list(compare_with_package())

@@ -1,4 +1,4 @@
-"""`robustflow displacement`: how far pixels move in a benchmark."""
+"""`robustflow displacement`: distribution of flow magnitudes in a benchmark."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,17 +17,19 @@ def displacement(
     data: Data = None,
     data_option: DataOptions = None,
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="Model whose flow to measure; the ground truth by default.")
+        str | None, typer.Option("--model", "-m", help="Model whose flow is measured; ground truth by default.")
     ] = None,
     option: ModelOptions = None,
     limit: Limit = None,
     split: Split = None,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Store it in a run over these frames, whose pages then show it."),
+        typer.Option(
+            "--into", metavar="RUN", help="Store the histogram in a run over these frames; its pages then show it."
+        ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder to write; 'displacement' unless --into is given.")
+        Path | None, typer.Option("--output", "-o", help="Output folder; 'displacement' unless --into is given.")
     ] = None,
 ) -> None:
     """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png, .svg and
@@ -87,7 +89,7 @@ def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     from ..text import counted
 
     if folder.is_file():
-        raise UsageError(f"{folder} is a file; a histogram is stored in a run's folder, not in a record")
+        raise UsageError(f"{folder} is a file; histograms can only be stored in a run's folder, not in a record")
     run = Run(folder)
     if run.benchmark != chosen.name or set(run.manifest.samples) != set(chosen.keys):
         ran = counted(len(run.manifest.samples), "pair")

@@ -1,4 +1,4 @@
-"""`robustflow examples`: example pictures of a finished run."""
+"""`robustflow examples`: draw example pictures of a finished run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -27,11 +27,16 @@ from .options import (
 
 def examples(
     run: Annotated[Path, typer.Argument(help="A run's folder.")],
-    sample: Annotated[str | None, typer.Option("--sample", help="Draw only this sample, as one PNG.")] = None,
+    sample: Annotated[str | None, typer.Option("--sample", help="Draw only this sample, as a PNG file.")] = None,
     corruption: Annotated[
         str | None,
         typer.Option(
-            "--corruption", "--corruptions", "-c", "--attack", "--attacks", help="With --sample: corruption or attack."
+            "--corruption",
+            "--corruptions",
+            "-c",
+            "--attack",
+            "--attacks",
+            help="With --sample: name of the corruption or attack.",
         ),
     ] = None,
     severity: Annotated[int | None, typer.Option("--severity", "--severities", "-s", help="With --sample.")] = None,
@@ -41,7 +46,7 @@ def examples(
     depth: Depth = None,
     focal: Focal = None,
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="The run's model, where the run does not record it.")
+        str | None, typer.Option("--model", "-m", help="Model of the run, if the run does not record it.")
     ] = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
@@ -53,9 +58,9 @@ def examples(
 ) -> None:
     """Draw the worst and the median sample of a run: frames, corrupted frames, flows and error maps.
 
-    Model and data are looked for where the run had them; use the options if they have moved. A model that is your own
-    code (module:Attribute) or a file must be given again with --model or --checkpoint, because a run's folder may come
-    from anyone. The pictures go into RUN/examples and into RUN/report.html.
+    Model and data are expected where they were during the run; if they have moved, use the options. If the model is
+    your own code (module:Attribute) or a file, give it with --model or --checkpoint: for safety, nothing is loaded just
+    because a run's folder names it. The pictures are written to RUN/examples and RUN/report.html.
 
     \b
     Examples:
@@ -81,10 +86,11 @@ def examples(
     result = Run(run)
     cell = (sample, corruption, severity)
     if any(part is not None for part in cell) and None in cell:
-        raise UsageError("a single picture needs all three: --sample KEY, --corruption NAME and --severity N")
+        raise UsageError("a single picture needs --sample KEY, --corruption NAME and --severity N")
     if sample is None and output is not None:
         raise UsageError(
-            f"--output names the PNG of a --sample; without --sample the examples go into {result.path / FOLDER}"
+            f"--output is the PNG file for --sample; without --sample the examples are written to "
+            f"{result.path / FOLDER}"
         )
     before = RunSource.read(result.path)
     given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)

@@ -1,4 +1,4 @@
-"""`robustflow experiment`: questions that need networks to be trained."""
+"""`robustflow experiment`: experiments that train networks."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,20 +15,20 @@ def robust_training(
     output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs to measure on as well. Repeatable."),
+        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs for additional evaluation. Repeatable."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Trainings of each kind, one seed each.")] = 6,
-    steps: Annotated[int | None, typer.Option(min=1, help="Steps of each training, instead of the recipe's.")] = None,
-    severities: Annotated[str, typer.Option(help="Severities to measure, e.g. 1,3,5.")] = "3",
-    shapes: Annotated[int, typer.Option(min=1, help="Held-out pairs of flying shapes.")] = 150,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of trainings of each kind, with one seed each.")] = 6,
+    steps: Annotated[int | None, typer.Option(min=1, help="Steps per training, instead of the recipe's.")] = None,
+    severities: Annotated[str, typer.Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
+    shapes: Annotated[int, typer.Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
     size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
     loaders: Annotated[int, typer.Option(help="Processes that prepare batches in advance.")] = 1,
 ) -> None:
-    """Does training with corruptions help against corruptions not used in training? Leaves out noise, then weather.
+    """Test whether training with corruptions helps against unseen corruptions, with noise, then weather, held out.
 
-    Trains `tiny` from several random starts, continues each without corruptions, with all of them, and with all but
-    noise or weather, and measures every network on unseen pairs. Ctrl-C stops it; the same command continues. Given in
-    several terminals, they share the work.
+    Trains `tiny` from several random initialisations; continues each without corruptions, with all of them, and with
+    all but noise or weather; and evaluates every network on unseen pairs. Ctrl-C stops the experiment; the same command
+    continues it. Commands running in several terminals share the work.
 
     \b
     Examples:
@@ -54,7 +54,9 @@ def robust_training(
     stop = Interrupted()
     runs = run_experiment(experiment, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
     if runs is None:
-        typer.echo(f"robustflow: stopped; {experiment.output} is kept. Give the same command to continue.", err=True)
+        typer.echo(
+            f"robustflow: stopped; {experiment.output} is kept. Run the same command again to continue.", err=True
+        )
         raise typer.Exit(130)
     text, table = findings(runs)
     write_bytes(experiment.output / "effects.csv", table.write_csv().encode())

@@ -1,5 +1,5 @@
-"""`robustflow export`: a benchmark's corrupted frames as KITTI-FC was released; a run's rows, its results in the forms
-in which others publish them, or a submission."""
+"""`robustflow export`: write a benchmark's corrupted frames in the KITTI-FC layout, or a run's rows, results in
+standard formats, or a submission."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ def export(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Folder to write, KITTI-FC, submission or the format's name; of rows the file."
+            "--output",
+            "-o",
+            help="Output folder; by default KITTI-FC, submission or the name of the format. Output file for rows.",
         ),
     ] = None,
     format: Annotated[
@@ -51,8 +53,8 @@ def export(
         typer.Option(
             "--format",
             "-f",
-            help="Of a run: csv or parquet, its rows; card, croissant, every-eval-ever or huggingface, its results; "
-            "robustspring, its model's flows as that server wants them.",
+            help="Format for a run: csv or parquet (rows); card, croissant, every-eval-ever or huggingface (results); "
+            "robustspring (the model's flows, as a submission to that server).",
         ),
     ] = None,
     corruptions: Corruptions = None,
@@ -65,23 +67,23 @@ def export(
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="With robustspring, where the run does not know its model.")
+        str | None, typer.Option("--model", "-m", help="With robustspring: model, if the run does not record it.")
     ] = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
     precision: Precision = None,
     option: ModelOptions = None,
     hub_dataset: Annotated[
-        str | None, typer.Option("--hub-dataset", help="With huggingface, the benchmark's data set on the Hub.")
+        str | None, typer.Option("--hub-dataset", help="With huggingface: the benchmark's data set on the Hub.")
     ] = None,
 ) -> None:
     """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}; or a run's rows or results.
 
-    With --format robustspring the run's model predicts RobustSpring's own frames, which --data names (spring/test,
-    fog/test, ...), in the layout that its flow_robust_subsampling takes; results.csv says how far the flow moves.
-    What card, croissant, every-eval-ever and huggingface write follows from the run alone: 'robustflow verify RECORD
-    --exported FILE' compares it with the run's record. Frames and flows that are already complete stay as they are, so
-    a stopped export continues where it stopped.
+    With --format robustspring the run's model predicts the flow of RobustSpring's frames in --data (spring/test,
+    fog/test, ...). Flows are written in the layout that its flow_robust_subsampling expects, and results.csv contains
+    the change of the flow under corruption. The files of card, croissant, every-eval-ever and huggingface depend only
+    on the run: 'robustflow verify RECORD --exported FILE' compares them with the run's record. Existing complete frames
+    and flows are kept, so an interrupted export resumes where it stopped.
 
     \b
     Example:
@@ -116,7 +118,9 @@ def export(
     fresh = sum(step.fresh for step in shown)
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
     if severity_scale == "calibrated" and fewer:
-        typer.echo(f"not at every severity, because the calibrated scale lacks some: {', '.join(fewer)}", err=True)
+        typer.echo(
+            f"not at every severity, because the calibrated scale lacks some of them: {', '.join(fewer)}", err=True
+        )
     typer.echo(
         f"{output}: {len(chosen.keys)} pairs; clean and corrupted, {fresh} written and {total - fresh} already there"
     )
@@ -132,7 +136,7 @@ def _export_run(path: Path, format: str, output: Path | None, hub_dataset: str |
     if format not in (*ROWS_FORMATS, *EXCHANGE_FORMATS):
         raise unknown_name("format of a run", format, (*ROWS_FORMATS, *EXCHANGE_FORMATS, "robustspring"))
     if hub_dataset is not None and format != "huggingface":
-        raise UsageError("--hub-dataset is for --format huggingface; leave it out")
+        raise UsageError("--hub-dataset requires --format huggingface; leave it out")
     run = load_any_run(path)
     if format in ROWS_FORMATS:
         files = {output or Path(f"rows.{format}"): rows_bytes(run, format)}

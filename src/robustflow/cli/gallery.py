@@ -1,4 +1,4 @@
-"""`robustflow gallery`: every corruption of one pair, or of a clip, side by side."""
+"""`robustflow gallery`: show every corruption of a pair or clip side by side."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,13 +22,13 @@ def gallery(
         tuple[Path, Path] | None, typer.Option("--frames", "-f", help="Two frames; the motorcycle pair by default.")
     ] = None,
     clip: Annotated[
-        Path | None, typer.Option("--clip", help="A video, or a folder of frames: the page then plays it.")
+        Path | None, typer.Option("--clip", help="A video or a folder of frames, which the page plays.")
     ] = None,
     start: Annotated[
-        str | None, typer.Option("--start", help="Where in the clip to begin: a frame (120) or a time (12.5s, 1:05).")
+        str | None, typer.Option("--start", help="Start in the clip: a frame number (120) or a time (12.5s, 1:05).")
     ] = None,
-    stop: Annotated[str | None, typer.Option("--stop", help="Where to end (exclusive).")] = None,
-    length: Annotated[int | None, typer.Option("--length", help="Frames of the clip to show, 10 by default.")] = None,
+    stop: Annotated[str | None, typer.Option("--stop", help="End in the clip (exclusive).")] = None,
+    length: Annotated[int | None, typer.Option("--length", help="Number of frames to show; 10 by default.")] = None,
     severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
     attacks: Attacks = None,
@@ -42,16 +42,19 @@ def gallery(
         typer.Option("--model", "-m", help="Also draw strip.webp: this model's flow and error under each corruption."),
     ] = None,
     still: Annotated[
-        bool, typer.Option("--still", help="With --model: pair the first frame with itself; errors are phantom motion.")
+        bool,
+        typer.Option(
+            "--still", help="With --model: pair the first frame with itself, so that errors are phantom motion."
+        ),
     ] = False,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("gallery"),
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    For a clip, the page shows frames from --start, or from its middle, to play or to step through, including H.264
-    compression and bit errors, for which two frames are not enough.
+    For a clip, the page plays or steps through frames from --start, or from the middle. It includes H.264 compression
+    and bit errors, which need more than two frames.
 
-    With --attacks and a model, attacks.webp: the attacked frame, what was added to it, and the flow before and after.
+    With --attacks and a model, attacks.webp shows the attacked frame, the perturbation, and the flow before and after.
 
     \b
     Examples:
@@ -71,10 +74,10 @@ def gallery(
     if clip is not None and model is not None:
         raise UsageError("--model draws the flow of two frames; leave out --clip, or use `robustflow predict`")
     if attacks is not None and model is None:
-        raise UsageError("--attacks are made on a model: name it with --model")
+        raise UsageError("--attacks needs a model: give it with --model")
     if still and (model is None or attacks is not None):
         raise UsageError(
-            "--still shows what a model sees move under corruptions: name it with --model, without --attacks"
+            "--still shows a model's phantom motion under corruptions: give --model, and leave out --attacks"
         )
     check_severity(severity)
     use_psf_dir(psf_dir)
@@ -113,7 +116,7 @@ def _of_pair(
 
     sample, what = _sample_of(frames)
     if still:
-        sample, what = still_scene(sample, 0), f"a frame of {what}"
+        sample, what = still_scene(sample, 0), f"a frame from {what}"
     key, pair = sample.key, sample.frames
     classes = DEMO_CLASSES if frames is None else {}
     scene = _depth_of(frames, sample, wanted or [], depth, focal)
@@ -130,7 +133,7 @@ def _of_pair(
 
 
 def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
-    """The pair, and what it is called."""
+    """Return the pair and its name."""
     from ..datasets import load_dataset
     from ..images.io import read_image
     from ..sample import Sample
@@ -144,7 +147,7 @@ def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
 def _depth_of(
     frames: tuple[Path, Path] | None, sample: "Sample", corruptions: list[str], depth: Path | None, focal: float | None
 ) -> "SceneDepth | None":
-    """The depth of the pair, if a corruption needs it."""
+    """Return the depth of the pair if a corruption needs it."""
     from ..benchmarks import Benchmark
     from ..datasets import load_dataset
     from ..datasets.own_depth import OwnDepth
@@ -197,7 +200,7 @@ def _write_strip(
 
     loaded = load_model(model)
     if not isinstance(loaded, FlowModel):
-        raise UsageError(f"model '{model}' does not predict from two frames; the strip needs a model that does")
+        raise UsageError(f"model '{model}' does not predict from two frames, which the strip requires")
     chosen = [load_corruption(name, scale=scale, classes=classes) for name in corruptions]
     columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key, depth)
     write_bytes(output / "strip.webp", draw_strip(sample, columns, model))

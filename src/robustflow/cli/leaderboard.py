@@ -1,4 +1,4 @@
-"""`robustflow leaderboard`: all results as a page for the web."""
+"""`robustflow leaderboard`: publish all results as a web page."""
 
 from __future__ import annotations
 
@@ -13,20 +13,18 @@ def leaderboard(
         list[Path] | None,
         typer.Argument(metavar="[SOURCE...]", help="Folders or records of runs, and results files (CSV, JSON)."),
     ] = None,
-    published: Annotated[
-        bool, typer.Option("--published/--no-published", help="The paper's results beside them.")
-    ] = True,
+    published: Annotated[bool, typer.Option("--published/--no-published", help="Include the paper's results.")] = True,
     only_own: Annotated[
-        bool, typer.Option("--only-own", help="Figures, observations and audit only of the sources.")
+        bool, typer.Option("--only-own", help="Limit figures, observations and audit to the sources.")
     ] = False,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder to write; leaderboard by default.")
+        Path | None, typer.Option("--output", "-o", help="Output folder; 'leaderboard' by default.")
     ] = None,
     add: Annotated[
         list[Path] | None,
         typer.Option(
             "--add",
-            help="A record, or a run's folder, to verify and copy into the one SOURCE, a folder of records. "
+            help="Record or run folder to verify and add to the folder of records given as the only SOURCE. "
             "Repeatable.",
         ),
     ] = None,
@@ -35,18 +33,18 @@ def leaderboard(
         typer.Option("--supersede", help="With --add: remove earlier records of the same model on the same benchmark."),
     ] = False,
 ) -> None:
-    """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
+    """Build a leaderboard: a self-contained index.html, and results.csv.
 
-    Without a source it shows the paper's results. Results measured on other frames form separate groups and
-    are not ranked against each other. A page of more than 24 runs leaves out the example pictures, which are a third of
-    its size (robustflow gallery draws them). What is computed from a run is kept in its folder for the next time.
+    Without a source, the leaderboard shows the paper's results. Results measured on different frames form separate
+    groups and are not ranked against each other. Pages with more than 24 runs omit the example pictures, which make up
+    a third of the file size (robustflow gallery draws them). Values computed from a run are cached in its folder.
 
     Results files are CSV, or JSON as the paper's reference code (results.json) and FlowBench (metrics_DATASET.json)
-    write it: means without rows, which form separate groups and say that nothing in them can be verified.
+    write it. They contain means without rows, so they form separate groups that are labelled as not verifiable.
 
-    With --add the source is a folder that several people add records to: each is verified and copied into its records/
-    (of a run's folder the record is made first), and the page in it is built again from all that are there. A folder of
-    records may be a source without --add too.
+    With --add the source is a folder that several people add records to. Each record is verified and copied into its
+    records/ (a run's folder is packed first), and the page is rebuilt from all records. Without --add, a folder of
+    records can be a source, too.
 
     \b
     Examples:
@@ -72,7 +70,7 @@ def leaderboard(
     if add:
         if len(sources or []) != 1 or output not in (None, *(sources or [])):
             raise UsageError(
-                "--add takes one folder of records, which the page is written to: leaderboard site --add FILE"
+                "--add needs one folder of records, where the page is written: leaderboard site --add FILE"
             )
         output = (sources or [])[0]
         added = add_records(output, add, supersede)
@@ -80,13 +78,13 @@ def leaderboard(
             then = "removed" if supersede else "is an earlier record of the same model; --supersede removes it"
             typer.echo(f"{earlier}: {then}", err=True)
     elif supersede:
-        raise UsageError("--supersede is for --add, which it removes earlier records for; leave it out")
+        raise UsageError("--supersede requires --add; leave it out")
     sources = [path for source in sources or [] for path in (collected(source) if is_collection(source) else [source])]
     output = output or Path("leaderboard")
     if not sources and not published:
-        raise UsageError("nothing to show: name a run's folder or a results file, or leave out --no-published")
+        raise UsageError("nothing to show: give a run's folder or a results file, or leave out --no-published")
     if only_own and not sources:
-        raise UsageError("--only-own needs a source: name a run's folder or a results file")
+        raise UsageError("--only-own needs a source: give a run's folder or a results file")
     files = [path for path in sources if path.suffix.lower() == ".csv"]
     imported = [path for path in sources if path.suffix.lower() == ".json"]
     runs = [load_any_run(path) for path in sources if path not in (*files, *imported)]

@@ -1,4 +1,4 @@
-"""`robustflow list`: the available models, corruptions, benchmarks, data sets and recipes."""
+"""`robustflow list`: list available models, corruptions, attacks, benchmarks, data sets and recipes."""
 
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
@@ -17,7 +17,7 @@ _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
 }
-"""Models that can hold any method: what they are read from, and the extra they need, named like the module it
+"""Generic models that can contain any method: their source, and the extra they need, named after the module that it
 installs."""
 
 
@@ -25,14 +25,13 @@ def list_things(
     kind: Annotated[
         str,
         typer.Argument(
-            autocompletion=complete.kinds, help="models, corruptions, benchmarks, datasets or recipes; all by default."
+            autocompletion=complete.kinds,
+            help="models, corruptions, attacks, benchmarks, datasets or recipes; all by default.",
         ),
     ] = "all",
     search: Annotated[
         str,
-        typer.Argument(
-            help="with models: a part of a name; lists every published checkpoint of the models that have it."
-        ),
+        typer.Argument(help="With models: part of a name; lists every published checkpoint of matching models."),
     ] = "",
 ) -> None:
     """List models, corruptions, attacks, benchmarks, datasets or training recipes.
@@ -45,7 +44,7 @@ def list_things(
     from rich.console import Console
 
     if search and kind != "models":
-        raise UsageError(f"'{search}': only models are searched; write list models {search}")
+        raise UsageError(f"'{search}': only models can be searched; use list models {search}")
 
     if kind != "all" and kind not in KINDS:
         raise unknown_name("kind", kind, (*KINDS, "all"))
@@ -102,21 +101,21 @@ def _models() -> list[str]:
     return [
         *_aligned(lines),
         f"{len(others)} more of ptlflow: {', '.join(others)}.",
-        "'robustflow list models NAME' has what the checkpoints of a model saw, and the evidence.",
-        "Some of those need more than ptlflow installs: "
+        "'robustflow list models NAME' shows the training data of a model's checkpoints, and the evidence.",
+        "Some of them need packages that ptlflow does not install: "
         + "; ".join(f"{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
-        "OOD: trained on nothing of KITTI; ID: on KITTI, but on none of the evaluated pairs; LEAKED: on evaluated "
-        "pairs; UNKNOWN: not documented, or declared by nobody (--trained-on C+T).",
+        "OOD: not trained on KITTI; ID: trained on KITTI, but not on evaluated pairs; LEAKED: trained on evaluated "
+        "pairs; UNKNOWN: not documented (declare with --trained-on C+T).",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
-        "Hardly any of the published weights state a licence.",
+        "Few of the published weights state a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",
     ]
 
 
 def _published(search: str) -> list[str]:
-    """The published checkpoints of models with `search` in their name, and what each has seen."""
+    """Print the published checkpoints of models with `search` in their name, with their training data."""
     from ..benchmarks.setting import setting_of
     from ..models import MODELS
     from ..models.catalog import checkpoints, entries_of, methods
@@ -136,7 +135,7 @@ def _published(search: str) -> list[str]:
             training = training_of_entry(entry)
             settings = ", ".join(f"{setting_of(training, one)} on {one}" for one in ("kitti-fc", "sintel", "gopro-fc"))
             lines.append(f"{name} {entry.checkpoint}: {settings}; trained on {entry.trained_on.replace('+', ', ')}")
-            lines.append(f"    confidence {entry.confidence}: {entry.note or 'as the authors state it'}")
+            lines.append(f"    confidence {entry.confidence}: {entry.note or 'as stated by the authors'}")
     return lines
 
 
@@ -165,7 +164,10 @@ def _attacks() -> list[str]:
         one = load_attack(name)
         budgets = ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES)
         lines.append(f"{name:14s} {one.norm:5s} {one.needs:10s} {budgets}")
-    return [*lines, "Budgets of severities 1 to 5 in grey levels of 255, of area in % of the pixels; docs: attacks."]
+    return [
+        *lines,
+        "Budgets of severities 1 to 5 in grey levels (0 to 255), or in % of the pixels for areas; docs: attacks.",
+    ]
 
 
 def _benchmarks() -> list[str]:
@@ -178,7 +180,7 @@ def _benchmarks() -> list[str]:
         truth = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE (no ground truth)"
         lines += [f"{name}: {facts.description}", f"    metrics: {truth}"]
         lines += [f"    --data: {facts.data}"] if facts.data else []
-    return [*lines, "DATASET: any other data set by its name, under every image-pair corruption."]
+    return [*lines, "DATASET: any other data set, by name, under every image-pair corruption."]
 
 
 def _datasets() -> list[str]:
@@ -213,7 +215,7 @@ def _recipes() -> list[str]:
                 f"    {stage:12s} {recipe.updates:7d} updates of {recipe.pairs} pairs at {crop:8s} rate "
                 f"{recipe.learning_rate:g}, begins with {recipe.start}, on {recipe.mix}"
             )
-    return [*lines, "'robustflow train METHOD --recipe STAGE --plan' shows a recipe in full, and which data it needs."]
+    return [*lines, "'robustflow train METHOD --recipe STAGE --plan' shows a full recipe and the data that it needs."]
 
 
 _LISTERS = {

@@ -1,4 +1,4 @@
-"""The command `robustflow`: its subcommands, and how errors are printed."""
+"""The `robustflow` command: subcommands and error output."""
 
 import os
 import sys
@@ -53,14 +53,14 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     "Make": {"corrupt": corrupt, "export": export, "calibrate": calibrate, "prepare": prepare, "optics": optics},
     "More": {"app": local_app, "list": list_things, "check": check},
 }
-"""Commands under the headings of `--help`; groups of commands follow the others of a heading, as Typer lists them."""
+"""Commands by heading in `--help`. Command groups follow the other commands of a heading, in Typer's order."""
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """The whole command line; with `arguments`, the options of the commands they do not name are left out.
+    """Build the command line; with `arguments`, only the commands that they name get options.
 
-    Typer evaluates the annotations of every option of every command on every start, a quarter of the time of `--help`.
-    A command that is only listed needs only its description.
+    Typer evaluates the annotations of every option on every start, which takes a quarter of the time of `--help`.
+    Commands that are only listed need only their description.
     """
     app = typer.Typer(
         name="robustflow",
@@ -85,7 +85,7 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
 
 def _listed(description: str | None) -> Callable[[], None]:
     def command() -> None:
-        raise AssertionError("a command that was only listed has been called")
+        raise AssertionError("a command registered only for listing was called")
 
     command.__doc__ = description
     return command
@@ -108,13 +108,14 @@ app = command_line()
 
 
 def main() -> None:
-    """Run the command line; a known error becomes one line on stderr and its exit code, a warning becomes one line."""
+    """Run the command line. A known error is printed as one line on stderr and sets the exit code; a warning is one
+    line."""
     warnings.formatwarning = plain_warning
     ignore_local_settings()
-    os.environ[SAFE_PATH] = "1"  # for every process that a library starts
+    os.environ[SAFE_PATH] = "1"  # inherited by every process that a library starts
     debug = "--debug" in sys.argv[1:]
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
-    # The shell asks for completions through the environment, of any command.
+    # shells request completions for any command through the environment
     completing = "_ROBUSTFLOW_COMPLETE" in os.environ
     try:
         command_line(None if completing else arguments)(arguments)
@@ -125,5 +126,5 @@ def main() -> None:
 
         print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:  # outside of a command
+    except KeyboardInterrupt:  # raised outside a command
         sys.exit(130)
