@@ -118,7 +118,7 @@ def test_show_says_what_speaks_against_a_model(robustflow, tmp_path):
     rf.evaluate(_Named(), "demo", output=tmp_path / "zero", corruptions=["contrast"], severities=[1], examples=False)
     code, out, _ = robustflow("show", tmp_path / "zero")
     assert code == 0
-    (line,) = (line for line in out.splitlines() if line.startswith("This says nothing about robustness: "))
+    (line,) = (line for line in out.splitlines() if line.startswith("Not a measure of robustness: "))
     assert "is at least half of the 34.34 px of zero flow" in line
     assert "its flow hardly depends on the frames" in line
 
@@ -284,7 +284,7 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, monkey
         raise DataError(f"cannot write {path}: Read-only file system; choose a folder that exists and has room")
 
     monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
-    with pytest.warns(UserWarning, match="are left as they are: cannot write run/summary.json: Read-only file system"):
+    with pytest.warns(UserWarning, match="were not updated: cannot write run/summary.json: Read-only file system"):
         code, out, _ = robustflow("show", "run")
     assert code == 0
     assert "clean EPE" in out

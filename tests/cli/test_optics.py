@@ -79,4 +79,4 @@ def test_the_main_command_mounts_it(monkeypatch, capsys):
 @pytest.mark.parametrize("command", ["show", "render"])
 def test_no_severity_is_one_sentence(robustflow, command):
     code, _, err = robustflow("optics", command, "--severities", "")
-    assert (code, err) == (2, "robustflow: --severities names none; give some of 1 to 5, separated by commas\n")
+    assert (code, err) == (2, "robustflow: --severities is empty; give one or more of 1 to 5, separated by commas\n")

@@ -43,7 +43,7 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
     ("options", "words"),
     [
         (["--engine", "rey"], "unknown engine 'rey': did you mean 'ray'?"),
-        (["--address", "auto"], "--address is for the ray engine"),
+        (["--address", "auto"], "--address requires --engine ray"),
         (["--engine", "ray", "--workers", "0"], "0 workers are not possible"),
     ],
 )

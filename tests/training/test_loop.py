@@ -212,7 +212,7 @@ def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, cha
     os.killpg(process.pid, sent)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130, said
-    assert "Give the same command with --resume to continue" in said
+    assert "Run the same command with --resume to continue" in said
     assert "Traceback" not in said
     assert (tmp_path / "out" / "last.pth").exists()
 

@@ -1,4 +1,4 @@
-"""`robustflow optics`: design the lenses of psf_blur, draw them, render their PSFs again."""
+"""`robustflow optics`: design the lenses of psf_blur, draw them, and render their PSFs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,12 +20,12 @@ _Severities = Annotated[str, typer.Option("--severity", "--severities", "-s", he
 def design(
     severity: _Severity,
     seed: Annotated[
-        int | None, typer.Option("--seed", help="Any integer; the seed of the shipped lens by default.")
+        int | None, typer.Option("--seed", help="Integer random seed; the seed of the shipped lens by default.")
     ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the prescription.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write the prescription to.")] = None,
     ship: Annotated[bool, typer.Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
 ) -> None:
-    """Search for the lens of a severity (minutes); the same severity and seed give the same lens.
+    """Search for the lens of a severity (takes minutes); deterministic for a given severity and seed.
 
     \b
     Examples:
@@ -48,7 +48,7 @@ def design(
         typer.echo("written into the package")
     elif chosen == SHIPPED_SEEDS[severity - 1]:
         same = lens_digest(lens) == manifest()[f"lens_s{severity}"]
-        typer.echo("the shipped lens, digit for digit" if same else "differs from the shipped lens")
+        typer.echo("identical to the shipped lens" if same else "differs from the shipped lens")
     if output is not None:
         write_lens(lens, output)
         typer.echo(str(output))
@@ -57,11 +57,13 @@ def design(
 @app.command()
 def show(
     severity: _Severities = "1,2,3,4,5",
-    lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
+    lens: Annotated[
+        Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
+    ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("optics"),
 ) -> None:
-    """Draw each lens with its rays, spots, modulation and PSFs; all PSFs on one sheet; and their profile next to the
-    reference's.
+    """Draw each lens with rays, spots, modulation and PSFs, all PSFs on one sheet, and their profiles next to the
+    reference.
 
     \b
     Examples:
@@ -94,12 +96,14 @@ def show(
 @app.command()
 def render(
     severity: _Severities = "1,2,3,4,5",
-    lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
+    lens: Annotated[
+        Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: the .npy file to write.")] = None,
 ) -> None:
-    """Trace the PSFs of the shipped lenses again and check that they equal the shipped ones bit for bit.
+    """Render the PSFs of the shipped lenses and check that they equal the shipped PSFs bit for bit.
 
-    With --lens, render a prescription of your own to a .npy of shape (64, 3, 61, 61), float32.
+    With --lens, render your own prescription to a .npy file of shape (64, 3, 61, 61), float32.
 
     \b
     Examples:
@@ -118,7 +122,7 @@ def render(
     from ..psf.shipped import half_digest, halved, manifest
 
     if (lens is None) != (output is None):
-        raise UsageError("--lens and --output go together: give the prescription and the file for its PSFs")
+        raise UsageError("give --lens and --output together: the prescription, and the file for its PSFs")
     if lens is not None and output is not None:
         buffer = io.BytesIO()
         np.save(buffer, render_psfs(read_lens(lens)).stack, allow_pickle=False)
@@ -142,5 +146,5 @@ def _levels(severities: str) -> list[int]:
 
     levels = [check_severity(level) for level in numbers(severities) or []]
     if not levels:
-        raise UsageError("--severities names none; give some of 1 to 5, separated by commas")
+        raise UsageError("--severities is empty; give one or more of 1 to 5, separated by commas")
     return levels

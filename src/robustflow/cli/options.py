@@ -1,4 +1,4 @@
-"""Options that several commands share, and how their text is parsed."""
+"""Options shared by several commands, and parsers for their values."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from ..errors import UsageError
 from . import complete
 
 WHAT, DATA, HOW, OUTPUT = "What to measure", "On what", "How", "Output"
-"""Headings of options in `--help`; the most common options have none and come first."""
+"""Headings of options in `--help`; the most common options have no heading and come first."""
 
 _MODEL = typer.Option(
     "--model",
@@ -21,14 +21,14 @@ _MODEL = typer.Option(
 )
 ModelName = Annotated[str, _MODEL]
 ModelNames = Annotated[list[str], _MODEL]
-"""Repeatable; the models run one after the other."""
+"""Repeatable; models run one after another."""
 ModelOptions = Annotated[
     list[str] | None,
     typer.Option(
         "--option",
         "-O",
         metavar="KEY=VALUE",
-        help="An option of the model, e.g. preset=fast. Repeatable.",
+        help="Model option, e.g. preset=fast. Repeatable.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -56,14 +56,14 @@ DataOptions = Annotated[
         "--data-option",
         "-D",
         metavar="KEY=VALUE",
-        help="An option of the data set: render_pass=final. Repeatable.",
+        help="Data set option, e.g. render_pass=final. Repeatable.",
         rich_help_panel=DATA,
     ),
 ]
 Split = Annotated[
     Path | None,
     typer.Option(
-        help="A file that names the pairs to use, one per line; or drive-disjoint (KITTI 2015).",
+        help="File with the names of the pairs to use, one per line; or drive-disjoint (KITTI 2015).",
         rich_help_panel=DATA,
     ),
 ]
@@ -72,8 +72,8 @@ Depth = Annotated[
     typer.Option(
         "--depth",
         metavar="DIR",
-        help="Your own depth maps for corruptions in three dimensions: named like the frames, .png (16 bits, mm), .npy "
-        "or .pfm (metres).",
+        help="Folder of depth maps for 3D corruptions: named like the frames, .png (16 bits, mm), .npy or .pfm "
+        "(metres).",
         rich_help_panel=DATA,
     ),
 ]
@@ -91,7 +91,7 @@ OwnCorruptions = Annotated[
     typer.Option(
         "--own-corruption",
         metavar="MODULE:ATTRIBUTE",
-        help="Your own corruption that the run used; nothing is imported merely because a run names it.",
+        help="Your own corruption that the run used. It must be given because names in a run are never imported.",
     ),
 ]
 OwnAttacks = Annotated[
@@ -99,8 +99,8 @@ OwnAttacks = Annotated[
     typer.Option(
         "--own-attack",
         metavar="MODULE:ATTRIBUTE",
-        help="Your own attack that the run used, or the name of one that is made with a file or a model of your own; "
-        "nothing is loaded merely because a run names it.",
+        help="Your own attack that the run used, or an attack made with your own file or model. It must be given "
+        "because names in a run are never loaded.",
     ),
 ]
 Corruptions = Annotated[
@@ -110,7 +110,7 @@ Corruptions = Annotated[
         "--corruption",
         "-c",
         autocompletion=complete.corruptions,
-        help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own; all by default.",
+        help="Comma-separated names, stacks (fog+snow), or your own module.path:Attribute; all by default.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -120,8 +120,8 @@ Attacks = Annotated[
         "--attacks",
         "--attack",
         help="Comma-separated adversarial attacks on the model (robustflow list attacks), with options after colons "
-        "(pgd:steps=40:loss=cosine, transfer:tiny, worst_of:apgd+square); with random noise of their norms; alone, "
-        "unless --corruptions names some.",
+        "(pgd:steps=40:loss=cosine, transfer:tiny, worst_of:apgd+square). Random noise of the same norms is added; "
+        "corruptions run only if --corruptions is given.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -131,7 +131,7 @@ Benchmark = Annotated[
         "--benchmark",
         "-b",
         autocompletion=complete.benchmarks,
-        help="demo, kitti-fc, gopro-fc, any data set (folder, sintel, ...), or module.path:Attribute of your own.",
+        help="demo, kitti-fc, gopro-fc, any data set (folder, sintel, ...), or your own module.path:Attribute.",
     ),
 ]
 Severities = Annotated[
@@ -143,21 +143,21 @@ Severities = Annotated[
 Limit = Annotated[
     int | None,
     typer.Option(
-        help="Use only N pairs, spread evenly over the data.",
+        help="Use only N pairs, evenly spaced in the data set.",
         rich_help_panel=DATA,
     ),
 ]
 Seed = Annotated[
     int,
     typer.Option(
-        help="Seed of every random draw; the same seed gives the same bytes anywhere.",
+        help="Random seed; the same seed gives the same bytes on every machine.",
         rich_help_panel=WHAT,
     ),
 ]
 Variant = Annotated[
     str,
     typer.Option(
-        help="Variant of the corruptions: default, reference, reference-bgr or paper; of attacks also flowbench or "
+        help="Variant of the corruptions: default, reference, reference-bgr or paper; for attacks also flowbench or "
         "original.",
         rich_help_panel=WHAT,
     ),
@@ -166,7 +166,7 @@ CommonDraws = Annotated[
     bool,
     typer.Option(
         "--common-draws",
-        help="Use one random draw for all five severities of a pair, instead of one each.",
+        help="Use one random draw for all five severities of a pair instead of one per severity.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -198,10 +198,10 @@ OutputFile = Annotated[Path | None, typer.Option("--output", "-o", help="File to
 
 
 def use_own_corruptions(targets: list[str] | None) -> None:
-    """Import the user's own corruptions, so that runs with them can be recomputed.
+    """Import user-defined corruptions, so that runs with them can be recomputed.
 
     Raises:
-        UsageError: one cannot be imported, or is not a corruption.
+        UsageError: an attribute cannot be imported, or is not a corruption.
     """
     from ..corruptions.api import corruption_name
 
@@ -210,10 +210,10 @@ def use_own_corruptions(targets: list[str] | None) -> None:
 
 
 def use_own_attacks(targets: list[str] | None) -> frozenset[str]:
-    """Import the user's own attacks, so that they can be made again, and return the names by which runs have them.
+    """Import user-defined attacks, so that they can be repeated, and return their names in runs.
 
     Raises:
-        UsageError: one cannot be imported, or is not an attack.
+        UsageError: an attribute cannot be imported, or is not an attack.
     """
     from ..attacks import load_attack
     from ..attacks.own import with_target_registered
@@ -222,21 +222,21 @@ def use_own_attacks(targets: list[str] | None) -> frozenset[str]:
 
 
 def use_psf_dir(folder: Path | None) -> None:
-    """Make psf_blur read its PSFs from `folder`, here and in worker processes, which inherit the environment.
+    """Make psf_blur read its PSFs from `folder` in this process and in workers, which inherit the environment.
 
     Raises:
-        UsageError: no such folder.
+        UsageError: the folder does not exist.
     """
     from ..corruptions.blur.psf_blur import PSF_DIR
 
     if folder is not None:
         if not folder.is_dir():
-            raise UsageError(f"--psf-dir {folder}: no such folder; name the one that holds the five .pth stacks")
+            raise UsageError(f"--psf-dir {folder}: no such folder; give the folder that contains the five .pth stacks")
         os.environ[PSF_DIR] = str(folder.absolute())
 
 
 def data_options(pairs: list[str] | None, depth: Path | None = None, focal: float | None = None) -> dict[str, Any]:
-    """The options of a data set: `KEY=VALUE` texts, and the user's depth maps.
+    """Combine `KEY=VALUE` texts and the user's depth maps into the options of a data set.
 
     Raises:
         UsageError: as for `keyword_options`.
@@ -249,7 +249,7 @@ def data_options(pairs: list[str] | None, depth: Path | None = None, focal: floa
 
 
 def names(text: str | None) -> list[str] | None:
-    """A comma-separated list.
+    """Split a comma-separated list.
 
     >>> names("fog, frost")
     ['fog', 'frost']
@@ -258,28 +258,29 @@ def names(text: str | None) -> list[str] | None:
 
 
 def attack_names(text: str | None) -> list[str] | None:
-    """A comma-separated list of attacks, of which there has to be one: without attacks a run makes every corruption.
+    """Split a comma-separated list of attacks, which must not be empty: without attacks, a run applies every
+    corruption.
 
     Raises:
-        UsageError: an empty list.
+        UsageError: the list is empty.
 
     >>> attack_names("pgd, square")
     ['pgd', 'square']
     >>> attack_names(",")
     Traceback (most recent call last):
-    robustflow.errors.UsageError: --attacks names no attack; choose from `robustflow list attacks`, or leave it out
+    robustflow.errors.UsageError: --attacks is empty; choose from `robustflow list attacks`, or leave it out
     """
     parts = names(text)
     if parts == []:
-        raise UsageError("--attacks names no attack; choose from `robustflow list attacks`, or leave it out")
+        raise UsageError("--attacks is empty; choose from `robustflow list attacks`, or leave it out")
     return parts
 
 
 def numbers(text: str | None) -> list[int] | None:
-    """A comma-separated list of severities, as whole numbers.
+    """Parse a comma-separated list of severities as integers.
 
     Raises:
-        UsageError: something else in it.
+        UsageError: an item is not an integer from 1 to 5.
 
     >>> numbers("1, 3")
     [1, 3]
@@ -292,10 +293,10 @@ def numbers(text: str | None) -> list[int] | None:
 
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
-    """`KEY=VALUE` texts as options; numbers and true/false are converted, except in a hash.
+    """Parse `KEY=VALUE` texts as options; numbers and true/false are converted, except for hashes.
 
     Raises:
-        UsageError: a text without a key or an equals sign.
+        UsageError: a text has no key or no equals sign.
 
     >>> keyword_options(["preset=fast", "winsize=21"])
     (('preset', 'fast'), ('winsize', 21))
@@ -313,10 +314,10 @@ def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
 
 
 def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[str, Any], ...]:
-    """The options of a model: `KEY=VALUE` texts, and those that have their own command-line option.
+    """Combine `KEY=VALUE` texts and dedicated command-line options into the options of a model.
 
     Raises:
-        UsageError: as for `keyword_options`, or an option given in both ways.
+        UsageError: as for `keyword_options`, or an option is given both ways.
 
     >>> model_options(["iterations=24"], checkpoint="things", device=None)
     (('iterations', 24), ('checkpoint', 'things'))

@@ -1,4 +1,4 @@
-"""`robustflow pack`: a run as one file, to be sent and checked elsewhere."""
+"""`robustflow pack`: pack a run into one file that can be shared and verified."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,16 +10,16 @@ def pack(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The file, NAME.robustflow; by default with the folder's name."),
+        typer.Option("--output", "-o", help="Output file, NAME.robustflow; named after the folder by default."),
     ] = None,
-    author: Annotated[str, typer.Option(help="Who submits the record.")] = "",
-    link: Annotated[str, typer.Option(help="Where to read more: https://...")] = "",
-    description: Annotated[str, typer.Option(help="A sentence or two, plain text.")] = "",
+    author: Annotated[str, typer.Option(help="Submitter of the record.")] = "",
+    link: Annotated[str, typer.Option(help="URL with more information: https://...")] = "",
+    description: Annotated[str, typer.Option(help="Description in one or two sentences, plain text.")] = "",
     partial: Annotated[
         bool, typer.Option("--partial", help="Pack an unfinished run; the record is marked as such.")
     ] = False,
     keep_paths: Annotated[
-        bool, typer.Option("--keep-paths", help="Pack texts even if they contain paths of this machine.")
+        bool, typer.Option("--keep-paths", help="Allow texts that contain paths on this machine.")
     ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an existing file that is not a record of this run.")
@@ -27,8 +27,8 @@ def pack(
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
 
-    It holds what ran, the rows and the means, but no image, command line, path or name of this machine. The same run
-    always gives the same bytes.
+    The record contains the manifest, rows and means of the run, but no images, command lines, paths or machine names.
+    Packing is deterministic.
 
     \b
     Examples:

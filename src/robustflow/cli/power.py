@@ -1,4 +1,4 @@
-"""`robustflow power`: how many pairs does a comparison need?"""
+"""`robustflow power`: estimate how many pairs a comparison needs."""
 
 from typing import Annotated
 
@@ -9,17 +9,17 @@ from .options import ComparedRuns, Format, OutputFile
 
 def power(
     runs: ComparedRuns,
-    effect: Annotated[float, typer.Option("--effect", help="The difference that has to be found, in pixels.")] = 0.1,
-    power: Annotated[float, typer.Option("--power", help="The probability of finding it.")] = 0.8,
-    level: Annotated[float, typer.Option(help="1 minus the significance of the test.")] = 0.95,
+    effect: Annotated[float, typer.Option("--effect", help="Difference to detect, in pixels.")] = 0.1,
+    power: Annotated[float, typer.Option("--power", help="Probability of detecting it.")] = 0.8,
+    level: Annotated[float, typer.Option(help="Confidence level of the test (1 minus the significance level).")] = 0.95,
     format: Format = "terminal",
     output: OutputFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON.")] = False,
 ) -> None:
-    """Say how many pairs detect a difference between models, from the variances of runs that exist.
+    """Estimate how many pairs are needed to detect a difference between models, from the variances of existing runs.
 
-    Where pairs come from drives or sequences, these are what counts: more frames of the same drive add little, so the
-    numbers of pairs are of pairs spread over as many drives as here.
+    If pairs come from drives or sequences, the number of drives matters most, because more frames of the same drive add
+    little information. The estimates assume that pairs are spread over drives as in these runs.
 
     \b
     Examples:

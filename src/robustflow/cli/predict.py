@@ -1,4 +1,4 @@
-"""`robustflow predict`: a model's flow for frames or a clip."""
+"""`robustflow predict`: predict the flow of frames or of a clip."""
 
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +19,7 @@ from .options import (
 
 def predict(
     frames: Annotated[
-        list[Path], typer.Argument(metavar="FRAMES...", help="Two or more pictures, a folder of them, or a video.")
+        list[Path], typer.Argument(metavar="FRAMES...", help="Two or more pictures, a folder of pictures, or a video.")
     ],
     model: ModelName = "dis",
     checkpoint: Checkpoint = None,
@@ -32,14 +32,14 @@ def predict(
         str, typer.Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
     ] = "flo",
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Write a picture in flow colours next to each flow.")
+        bool, typer.Option("--pictures/--no-pictures", help="Write a colour-coded picture next to each flow.")
     ] = True,
     radius: Annotated[
         float | None,
         typer.Option(
             "--max-flow",
             metavar="PX",
-            help="Flow length shown in full colour, in pixels; the 99th percentile by default.",
+            help="Flow magnitude shown in full colour, in pixels; the 99th percentile by default.",
         ),
     ] = None,
     video: Annotated[
@@ -62,9 +62,9 @@ def predict(
     from ..runner.predict import frames_of, predict_flows, write_pictures, write_video
 
     if radius is not None and not 0 < radius < float("inf"):
-        raise UsageError(f"--max-flow {radius}: a length in pixels above 0")
+        raise UsageError(f"--max-flow {radius}: give a magnitude in pixels above 0")
     if not 0 < fps <= 1000:
-        raise UsageError(f"--fps {fps}: above 0 and at most 1000")
+        raise UsageError(f"--fps {fps}: give a number above 0 and at most 1000")
     if video is not None and video.suffix.lower() != ".mp4":
         raise UsageError(f"--video {video}: the name must end in .mp4")
     if video is not None and video.exists() and not overwrite:

@@ -1,4 +1,4 @@
-"""`robustflow prepare`: make a benchmark's data from recordings, or the list of digests of a data set."""
+"""`robustflow prepare`: prepare a benchmark's data from recordings, or list the digests of a data set."""
 
 from fractions import Fraction
 from functools import partial
@@ -27,27 +27,29 @@ def _group() -> None:
 def gopro_fc(
     data: Annotated[
         Path,
-        typer.Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of those."),
+        typer.Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of these."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for masters and key frames.")],
     fps: Annotated[
-        str | None, typer.Option(help="Frames per second of the recording; 240 for GoPro, known for a video.")
+        str | None,
+        typer.Option(help="Frames per second of the recording; 240 for GoPro, read from the file for a video."),
     ] = None,
     factor: Annotated[int, typer.Option(help="Factor by which interpolation raises the frame rate; 1 for none.")] = 4,
     step: Annotated[
-        int | None, typer.Option(help="Master frames between key frames; 30 pairs per second by default.")
+        int | None,
+        typer.Option(help="Master frames from one key frame to the next; by default for 30 pairs per second."),
     ] = None,
     interpolator: Annotated[
         str | None, typer.Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
     ] = None,
     checkpoint: Annotated[Path | None, typer.Option(help="FLAVR's official 4x weights.")] = None,
     device: Annotated[str, typer.Option(help="Device for FLAVR: cpu, cuda, cuda:0.")] = "cpu",
-    preset: Annotated[str, typer.Option(help="x264 preset of the master: bit errors depend on it, pixels do not.")] = (
-        "veryslow"
-    ),
+    preset: Annotated[
+        str, typer.Option(help="x264 preset of the master video; affects bit errors, but not the decoded pixels.")
+    ] = ("veryslow"),
     workers: Annotated[
         int | None,
-        typer.Option(help="Clips prepared at once: 1 by default; with Ray as many as the cluster has room for."),
+        typer.Option(help="Clips prepared in parallel; 1 by default, with Ray as many as fit in the cluster."),
     ] = None,
     engine: Annotated[str, typer.Option(help="processes, or ray (one clip per node or processor).")] = "processes",
     address: Annotated[
@@ -56,10 +58,13 @@ def gopro_fc(
             help="Address of the Ray cluster: auto, host:port or ray://host:port; by default one on this machine."
         ),
     ] = None,
-    cache_gb: Annotated[float, typer.Option(help="Limit for the transcoded variants made during a run.")] = 20.0,
-    estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the disk space needed, and stop.")] = False,
+    cache_gb: Annotated[
+        float, typer.Option(help="Cache limit in GB for the transcoded variants made during a run.")
+    ] = 20.0,
+    estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the required disk space and exit.")] = False,
 ) -> None:
-    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If interrupted, the same command continues.
+    """Convert clips to 4x frame rate, a lossless master video, and pairs of key frames. If interrupted, run the same
+    command again to continue.
 
     \b
     Examples:
@@ -96,14 +101,13 @@ def gopro_fc(
 @prepare.command("digests")
 def digests(
     data: Annotated[Path, typer.Option("--data", "-d", help="Folder of the data set.")],
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Write the list again, if files were changed.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Rewrite the list after files have changed.")] = False,
 ) -> None:
-    """Write the digests of a data set's files into it, or compare them if that was done before.
+    """Write a list of the digests of a data set's files, or verify the files against an existing list.
 
-    The list, digests.b2sum, belongs in the folder and is copied with it: run compares every file that it reads with it,
-    since many formats (.flo, PPM, BMP) cannot tell a changed byte. b2sum --check digests.b2sum does the same.
+    The list, digests.b2sum, is stored in the folder and copied with it. 'robustflow run' verifies every file that it
+    reads, because many formats (.flo, PPM, BMP) cannot detect a changed byte. b2sum --check digests.b2sum does the
+    same.
 
     \b
     Example:
@@ -127,7 +131,7 @@ def digests(
         raise DataError(f"{folder}: no files in it; give the folder of the data set")
     if before is None:
         path = write_list(folder, found)
-        typer.echo(f"{path}: {counted(len(found), 'file')}; run compares the files that it reads with it")
+        typer.echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")
         return
     differing = [name for name, digest in before.items() if found.get(name) != digest]
     if differing:
@@ -146,7 +150,7 @@ def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAl
         raise unknown_name("engine", engine, ("processes", "ray"))
     if engine == "processes":
         if address is not None:
-            raise UsageError("--address is for the ray engine; give --engine ray with it, or leave it out")
+            raise UsageError("--address requires --engine ray; give both, or leave it out")
         return None
     if workers is not None and workers < 1:
         raise UsageError(f"{workers} workers are not possible: give 1 or more")

@@ -1,4 +1,4 @@
-"""`robustflow profile`: the cost of a model, and the paper's table next to ours."""
+"""`robustflow profile`: measure the cost of models, and compare it with the paper's table."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -20,28 +20,32 @@ def profile(
     models: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[MODEL...]", autocompletion=complete.models, help="Networks by name; none with --paper."
+            metavar="[MODEL...]", autocompletion=complete.models, help="Names of networks; none with --paper."
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="HEIGHTxWIDTH of the frames.")] = "432x720",
-    iterations: Annotated[int | None, typer.Option(help="Iterations, for models that iterate [12].")] = None,
+    size: Annotated[str, typer.Option(help="Frame size, HEIGHTxWIDTH.")] = "432x720",
+    iterations: Annotated[int | None, typer.Option(help="Number of iterations, for iterative models [12].")] = None,
     option: ModelOptions = None,
     device: Device = None,
     precision: Precision = None,
-    repeat: Annotated[int, typer.Option(help="Predictions to time; 0 for none.")] = 1,
+    repeat: Annotated[int, typer.Option(help="Number of timed predictions; 0 for no timing.")] = 1,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Store it in a run of this model, whose tables then show it."),
+        typer.Option("--into", metavar="RUN", help="Store the cost in a run of this model; its tables then show it."),
     ] = None,
     paper: Annotated[
         bool,
-        typer.Option("--paper", help="Print the paper's Tab. 3 next to ours. Runs CRAFT and GMFlowNet once: 8 GB."),
+        typer.Option(
+            "--paper",
+            help="Print the paper's Tab. 3 next to our measurements. Runs CRAFT and GMFlowNet "
+            "once, which needs 8 GB of memory.",
+        ),
     ] = False,
 ) -> None:
-    """Count the parameters and multiply-accumulates of models, and time a prediction of each.
+    """Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.
 
     The weights are random unless -O checkpoint=FILE is given, which does not change the cost. MACs are half of
-    PyTorch's FLOPs; "as thop" is what the paper's table reports, which omits matrix products.
+    PyTorch's FLOPs. "as thop" is the count in the paper's table, which omits matrix products.
 
     \b
     Examples:
@@ -55,7 +59,9 @@ def profile(
 
     require("torch", "profiling")
     if paper and into is not None:
-        raise UsageError("--paper profiles many models, --into stores the cost of one; leave out one of them")
+        raise UsageError(
+            "--paper profiles many models, but --into stores the cost of a single one; leave out either option"
+        )
     if paper and models:
         raise UsageError("--paper profiles the paper's models; leave out the model")
     if paper:
@@ -64,7 +70,7 @@ def profile(
     if not models:
         raise UsageError("name a model to profile, or give --paper")
     if len(models) > 1 and into is not None:
-        raise UsageError("--into stores the cost of one model; name one")
+        raise UsageError("--into stores the cost of a single model; give one model")
     options = model_options(option, device=device, precision=precision)
     costs = [(name, *_print_model(name, size, repeat, options, iterations, into)) for name in models]
     if len(costs) > 1:
@@ -159,11 +165,12 @@ def _print_paper() -> None:
             typer.echo(
                 _LINE.format(*head, *_cells(line.counts, costs[line.method].parameters_m, costs[line.method].flops_g))
             )
-    typer.echo("12 iterations. The paper cuts its numbers off; its FLOPs are thop's MACs.")
+    typer.echo("12 iterations. The paper truncates its numbers; its FLOPs are thop's MACs.")
     typer.echo(
-        "BrightFlow and SAMFlow: a flow after every iteration, as published; predicting the last alone saves 23.6 G."
+        "BrightFlow and SAMFlow predict a flow after every iteration, as published; predicting only the last saves "
+        "23.6 G."
     )
-    typer.echo("Their rest and SAMFlow-H's 236 G are explained, or not, in docs/design/profiling.md.")
+    typer.echo("See docs/design/profiling.md for their remaining differences and SAMFlow-H's 236 G.")
 
 
 def _cells(counts: "Counts", parameters_m: float, flops_g: float) -> tuple[str, ...]:

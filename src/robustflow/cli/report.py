@@ -1,4 +1,4 @@
-"""`robustflow report`: tables and figures of runs, next to the published results."""
+"""`robustflow report`: make tables and figures of runs, optionally with the published results."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +18,8 @@ def report(
         list[Path] | None,
         typer.Argument(
             metavar="RUN...",
-            help="Folders or records of runs, or folders that hold them; metrics_*.json of FlowBench for its attacks.",
+            help="Folders or records of runs, folders that contain them, or FlowBench's metrics_*.json for its "
+            "attacks.",
         ),
     ] = None,
     published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,
@@ -34,8 +35,7 @@ def report(
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
             "observations, attacks, security, corruptions-and-attacks, flat-and-depth; "
-            "or row, a line of LaTeX per run; by default all "
-            "that can be made.",
+            "or row, a line of LaTeX per run; by default all tables that can be made.",
         ),
     ] = None,
     format: Annotated[
@@ -45,10 +45,10 @@ def report(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the tables to, instead of printing them.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap behind the intervals.")] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed of the bootstrap for the intervals.")] = 0,
 ) -> None:
-    """Tables and figures of runs, with the paper's results alongside; `--format page` puts all of it into one HTML
-    file.
+    """Make tables and figures of runs, optionally with the paper's results; `--format page` writes everything into one
+    HTML file.
 
     \b
     Examples:
@@ -73,15 +73,15 @@ def report(
     if format != PAGE and not is_target(format) and format not in FORMATS.names():
         raise unknown_name("format", format, (*FORMATS.names(), PAGE))
     if not runs and not published:
-        raise UsageError("nothing to report: name a run's folder, or give --published")
+        raise UsageError("nothing to report: give a run's folder, or --published")
     if only_own and not runs:
-        raise UsageError("--only-own needs a run: name its folder or record")
+        raise UsageError("--only-own needs a run: give its folder or record")
     row_alone = names(table) == [ROW]
     if ROW in (names(table) or ()) and not (row_alone and format in ("terminal", "latex")):
-        raise UsageError(f"--table {ROW} is a line of LaTeX per run: leave out other tables and formats")
+        raise UsageError(f"--table {ROW} gives a line of LaTeX per run: leave out other tables and formats")
     stored = [path for path in runs or [] if path.suffix.lower() == ".json"]
     if stored and (format == PAGE or table is not None):
-        raise UsageError("files of FlowBench are a table of their attacks; leave out --table and --format page")
+        raise UsageError("files of FlowBench only have a table of their attacks; leave out --table and --format page")
     loaded = [load_any_run(run) for run in with_runs_inside([path for path in runs or [] if path not in stored])]
     if format == PAGE:
         text = _page(loaded, published, only_own, table)

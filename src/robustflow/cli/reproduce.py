@@ -1,4 +1,4 @@
-"""`robustflow reproduce`: a table or figure of the paper again, as far as there is data and there are weights."""
+"""`robustflow reproduce`: reproduce a table or figure of the paper as far as data and weights are available."""
 
 from __future__ import annotations
 
@@ -22,35 +22,42 @@ if TYPE_CHECKING:
 
 def reproduce(
     what: Annotated[
-        str | None, typer.Argument(metavar="[TABLE]", help="tab1 to tab8 or fig1 to fig9; lists them by default.")
+        str | None, typer.Argument(metavar="[TABLE]", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
     ] = None,
     data: Data = None,
     checkpoints: Annotated[
         list[Path] | None,
         typer.Option(
-            "--checkpoints", help="Folder of checkpoints: the catalogue's, or named as raft-ood.pth. Repeatable."
+            "--checkpoints",
+            help="Folder of checkpoints with the catalogue's file names, or names such as raft-ood.pth. Repeatable.",
         ),
     ] = None,
     models: Annotated[str | None, typer.Option("--models", help="Comma-separated; all by default.")] = None,
     random: Annotated[
-        bool, typer.Option("--random", help="Random weights where there are none: a trial without meaning.")
+        bool,
+        typer.Option(
+            "--random",
+            help="Use random weights for missing checkpoints; the results are meaningless and only test the setup.",
+        ),
     ] = False,
     limit: Limit = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of runs and results.")] = Path("reproduced"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for runs and results.")] = Path("reproduced"),
     device: Device = None,
-    workers: Annotated[int | None, typer.Option("--workers", "-w", help="Processes, as for run.")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", "-w", help="Number of processes, as for run.")] = None,
     batch_size: Annotated[int, typer.Option("--batch-size", help="As for run.")] = 1,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what can be run and what is missing, and stop.")
+        bool, typer.Option("--dry-run", help="Print what can be run and what is missing, and exit.")
     ] = False,
-    format: Annotated[str, typer.Option("--format", "-f", help="As for report, without page.")] = "terminal",
+    format: Annotated[
+        str, typer.Option("--format", "-f", help="Table format, as for report, except page.")
+    ] = "terminal",
 ) -> None:
-    """Measure a table or figure of the paper again, beside the published values.
+    """Reproduce a table or figure of the paper next to the published values.
 
-    Finds which of the paper's models can be run here, runs them or goes on with their runs, and prints what differs,
-    what is missing and how to get it. Without --data it shows what the paper printed.
+    Determines which of the paper's models can be run here, runs them or resumes their runs, and prints differences,
+    missing items and where to get them. Without --data it shows the paper's values.
 
     \b
     Examples:
@@ -76,7 +83,7 @@ def reproduce(
         return
     artefact = artefact_of(what)
     if not artefact.benchmark:
-        typer.echo(f"{artefact.name}: {artefact.title}. No models are compared in it. Instead: {artefact.instead}")
+        typer.echo(f"{artefact.name}: {artefact.title}. It does not compare models. Instead: {artefact.instead}")
         return
     variants = paper_variants(artefact.benchmark, names(models))
     choices = choose(variants, artefact.benchmark, weights_in(checkpoints or []), random=random)
@@ -114,7 +121,7 @@ def _measured(
     from ..reproduce.measure import measure_variants
     from ..runner.progress import TerminalProgress
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as with Ctrl-C
     progress, measured = TerminalProgress(), []
     try:
         with progress:
@@ -127,8 +134,8 @@ def _measured(
 
 
 def _show(artefact: Artefact, measured: list[Measured], output: Path, format: str) -> None:
-    """What was run beside the published values, then what was not; all of it as a file, and the figure where it is
-    one."""
+    """Print the new values next to the published ones, then what was not run. Write all of it to a file, and draw the
+    figure for a figure."""
     from ..atomic import write_bytes
     from ..reproduce.plan import Missing
     from ..reproduce.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
@@ -156,7 +163,7 @@ def _show(artefact: Artefact, measured: list[Measured], output: Path, format: st
 
 
 def _draw(artefact: Artefact, runs: list[Result], output: Path) -> list[Path]:
-    """The figure of the published values, and that of the runs."""
+    """Draw the figure of the published values and the figure of the runs."""
     from ..report.assemble import figures_of
     from ..report.figures import write_figures
 

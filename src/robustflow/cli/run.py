@@ -51,21 +51,23 @@ def run(
         typer.Option(
             "--output",
             "-o",
-            help="The run's folder, or for several runs the folder that holds theirs; in runs/ by default.",
+            help="Folder of the run, or parent folder for several runs; in runs/ by default.",
         ),
     ] = None,
     option: ModelOptions = None,
     trained_on: Annotated[
         str | None,
         typer.Option(
-            "--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).", rich_help_panel=WHAT
+            "--trained-on",
+            help="Training sets of the model, e.g. C+T (see robustflow list models).",
+            rich_help_panel=WHAT,
         ),
     ] = None,
     name: Annotated[
         str | None,
         typer.Option(
             "--name",
-            help="Name of the model in tables and figures.",
+            help="Display name of the model in tables and figures.",
             rich_help_panel=WHAT,
         ),
     ] = None,
@@ -81,8 +83,8 @@ def run(
         int,
         typer.Option(
             "--seeds",
-            help="Number of runs, with this seed and the following ones, a folder each; see compare. With --still one "
-            "run, with the standard deviation of the flow over the draws.",
+            help="Number of runs, with consecutive seeds and one folder each (see compare). With --still, a single "
+            "run with the standard deviation of the flow over the seeds.",
             rich_help_panel=WHAT,
         ),
     ] = 1,
@@ -93,7 +95,7 @@ def run(
         bool,
         typer.Option(
             "--still",
-            help="Pair every frame with itself, with a true flow of zero: errors are phantom motion.",
+            help="Pair every frame with itself; the true flow is zero, so errors are phantom motion.",
             rich_help_panel=WHAT,
         ),
     ] = False,
@@ -102,7 +104,8 @@ def run(
         str | None,
         typer.Option(
             "--subset",
-            help="quick: the fewest conditions that rank models nearly as all do (kitti-fc); its means are estimates.",
+            help="quick: a minimal set of conditions that ranks models almost like the full set (kitti-fc); its means "
+            "are estimates.",
             rich_help_panel=WHAT,
         ),
     ] = None,
@@ -112,9 +115,9 @@ def run(
         typer.Option(
             "--workers",
             "-w",
-            help="Processes; for a model on GPUs those that feed it. By default one per processor, at most 8, to feed "
-            "and for models that use one thread (dis, tiny, farneback); 1 for other models on the processor; with Ray "
-            "one per GPU or CPU of the cluster.",
+            help="Number of processes; for a model on GPUs, processes that load data. Default: one per CPU, at most "
+            "8, for data loading and for single-threaded models (dis, tiny, farneback); 1 for other models on the "
+            "CPU; with Ray, one per GPU or CPU of the cluster.",
             rich_help_panel=HOW,
         ),
     ] = None,
@@ -122,7 +125,7 @@ def run(
         int,
         typer.Option(
             "--batch-size",
-            help="Corrupted pairs of one sample to predict in one call, for models that can.",
+            help="Number of corrupted pairs of a sample predicted in one call, for models that support batches.",
             rich_help_panel=HOW,
         ),
     ] = 1,
@@ -130,7 +133,7 @@ def run(
     engine: Annotated[
         str | None,
         typer.Option(
-            help="serial, processes or ray; by --device and --workers by default.",
+            help="serial, processes or ray; by default chosen from --device and --workers.",
             rich_help_panel=HOW,
         ),
     ] = None,
@@ -144,7 +147,7 @@ def run(
     timeout: Annotated[
         float | None,
         typer.Option(
-            help="Seconds a single prediction may take.",
+            help="Time limit for a single prediction, in seconds.",
             rich_help_panel=HOW,
         ),
     ] = None,
@@ -160,8 +163,8 @@ def run(
         str | None,
         typer.Option(
             "--confidence",
-            help="Measure whether the model knows where it is wrong: by forward-backward consistency (one more "
-            "prediction a cell), or as the model itself says (model).",
+            help="Measure how well confidence predicts errors: confidence from forward-backward consistency (one more "
+            "prediction per cell), or from the model itself (model).",
             rich_help_panel=WHAT,
         ),
     ] = None,
@@ -174,13 +177,15 @@ def run(
     examples: Annotated[
         bool,
         typer.Option(
-            "--examples/--no-examples", help="Draw the worst and the median sample at the end.", rich_help_panel=OUTPUT
+            "--examples/--no-examples",
+            help="Draw pictures of the worst and the median sample at the end.",
+            rich_help_panel=OUTPUT,
         ),
     ] = True,
 ) -> None:
-    """Measure how robust a model is, or several models one after another.
+    """Measure the robustness of a model, or of several models one after another.
 
-    A run can be stopped at any moment; the same command continues where it stopped.
+    A run can be stopped at any time; the same command resumes it.
 
     \b
     Examples:
@@ -198,18 +203,18 @@ def run(
     """
     from ..models import ModelSpec
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as with Ctrl-C
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     if len(set(model)) < len(model):
-        raise UsageError("a model is named twice; name each once")
+        raise UsageError("a model is given twice; give each model once")
     if name is not None and len(model) > 1:
-        raise UsageError("--name is for one model; leave it out, or run the models one by one")
+        raise UsageError("--name applies to a single model; leave it out, or run the models one by one")
     if seeds < 1:
         raise UsageError(f"--seeds {seeds}: give 1 or more")
     runs = 1 if still else seeds
     specs = [ModelSpec(each, options) for each in model]
     for spec in specs:
-        spec.preflight()  # checked before the imports below, which take seconds
+        spec.preflight()  # check before the imports below, which take seconds
     use_psf_dir(psf_dir)
     from ..api import Result, evaluate
     from ..runner.progress import TerminalProgress

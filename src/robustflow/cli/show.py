@@ -12,13 +12,13 @@ def show(
         str,
         typer.Option(
             "--metric",
-            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, spread; less tied to accuracy: "
-            "log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
+            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, spread; less dependent on "
+            "accuracy: log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
         ),
     ] = "all",
     as_json: Annotated[bool, typer.Option("--json", help="Print name, benchmark, folder and summary as JSON.")] = False,
 ) -> None:
-    """Print a run's tables again, and rewrite its summary and report; a record is only printed.
+    """Print a run's tables and update its summary and report; a record is only printed.
 
     \b
     Examples:
@@ -40,7 +40,7 @@ def show(
             write_report(result)
         except DataError as error:
             in_folder = False
-            warnings.warn(f"the summary and the report are left as they are: {error}", stacklevel=1)
+            warnings.warn(f"the summary and the report were not updated: {error}", stacklevel=1)
     if as_json:
         typer.echo(as_json_text([result]))
     else:

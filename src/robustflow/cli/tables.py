@@ -39,7 +39,7 @@ from ..text import counted, plain
 
 
 def as_json_text(results: Sequence[Run]) -> str:
-    """Return name, benchmark, folder, summary and attacks of runs as a JSON list."""
+    """Return the name, benchmark, folder, summary and attacks of each run as a JSON list."""
     facts = [
         {
             "name": each.name,
@@ -54,8 +54,8 @@ def as_json_text(results: Sequence[Run]) -> str:
 
 
 def print_result(result: Run, metric: str = "all", *, report: bool = True, with_seed: bool = False) -> None:
-    """Print the overall scores and one line per corruption to stdout; `report`: where its page is, too; `with_seed`:
-    the seed, even if it is 0."""
+    """Print the overall scores and one line per corruption to stdout. With `report`, also print the path of the report
+    page; with `with_seed`, print the seed even if it is 0."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
     summary, whose = result.summary, _whose(result, with_seed)
@@ -71,18 +71,18 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     console.print(_sentence(result), highlight=False, soft_wrap=True)
     selected = result.manifest.selection
     if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
-        console.print(f"This is {estimate}; it is ranked with other runs of the subset only.", soft_wrap=True)
+        console.print(f"This is {estimate}; it is only ranked with runs of the same subset.", soft_wrap=True)
     if phantom := phantom_motion(result):
         console.print(f"{plain(phantom, None)}\n{PHANTOM}", highlight=False, soft_wrap=True)
     if attacked is not None:
         print(for_stdout(attacked))
     if confidence is not None:
-        print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # severities are on the page
+        print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # the page has the values by severity
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {number_text(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
     if reasons := exclusion_reasons(result):
-        sentence = f"This says nothing about robustness: {' and '.join(reasons)}."
+        sentence = f"Not a measure of robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
@@ -106,8 +106,8 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
 
 
 def print_results(results: Sequence[Run]) -> None:
-    """Print one line per run, the mean and standard deviation over the seeds of a model, and the command that tells
-    whether the runs differ, if there are pairs enough to tell."""
+    """Print one line per run, the mean and standard deviation over the seeds of a model, and, if there are enough
+    pairs, the command that tests whether the runs differ."""
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     lines, groups = run_results(results), seed_groups(results)
     print(for_stdout(runs_table(lines, groups)), end="")
@@ -123,7 +123,7 @@ def print_results(results: Sequence[Run]) -> None:
 
 
 def _question(lines: Sequence[ModelResult], groups: int) -> str:
-    """What `compare` can say about the runs; "" if it would refuse."""
+    """Return the question that `compare` can answer about the runs; "" if they cannot be compared."""
     if not groups:
         return "Is the difference real?"
     if seeds_of([line.run for line in lines if line.run is not None]) is not None:
@@ -139,14 +139,14 @@ def _print_conclusions(console: Console, lines: Sequence[ModelResult]) -> None:
 
 
 def check_format(format: str, as_json: bool) -> None:
-    """Refuse an unknown format before anything is read, and one beside `--json`."""
+    """Reject an unknown format before reading anything, and any format combined with `--json`."""
     renderer(format)
     if as_json and format != "terminal":
-        raise UsageError(f"--json and --format {format} exclude each other; leave out one of them")
+        raise UsageError(f"--json and --format {format} are mutually exclusive; leave out one of them")
 
 
 def as_text(table: Table, format: str, output: Path | None) -> str:
-    """A table in a format; on the terminal, which has no `output`, see `for_stdout`."""
+    """Return a table in a format; for the terminal (no `output`), see `for_stdout`."""
     return for_stdout(table) if format == "terminal" and output is None else render(table, format)
 
 
@@ -160,7 +160,7 @@ def write_text(text: str, output: Path | None) -> None:
 
 
 def for_stdout(table: Table) -> str:
-    """The text of a table, coloured and as wide as the window where stdout is a terminal."""
+    """Return the text of a table; if stdout is a terminal, it is coloured and fits the window."""
     if not sys.stdout.isatty():
         return render_terminal(table)
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)

@@ -20,39 +20,41 @@ def train(
             help="Method to train (robustflow list recipes).",
         ),
     ],
-    recipe: Annotated[str, typer.Option(help="Stage: ood or id (the paper's); chairs, things, ... (the authors').")],
+    recipe: Annotated[
+        str, typer.Option(help="Training stage: ood or id (the paper's); chairs, things, ... (the authors').")
+    ],
     like: Annotated[
-        str | None, typer.Option("--like", help="Method whose recipe trains your own module:attribute.")
+        str | None, typer.Option("--like", help="Method whose recipe is used for your own module:attribute.")
     ] = None,
     option: ModelOptions = None,
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", "-d", help="A folder that holds data sets, or NAME=FOLDER. Repeatable."),
+        typer.Option("--data", "-d", help="Folder that contains data sets, or NAME=FOLDER. Repeatable."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The training's folder; in trainings/ by default.")
+        Path | None, typer.Option("--output", "-o", help="Folder of the training; in trainings/ by default.")
     ] = None,
     init: Annotated[
-        str | None, typer.Option("--init", help="Weights to start from: a checkpoint as for run, or random.")
+        str | None, typer.Option("--init", help="Initial weights: a checkpoint as for run, or random.")
     ] = None,
     init_trained_on: Annotated[
         str | None,
         typer.Option(
-            "--init-trained-on", help="What those weights were trained on, e.g. C+T, if the file does not say."
+            "--init-trained-on", help="Training sets of the initial weights, e.g. C+T, if the file does not name them."
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint, bit for bit.")] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print what would be done and what is missing, and stop.")
-    ] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Print the training plan and missing items, and exit.")] = False,
     mix: Annotated[
-        str | None, typer.Option(help="Data other than the recipe's: chairs, things, ... or a TOML file.")
+        str | None, typer.Option(help="Training data instead of the recipe's: chairs, things, ... or a TOML file.")
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(help="Steps instead of the recipe's; the schedule is shortened to fit.")
+        int | None, typer.Option(help="Number of steps, instead of the recipe's; the schedule is scaled to match.")
     ] = None,
-    batch_size: Annotated[int | None, typer.Option("--batch-size", help="Pairs per step, over all devices.")] = None,
-    crop: Annotated[str | None, typer.Option(help="Crop, HEIGHTxWIDTH, instead of the recipe's.")] = None,
+    batch_size: Annotated[
+        int | None, typer.Option("--batch-size", help="Pairs per step, summed over all devices.")
+    ] = None,
+    crop: Annotated[str | None, typer.Option(help="Crop size, HEIGHTxWIDTH, instead of the recipe's.")] = None,
     learning_rate: Annotated[float | None, typer.Option("--learning-rate", help="Instead of the recipe's.")] = None,
     iterations: Annotated[
         int | None, typer.Option(help="Iterations of a recurrent network, instead of the recipe's.")
@@ -61,21 +63,21 @@ def train(
     precision: Annotated[str | None, typer.Option(help="fp32, fp16 or bf16, instead of the recipe's.")] = None,
     device: Device = None,
     seed: Seed = 0,
-    loaders: Annotated[int, typer.Option("--loaders", help="Processes that read and augment in advance.")] = 1,
+    loaders: Annotated[int, typer.Option("--loaders", help="Number of processes that load and augment data.")] = 1,
     save_every: Annotated[int, typer.Option("--save-every", help="Updates between checkpoints.")] = 1000,
     keep_every: Annotated[
-        int | None, typer.Option("--keep-every", help="Updates between files of weights that are kept.")
+        int | None, typer.Option("--keep-every", help="Number of updates between weight files that are kept.")
     ] = None,
-    validate: Annotated[str | None, typer.Option(help="A benchmark to validate on, e.g. sintel.")] = None,
+    validate: Annotated[str | None, typer.Option(help="Benchmark for validation, e.g. sintel.")] = None,
     validate_data: Annotated[str | None, typer.Option("--validate-data", help="Its data.")] = None,
     validate_every: Annotated[
         int | None,
-        typer.Option("--validate-every", help="Updates between validations; the same as --save-every by default."),
+        typer.Option("--validate-every", help="Number of updates between validations; --save-every by default."),
     ] = None,
     validate_corruptions: Annotated[
         str | None,
         typer.Option(
-            "--validate-corruptions", help="Corruptions to validate on besides the clean frames, e.g. fog,snow."
+            "--validate-corruptions", help="Corruptions for validation in addition to clean frames, e.g. fog,snow."
         ),
     ] = None,
     corrupt: Annotated[
@@ -85,14 +87,12 @@ def train(
     corrupt_probability: Annotated[
         float, typer.Option("--corrupt-probability", help="Probability that a pair is corrupted.")
     ] = 0.5,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Replace a pair that cannot be read by another one.")
-    ] = False,
+    skip_bad: Annotated[bool, typer.Option("--skip-bad", help="Replace unreadable pairs with different ones.")] = False,
 ) -> None:
-    """Train a network by a recipe of the paper or of its authors.
+    """Train a network with a recipe of the paper or of the network's authors.
 
-    Ctrl-C stops it after the current update, with a checkpoint; --resume continues bit for bit. On several GPUs start
-    it with torchrun.
+    Ctrl-C stops training after the current update and writes a checkpoint; --resume continues bit for bit. For several
+    GPUs, start with torchrun.
 
     \b
     Examples:
@@ -131,7 +131,7 @@ def train(
         typer.echo(plan_text(chosen, reading, original))
         return
     if not data and needs_data(chosen):
-        raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan lists them")
+        raise UsageError("nothing to train on: give --data FOLDER, which contains the data sets; --plan lists them")
     if validate is None:
         _refuse_alone(
             ("--validate-data", validate_data),
@@ -158,7 +158,7 @@ def train(
     interrupted = Interrupted()
     checkpoint = run_training(request, interrupted)
     if interrupted():
-        kept = f"robustflow: stopped; {checkpoint} is kept. Give the same command with --resume to continue."
+        kept = f"robustflow: stopped; {checkpoint} is kept. Run the same command with --resume to continue."
         typer.echo(kept, err=True)
         raise typer.Exit(130)
     options = [word for text in option or [] for word in ("-O", text)]
@@ -167,7 +167,8 @@ def train(
 
 
 class Interrupted:
-    """Whether Ctrl-C was pressed or termination was requested; the second time ends the process at once."""
+    """A signal handler that records whether Ctrl-C was pressed or termination was requested; a second request ends the
+    process immediately."""
 
     def __init__(self) -> None:
         self._came = False
@@ -187,11 +188,11 @@ class Interrupted:
 def _refuse_alone(*options: tuple[str, object]) -> None:
     for option, value in options:
         if value is not None:
-            raise UsageError(f"{option} needs --validate BENCHMARK, which names what is measured")
+            raise UsageError(f"{option} needs --validate BENCHMARK")
 
 
 def _corruptions(text: str | None) -> list[str]:
-    """Names of corruptions; a family means all of its corruptions that apply to a pair of images."""
+    """Return names of corruptions; a family expands to all of its corruptions that apply to image pairs."""
     from ..corruptions.registry import FAMILIES, IMAGE_PAIR
 
     chosen: list[str] = []

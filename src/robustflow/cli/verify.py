@@ -31,36 +31,39 @@ def verify(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that 'robustflow pack' wrote.")],
     data: Annotated[
         Path | None,
-        typer.Option("--data", "-d", help="Your own copy of the data: corrupted frames are recomputed and compared."),
+        typer.Option("--data", "-d", help="Your copy of the data; corrupted frames are recomputed and compared."),
     ] = None,
     data_option: DataOptions = None,
     depth: Depth = None,
     focal: Focal = None,
     model: Annotated[
         str | None,
-        typer.Option("--model", "-m", help="The run's model, with --data: some rows are predicted again and compared."),
+        typer.Option(
+            "--model", "-m", help="With --data: model of the run; some rows are predicted again and compared."
+        ),
     ] = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
     option: ModelOptions = None,
     check_frames: Annotated[
-        int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with data or model [20].")
+        int | None,
+        typer.Option("--check-frames", metavar="N", help="Number of rows to compare with data or model [20]."),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Seed that chooses these rows; by default other rows each time.")
+        int | None, typer.Option(help="Random seed for the choice of rows; different rows each time by default.")
     ] = None,
     own_corruption: OwnCorruptions = None,
     exported: Annotated[
         list[Path] | None,
-        typer.Option("--exported", help="A file that 'robustflow export' wrote of the run, to compare. Repeatable."),
+        typer.Option("--exported", help="File written by 'robustflow export' for the run, to be compared. Repeatable."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
-    """Check records: the file, its hashes, the plan, the rows, and every mean, recomputed from them.
+    """Check records: the file, its hashes, the plan, the rows, and every mean, which is recomputed from the rows.
 
-    With --data, everything but the prediction is recomputed for random rows: the frames that the model was given, byte
-    for byte, and what follows from the ground truth. With --model as well, the same rows are predicted again. Exit code
-    0: every check of every file passes; 1: one does not.
+    With --data, everything except the prediction is recomputed for random rows: the input frames, byte for byte, and
+    the values that depend on the ground truth. With --model as well, the same rows are predicted again. Exit codes: 0
+    if all checks of all files pass, 1 if not.
 
     \b
     Examples:
@@ -75,7 +78,7 @@ def verify(
     from ..records.verify import verify as verify_file
 
     if model is None and (checkpoint is not None or device is not None or option):
-        raise UsageError("--checkpoint, --device and -O are options of a model: give the model with --model")
+        raise UsageError("--checkpoint, --device and -O are model options: give the model with --model")
     use_own_corruptions(own_corruption)
     spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
     rows = _Rows(data, data_options(data_option, depth, focal), 20 if check_frames is None else check_frames, seed)
@@ -100,7 +103,7 @@ def _compare_exported(reader: "Reader", paths: list[Path]) -> str:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Some rows of a record, to be recomputed from local data."""
+    """A selection of rows of a record, to be recomputed from local data."""
 
     data: Path | None
     options: dict[str, object]
@@ -108,8 +111,8 @@ class _Rows:
     seed: int | None
 
     def compare(self, reader: "Reader", model: "ModelSpec | None" = None) -> str:
-        """Compare them with recomputed frames, and with predictions if a model is given; not those of attacks, whose
-        frames follow from the model."""
+        """Compare the rows with recomputed frames, and with predictions if a model is given. Rows of attacks are
+        skipped because their frames depend on the model."""
         import polars as pl
 
         from ..runner.recheck import recheck
@@ -131,7 +134,7 @@ def _print(result: "Verification") -> None:
 
     container, *others = result.checks
     if container.status == "failed" and not any(check.status == "ok" for check in others):
-        typer.echo(f"not verified: {plain(container.message, None)}")  # no record, so nothing else could be looked at
+        typer.echo(f"not verified: {plain(container.message, None)}")  # not a record, so there are no further checks
         return
     typer.echo(plain(result.file, 200))
     for check in result.checks:
