@@ -161,7 +161,7 @@ def test_a_model_that_knows_nothing_is_not_praised(robustflow, tmp_path):
         code, out, _ = robustflow("run", "-m", "not_a_number:flow", "-c", "contrast", "-s", "1", "--allow-invalid")
     assert code == 0
     assert "nothing could be measured" in out
-    assert "2 rows have no pixel to measure" in out
+    assert "2 rows have no valid pixel" in out
 
 
 def test_own_frames_have_no_ground_truth(robustflow, tmp_path):

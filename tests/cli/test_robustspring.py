@@ -69,7 +69,7 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
     )
     assert code == 0, error
     assert "submission: 36 flows, 36 written and 0 already there" in out
-    assert "not a whole submission: " in out
+    assert "incomplete submission: " in out
     written = {str(path.relative_to("submission")) for path in Path("submission").rglob("*.flo5")}
     assert len(written) == 36
     assert "fog/test/0028/flow_BW_right/flow_BW_right_0002.flo5" in written

@@ -43,7 +43,7 @@ def audit(
         for check, count in audit.checked.items():
             findings = [finding for finding in audit.findings if finding.check == check]
             typer.echo(
-                f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} do not fit"
+                f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} are inconsistent"
                 if findings
                 else f"{AUDIT_CHECKS[check]}: {count} fit"
             )
@@ -51,7 +51,7 @@ def audit(
                 where = f"{finding.source}: " if finding.source else ""
                 typer.echo(f"  {plain(where + finding.message, 400)}")
         if not audit.checked:
-            typer.echo("none of its numbers can be derived from the others, so nothing was checked")
+            typer.echo("no number can be derived from the others, so nothing was checked")
         typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")
     if not audit.fits:
         raise typer.Exit(FOUND)

@@ -10,7 +10,7 @@ KINDS = ("model", "corruption", "attack", "dataset")
 
 
 def check(
-    target: Annotated[str, typer.Argument(metavar="MODULE:ATTRIBUTE", help="Your class, object or function.")],
+    target: Annotated[str, typer.Argument(metavar="MODULE:ATTRIBUTE", help="Class, object or function to test.")],
     kind: Annotated[
         str | None, typer.Option(help="model, corruption, attack or dataset; detected from its methods by default.")
     ] = None,

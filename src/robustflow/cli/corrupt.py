@@ -19,7 +19,7 @@ def corrupt(
             "--corruption",
             "-c",
             autocompletion=complete.corruptions,
-            help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own.",
+            help="Comma-separated names, stacks (fog+snow), or your own module.path:Attribute.",
         ),
     ] = None,
     severities: Annotated[
@@ -100,6 +100,6 @@ def _check_machine() -> None:
         if difference:
             typer.echo(f"{name}: {difference}")
     same = sum(not difference for _, difference in compared)
-    typer.echo(f"{same} of {len(compared)} corruptions give the package's bytes on this machine")
+    typer.echo(f"{same} of {len(compared)} corruptions match the reference bytes on this machine")
     if same < len(compared):
         raise typer.Exit(1)

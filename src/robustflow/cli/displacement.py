@@ -32,10 +32,9 @@ def displacement(
         Path | None, typer.Option("--output", "-o", help="Output folder; 'displacement' unless --into is given.")
     ] = None,
 ) -> None:
-    """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png, .svg and
-    .pdf.
+    """Write the histogram of flow magnitudes (a figure of the paper) to displacement.csv, .png, .svg and .pdf.
 
-    A run with ground truth stores its histogram automatically, unless --no-examples is given; --into is for frames
+    Runs with ground truth store their histogram automatically unless --no-examples is given; use --into for frames
     without ground truth.
 
     \b

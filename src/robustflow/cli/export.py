@@ -172,7 +172,7 @@ def _export_submission(
 
     if data is None:
         raise UsageError(
-            "--format robustspring needs RobustSpring's frames: give --data PATH, which holds spring/test/"
+            "--format robustspring needs RobustSpring's frames: give --data PATH, the folder that contains spring/test/"
         )
     output = output or Path("submission")
     run = load_any_run(path)
@@ -198,7 +198,7 @@ def _export_submission(
         epe, fl, px1 = means[AVERAGE][1]
         typer.echo(
             f"moved by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over all pixels; the "
-            "server judges about 0.1 % of the pixels, subsampled in float16, so its numbers differ slightly"
+            "server evaluates about 0.1 % of the pixels, subsampled in float16, so its numbers differ slightly"
         )
     if missing := sum(not (output / flow).is_file() for flow in submitted()):
-        typer.echo(f"not a whole submission: {missing} of {len(list(submitted()))} flows are missing")
+        typer.echo(f"incomplete submission: {missing} of {len(list(submitted()))} flows are missing")

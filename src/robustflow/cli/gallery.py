@@ -70,7 +70,7 @@ def gallery(
     if frames is not None and clip is not None:
         raise UsageError("--frames and --clip are both given; choose one")
     if clip is None and not (start is None and stop is None and length is None):
-        raise UsageError("--start, --stop and --length are for a clip: give --clip")
+        raise UsageError("--start, --stop and --length require --clip")
     if clip is not None and model is not None:
         raise UsageError("--model draws the flow of two frames; leave out --clip, or use `robustflow predict`")
     if attacks is not None and model is None:

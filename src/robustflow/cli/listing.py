@@ -107,7 +107,7 @@ def _models() -> list[str]:
         + ".",
         "OOD: not trained on KITTI; ID: trained on KITTI, but not on evaluated pairs; LEAKED: trained on evaluated "
         "pairs; UNKNOWN: not documented (declare with --trained-on C+T).",
-        "multi-frame: supervised, and sees up to "
+        "multi-frame: supervised, with up to "
         f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
         "Few of the published weights state a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",

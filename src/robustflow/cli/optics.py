@@ -7,7 +7,7 @@ import typer
 
 app = typer.Typer(
     name="optics",
-    help="The lenses behind psf_blur: design, show, render.",
+    help="Design, show and render the lenses of psf_blur.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
@@ -99,7 +99,7 @@ def render(
     lens: Annotated[
         Path | None, typer.Option("--lens", help="Prescription to use instead of the shipped ones.")
     ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: the .npy file to write.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: .npy file to write.")] = None,
 ) -> None:
     """Render the PSFs of the shipped lenses and check that they equal the shipped PSFs bit for bit.
 
@@ -136,7 +136,7 @@ def render(
         if not same:
             wrong.append(str(level))
     if wrong:
-        raise DataError(f"the PSFs of severity {', '.join(wrong)} do not follow from their prescriptions; reinstall")
+        raise DataError(f"the PSFs of severity {', '.join(wrong)} do not match their prescriptions; reinstall")
 
 
 def _levels(severities: str) -> list[int]:

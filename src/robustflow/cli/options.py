@@ -16,7 +16,7 @@ _MODEL = typer.Option(
     "--model",
     "-m",
     autocompletion=complete.models,
-    help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx), or a folder of "
+    help="Name (robustflow list models), module.path:Attribute, an exported network (.onnx), or a folder of "
     "flow files.",
 )
 ModelName = Annotated[str, _MODEL]
@@ -137,7 +137,11 @@ Benchmark = Annotated[
 Severities = Annotated[
     str | None,
     typer.Option(
-        "--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).", rich_help_panel=WHAT
+        "--severities",
+        "--severity",
+        "-s",
+        help="Comma-separated severities, 1 (mild) to 5 (severe).",
+        rich_help_panel=WHAT,
     ),
 ]
 Limit = Annotated[
@@ -174,7 +178,7 @@ PsfDir = Annotated[
     Path | None,
     typer.Option(
         "--psf-dir",
-        help="Folder with the reference code's PSF stacks (.pth) for psf_blur, instead of the project's own lenses.",
+        help="Folder with the reference code's PSF stacks (.pth) for psf_blur, used instead of the project's lenses.",
         rich_help_panel=WHAT,
     ),
 ]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..video.prepare_folder import PrepareAll
 
 prepare = typer.Typer(
-    help="Make a benchmark's data from recordings, or the list of digests of a data set.", no_args_is_help=True
+    help="Prepare a benchmark's data from recordings, or list the digests of a data set.", no_args_is_help=True
 )
 
 
@@ -137,10 +137,10 @@ def digests(
     if differing:
         state = "has changed" if differing[0] in found else "is missing"
         raise DataError(
-            f"{folder / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); copy "
-            "the data again, or give --overwrite if the change is meant"
+            f"{folder / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); "
+            "copy the data again, or give --overwrite if the change is intended"
         )
-    typer.echo(f"{counted(len(before), 'file')} are those that {folder / DIGEST_LIST} lists")
+    typer.echo(f"{counted(len(before), 'file')} match {folder / DIGEST_LIST}")
     if added := len(found) - len(before):
         typer.echo(f"{counted(added, 'file')} are not in it; --overwrite adds them")
 
@@ -153,7 +153,7 @@ def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAl
             raise UsageError("--address requires --engine ray; give both, or leave it out")
         return None
     if workers is not None and workers < 1:
-        raise UsageError(f"{workers} workers are not possible: give 1 or more")
+        raise UsageError(f"{workers} is not a number of workers: give 1 or more")
     from ..runner.engines.ray_prepare import prepare_on_ray
 
     return partial(prepare_on_ray, workers=workers, address=address)

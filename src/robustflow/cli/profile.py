@@ -68,7 +68,7 @@ def profile(
         _print_paper()
         return
     if not models:
-        raise UsageError("name a model to profile, or give --paper")
+        raise UsageError("give a model to profile, or --paper")
     if len(models) > 1 and into is not None:
         raise UsageError("--into stores the cost of a single model; give one model")
     options = model_options(option, device=device, precision=precision)

@@ -155,7 +155,7 @@ def run(
         bool,
         typer.Option(
             "--allow-invalid",
-            help="Exclude and count NaN or infinite predictions instead of failing.",
+            help="Count and exclude NaN or infinite predicted pixels instead of failing.",
             rich_help_panel=HOW,
         ),
     ] = False,

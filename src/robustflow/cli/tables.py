@@ -59,7 +59,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
     summary, whose = result.summary, _whose(result, with_seed)
-    # Names and folders may contain what rich would read as markup.
+    # names and folders may contain text that rich would interpret as markup
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     attacked = attack_table(result) if metric == "all" else None
     confidence = confidence_table(result) if metric == "all" else None
@@ -94,7 +94,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         console.print(f"Incomplete: {missing} planned {cells} missing; the means are over the rest.")
     if unmeasured:
         have = "row has" if unmeasured == 1 else "rows have"
-        console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
+        console.print(f"Incomplete: {unmeasured} {have} no valid pixel; the means are over the others.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
     for warning in dict.fromkeys(text for clip in result.manifest.clips for text in clip.warnings):

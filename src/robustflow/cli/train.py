@@ -55,7 +55,9 @@ def train(
         int | None, typer.Option("--batch-size", help="Pairs per step, summed over all devices.")
     ] = None,
     crop: Annotated[str | None, typer.Option(help="Crop size, HEIGHTxWIDTH, instead of the recipe's.")] = None,
-    learning_rate: Annotated[float | None, typer.Option("--learning-rate", help="Instead of the recipe's.")] = None,
+    learning_rate: Annotated[
+        float | None, typer.Option("--learning-rate", help="Learning rate, instead of the recipe's.")
+    ] = None,
     iterations: Annotated[
         int | None, typer.Option(help="Iterations of a recurrent network, instead of the recipe's.")
     ] = None,

@@ -165,7 +165,7 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
         "attack; interval by Fisher's z. Values with a warning and models that are not ranked are left out."
     ]
     if any(len(one.models) < LEAST_MODELS for one in predicted):
-        remarks.append(f"No correlation is given for fewer than {LEAST_MODELS} models.")
+        remarks.append(f"No correlation is computed for fewer than {LEAST_MODELS} models.")
     lines = tuple(map(_prediction_line, predicted))
     return Table("corruptions-and-attacks", PREDICTION, columns, (Section("Attacks", lines),), tuple(remarks), "Attack")
 
@@ -194,7 +194,7 @@ def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
         UsageError: the files contain no attacks.
     """
     if not rows:
-        raise UsageError("no attacks in these files of FlowBench")
+        raise UsageError("these FlowBench files contain no attacks")
     sections = [
         Section(f"FlowBench, {dataset}", tuple(_stored_line(row) for row in rows if row.dataset == dataset))
         for dataset in dict.fromkeys(row.dataset for row in rows)

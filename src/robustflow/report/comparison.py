@@ -134,7 +134,7 @@ def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
         Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"]))
         for row in frame.iter_rows(named=True)
     ]
-    remark = f"p is corrected for {len(lines)} comparisons; bold is lower by more than chance."
+    remark = f"p is corrected for {len(lines)} comparisons; bold values are significantly lower."
     columns = tuple(map(Column, ("first", "second", *_DIFFERENCE)))
     return Table(
         "pairs",

@@ -58,7 +58,7 @@ def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Tab
     ]
     if any(line.cost for line in others):
         remarks.append(
-            f"FLOPs are multiply-accumulates as the paper counts them ({COUNTED_ITERATIONS} iterations, frames of "
+            f"FLOPs are multiply-accumulates counted as in the paper ({COUNTED_ITERATIONS} iterations, frames of "
             f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted); "
             "runs are ranked among those on the same frames."
         )

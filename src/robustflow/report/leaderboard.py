@@ -104,10 +104,10 @@ _OVERVIEW = (
     (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px"),
     (CRER, "CREr", "CRE / clean EPE", ""),
     (("rcre", AVERAGE), "RCRE", "Change of the flow under corruption", "px"),
-    (COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are over these", ""),
+    (COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are computed over these pixels", ""),
     (PARAMETERS, "Param.", "Parameters, millions", "M"),
     (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G"),
-    (RANK, "Avg. rank", "Rank of the mean of the FLOPs and CREr ranks (Tab. 3)", ""),
+    (RANK, "Avg. rank", "Rank by the mean of the FLOPs and CREr ranks (Tab. 3)", ""),
 )
 _COMPACT: tuple[ValueKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", AVERAGE))
 
@@ -266,8 +266,9 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
     every = [cell for of_line in cells.values() for cell in of_line.values()]
     if any(cell.best for cell in every):
         yield (
-            "Bold: the best of its column among models of one setting measured on the same frames, as the paper marks "
-            "it; knowledge-driven methods are not marked."
+            "Bold values are the best of their column among models of one setting measured on the same frames, as in "
+            "the "
+            "paper; knowledge-driven methods are not marked."
         )
     if any(cell.derived for cell in every):
         yield "In italics: CREr that the paper does not print, computed from the values in the same line."
@@ -277,7 +278,7 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
             "share one)."
         )
     elif any(line.run is not None for line in cells):
-        yield "No confidence intervals: too few images, or sequences, for one."
+        yield "No confidence intervals: too few images or sequences."
     if len({line.frames for line in cells}) > 1:
         yield "Lines are sorted within their group."
 

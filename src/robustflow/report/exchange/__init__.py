@@ -47,7 +47,6 @@ def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Fil
         return _FORMATS[format](facts)
     if hub_dataset is None or not _HUB_NAME.fullmatch(hub_dataset):
         raise UsageError(
-            "--format huggingface needs the data set that is registered on the Hub as this benchmark: give "
-            "--hub-dataset ORGANISATION/NAME"
+            "--format huggingface needs the benchmark's data set on the Hub: give --hub-dataset ORGANISATION/NAME"
         )
     return huggingface_files(facts, hub_dataset)

@@ -90,7 +90,7 @@ def _table(means: Sequence[RunMean]) -> list[str]:
         values = (_cell(cells.get((condition, metric))) for metric in metrics)
         lines.append(f"| {escape(frames)} | {' | '.join(values)} |")
     brackets = any(mean.interval for mean in means)
-    return [*lines, "", "In brackets: 95 % intervals."] if brackets else lines
+    return [*lines, "", "Values in brackets are 95 % intervals."] if brackets else lines
 
 
 def _cell(mean: RunMean | None) -> str:

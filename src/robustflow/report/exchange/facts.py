@@ -74,7 +74,8 @@ class RunFacts:
             out.append("The run is incomplete: rows are missing, or have no valid pixel.")
         if has_gaps(summary):
             out.append(
-                f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are over these."
+                f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are computed over "
+                "these pixels."
             )
         if self.averages and not any(mean.interval for mean in self.averages):
             out.append(f"No intervals: too few pairs for a bootstrap ({summary.samples}).")

@@ -28,7 +28,7 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
         UsageError: there are no points.
     """
     if not points:
-        raise UsageError("a run without attacks has no security curves: give --attacks to run")
+        raise UsageError("a run without attacks has no security curves: run with --attacks")
     styles = model_styles(point.attack for point in points)
     norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
     figure, axes = new_figure(4.4 * len(norms), 3.4, 1, len(norms))

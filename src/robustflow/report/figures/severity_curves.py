@@ -101,7 +101,7 @@ def severity_curves(
     above = 0.3
     if legend:
         above += 0.17 * _legend(figure)
-    figure.caption = f"{metric_label(metric)} at severity 1 to 5, a panel per corruption, all on the same axes." + (
+    figure.caption = f"{metric_label(metric)} by severity, with a panel per corruption and shared axes." + (
         " Bands are 95 % confidence intervals." if banded else ""
     )
     figure.subplots_adjust(0.62 / width, 0.45 / height, 1 - 0.12 / width, 1 - above / height, 0.24, 0.34)

@@ -28,7 +28,7 @@ GREY, GRID = "#999999", "#dddddd"
 
 @dataclass(frozen=True)
 class Style:
-    """The colour and the marker of a model."""
+    """Colour and marker of a model."""
 
     colour: str
     marker: str = "o"

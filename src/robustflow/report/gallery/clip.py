@@ -108,7 +108,7 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
                 raise UsageError(f"{name} has no {scale} severities; leave out --severity-scale")
         return list(names), []
     if scale != "paper":
-        return list(IMAGE_PAIR), [f"{', '.join(CLIP)} are left out: they have no {scale} severities."]
+        return list(IMAGE_PAIR), [f"{', '.join(CLIP)} are left out: they do not have {scale} severities."]
     return [*IMAGE_PAIR, *MADE_FROM_CLIP], [f"{_NEEDS_MORE}."]
 
 

@@ -131,7 +131,7 @@ def _content(
     lines = merged([*lines, *(published_results() if published else ())])
     if not lines:
         raise UsageError(
-            "nothing to show: there are no results; name runs or results files, or show the published ones"
+            "nothing to show: there are no results; give runs or results files, or include the published results"
         )
     costs = published_costs() if published else {}
     return Content(title, lines, costs, page_ids(lines), titles, alone, beside)

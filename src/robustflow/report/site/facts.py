@@ -29,7 +29,7 @@ def run_facts(run: Run) -> Facts:
         ("Model", _described(manifest.identity.model.settings)),
         ("Setting", run.setting),
         ("Trained on", _trained_on(run.setting, provenance.trained_on)),
-        ("How that is known", provenance.basis),
+        ("Evidence for the training data", provenance.basis),
         ("Note on the training", provenance.note),
         ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
         ("Samples", str(len(manifest.samples))),

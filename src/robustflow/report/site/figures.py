@@ -93,7 +93,7 @@ def page_figures(content: Content) -> list[FigureGroup]:
         of_frames = [line for line in content.focus if line.frames == frames]
         part = ranked(line for line in of_frames if line.benchmark == benchmark)
         excluded = [plain(line.name) for line in of_frames if line.excluded]
-        note = f"Not drawn, because not ranked: {', '.join(excluded)}. " if excluded else ""
+        note = f"Not drawn because not ranked: {', '.join(excluded)}. " if excluded else ""
         for figures in figures_by_sample_set(part, looks).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
         drawn += _of_runs(frames, content, looks)
