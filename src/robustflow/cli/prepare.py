@@ -140,7 +140,7 @@ def digests(
             f"{folder / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); "
             "copy the data again, or give --overwrite if the change is intended"
         )
-    typer.echo(f"{counted(len(before), 'file')} match {folder / DIGEST_LIST}")
+    typer.echo(f"{counted(len(before), 'file')}: no change from {folder / DIGEST_LIST}")
     if added := len(found) - len(before):
         typer.echo(f"{counted(added, 'file')} are not in it; --overwrite adds them")
 
