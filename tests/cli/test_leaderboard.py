@@ -37,7 +37,7 @@ def test_runs_and_files_beside_them(robustflow, run):
     page = Path("site/index.html").read_text()
     assert "From mine.csv" in page
     assert "1 pair of the demo" in page
-    assert "other frames: not comparable with the other groups" in page
+    assert "different frames: not comparable with the other groups" in page
     assert "Tab. 2" in page
     robustflow("leaderboard", run, "--no-published", "-o", "alone")
     assert "Tab. 2" not in Path("alone/index.html").read_text()

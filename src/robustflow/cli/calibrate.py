@@ -19,9 +19,9 @@ def calibrate(
 ) -> None:
     """Find the parameters at which all corruptions have the same mean SSIM (docs/severity-scales.md).
 
-    All corruptions on the reference set take 15 minutes. With --corruptions, an existing --output with the same
-    pictures, seed and draws keeps its other corruptions. Set ROBUSTFLOW_CALIBRATION=FILE to use your own table instead
-    of the shipped one.
+    Calibrating all corruptions on the reference set takes 15 minutes. With --corruptions, an existing --output with the
+    same pictures, seed and draws keeps its other corruptions. Set ROBUSTFLOW_CALIBRATION=FILE to use your own table
+    instead of the shipped one.
 
     \b
     Examples:

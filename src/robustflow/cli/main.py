@@ -53,11 +53,11 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     "Make": {"corrupt": corrupt, "export": export, "calibrate": calibrate, "prepare": prepare, "optics": optics},
     "More": {"app": local_app, "list": list_things, "check": check},
 }
-"""Commands by heading in `--help`. Command groups follow the other commands of a heading, in Typer's order."""
+"""Commands by heading in `--help`. Under each heading, groups come after single commands, as in Typer's output."""
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """Build the command line; with `arguments`, only the commands that they name get options.
+    """Build the command line; with `arguments`, only the commands named there have options.
 
     Typer evaluates the annotations of every option on every start, which takes a quarter of the time of `--help`.
     Commands that are only listed need only their description.

@@ -134,8 +134,8 @@ def _measured(
 
 
 def _show(artefact: Artefact, measured: list[Measured], output: Path, format: str) -> None:
-    """Print the new values next to the published ones, then what was not run. Write all of it to a file, and draw the
-    figure for a figure."""
+    """Print the new values next to the published ones, then what was not run. Write everything to a file and, if a
+    figure was requested, draw it."""
     from ..atomic import write_bytes
     from ..reproduce.plan import Missing
     from ..reproduce.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper

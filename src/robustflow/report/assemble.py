@@ -37,7 +37,7 @@ _MOST_NAMED = 4
 
 
 def results_of(runs: Sequence[Run], published: bool) -> list[ModelResult]:
-    """Return the published results, if requested, followed by those of the runs."""
+    """Return the published results, if requested, followed by the results of the runs."""
     return [*(published_results() if published else []), *run_results(runs, published)]
 
 

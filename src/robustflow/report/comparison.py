@@ -168,8 +168,8 @@ def compare(
     p-values.
 
     Args:
-        first, second: runs, or paths of their folders or records. Only conditions that both measured on the same frames
-            and ground truth are compared.
+        first, second: runs, or paths of their folders or records. Only conditions measured by both runs on the same
+            frames and ground truth are compared.
         level: confidence level of the intervals, between 0 and 1.
         resamples, seed: number of bootstrap resamples, and their random seed. The same seed gives the same numbers.
 

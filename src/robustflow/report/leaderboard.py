@@ -74,7 +74,7 @@ class Board(Table):
 
     Attributes:
         benchmark: name of the benchmark; `title` is the displayed name.
-        columns: all columns; those that are in no view come last.
+        columns: all columns; columns that are in no view come last.
         views, metrics, settings: selectable options as (value, label) pairs; settings also have an explanation.
         start: index of the initial sort column.
     """

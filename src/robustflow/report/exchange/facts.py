@@ -47,7 +47,7 @@ class RunFacts:
 
     @cached_property
     def means(self) -> list[RunMean]:
-        """Means: clean and average first, then those of each corruption."""
+        """Means: clean and average first, followed by the means of each corruption."""
         (line,) = run_results([self.run])
         known = [RunMean(*key, value.number, line.intervals.get(key)) for key, value in line.values.items()]
         return sorted(known, key=lambda mean: mean.condition not in ("clean", AVERAGE))

@@ -53,8 +53,8 @@ MODEL_STYLES = (
     Style(OLIVE, "X"),
     Style(NAVY, "p"),
 )
-"""Styles of models that are not in the paper. Their colours differ from those of the kinds, so both can appear on one
-page."""
+"""Styles of models that are not in the paper. Their colours differ from the colours of the kinds, so both can appear on
+one page."""
 
 OTHER = Style("#666666")
 """Style of models for which `MODEL_STYLES` has no style left, in figures that print names next to the points."""

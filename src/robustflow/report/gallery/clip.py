@@ -122,7 +122,7 @@ def clip_cells(
     key: str = "",
     scale: str = "paper",
 ) -> Iterator[ClipCell]:
-    """Yield the cells, corruption by corruption. Only the shown frames and those of one cell are in memory.
+    """Yield the cells, corruption by corruption. Memory use is limited to the shown frames and the frames of one cell.
 
     Args:
         part: part of the clip.

@@ -58,8 +58,8 @@ def _board(board: Board, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
 
 
 def _keys(board: Board) -> list[ValueKey]:
-    """Order the columns: first those of a download, then the means over corruption classes, which can be computed from
-    the others, and costs."""
+    """Order the columns: columns of a download first, then the costs and the means over corruption classes, which can
+    be computed from other columns."""
     present = {column.key for column in board.columns}
     corruptions = {corruption for _, corruption in present}
     order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
