@@ -180,7 +180,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
     (group,) = page_figures(content)
     trend = next(one for one in group.figures if one.title == "Effective robustness")
     assert {label for label, _ in trend.lines} == set(models)
-    assert "Not drawn, because not ranked: Useless." in trend.caption
+    assert "Not drawn because not ranked: Useless." in trend.caption
     assert [line.name for line in sorted(content.lines, key=by_error)][-1] == "Useless"
 
 

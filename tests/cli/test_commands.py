@@ -132,7 +132,7 @@ def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
     for value in (*ratios, sum(ratios) / 2):
         assert f"{value:.2f}" in out
     assert f"log_ratio {sum(ratios) / 2:.2f}, the mean over corruptions" in out
-    assert "nothing about robustness" not in out
+    assert "Not a measure of robustness" not in out
     assert run.uncoupled().overall.median_log_ratio == pytest.approx(sum(ratios) / 2)
     code, _, error = robustflow("show", run.path, "--metric", "log_ration")
     assert (code, error.count("\n")) == (2, 1)
@@ -252,7 +252,7 @@ def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(ro
     from robustflow.corruptions import machine_check
 
     monkeypatch.setattr(machine_check, "CHECKED", ("contrast", "pixelate"))
-    assert robustflow("corrupt", "--check")[:2] == (0, "2 of 2 corruptions give the package's bytes on this machine\n")
+    assert robustflow("corrupt", "--check")[:2] == (0, "2 of 2 corruptions match the reference bytes on this machine\n")
     # contrast and pixelate have no random parameter
     monkeypatch.setattr(machine_check, "_SEED", machine_check._SEED + 1)
     assert robustflow("corrupt", "--check")[0] == 0

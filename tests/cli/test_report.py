@@ -225,7 +225,7 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
         ("compare nowhere", 2, "two or more"),
         ("compare a b --metric speed", 2, "unknown metric"),
         ("compare a b --format pdf", 2, "unknown format"),
-        ("compare a b --format csv --json", 2, "exclude each other"),
+        ("compare a b --format csv --json", 2, "mutually exclusive"),
     ],
 )
 def test_bad_input_is_one_line(robustflow, arguments, code, says):

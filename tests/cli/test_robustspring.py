@@ -137,7 +137,7 @@ def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_r
         assert [float(cell) for cell in found[name][1:]] == pytest.approx(values, rel=1e-9)
     epe, fl, px1 = expected["average"]
     assert f"moved by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %" in out
-    assert "the server judges about 0.1 % of the pixels, subsampled in float16" in out
+    assert "the server evaluates about 0.1 % of the pixels, subsampled in float16" in out
 
 
 def test_exports_are_one_sample_set_only_over_the_same_corruptions_of_the_same_frames(robustflow, run, frames):

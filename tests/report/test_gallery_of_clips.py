@@ -176,7 +176,7 @@ def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery, video,
 def test_wrong_requests_are_a_sentence(gallery, video, tmp_path):
     for arguments, code, words in (
         (("--clip", video, "--frames", "a.png", "b.png"), 2, "choose one"),
-        (("--length", 4), 2, "give --clip"),
+        (("--length", 4), 2, "require --clip"),
         (("--clip", video, "--length", 1), 2, "2 to 24"),
         (("--clip", video, "--length", 100), 2, "2 to 24"),
         (("--clip", video, "-c", "object_motion_blur"), 2, "temporal interpolation"),
