@@ -1,4 +1,4 @@
-"""Make an attack of a finished run again, without loading anything that only the run's folder names."""
+"""Repeat an attack of a finished run, loading only code and files that the user names."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from .setup import Setup
 
 
 def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Container[str] = ()) -> Setup:
-    """The set-up of a finished run, with one of its attacks at one severity.
+    """Return the set-up of a finished run with one of its attacks at one severity.
 
     Args:
-        setup: of the run, see `restore_setup`.
-        run: with the attack.
-        name: of the attack, as the run has it.
-        severity: at which it is made.
-        named: attacks that the user named, and that may load code and files therefore.
+        setup: set-up of the run, from `restore_setup`.
+        run: finished run that contains the attack.
+        name: name of the attack in the run.
+        severity: severity of the attack, 1 to 5.
+        named: names of attacks given by the user; only these may load code and files.
 
     Raises:
-        RunError: the attack names code or a file and the user did not, what decides it has changed, or what was trained
-            for it is gone.
+        RunError: the attack names code or a file that the user did not name, its code or settings have changed, or its
+            trained perturbation is missing.
     """
     if name not in named:
         _refuse_code_and_files(name)
@@ -57,7 +57,7 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
 def _refuse_code_and_files(name: str) -> None:
     head, argument, options = split_name(name)
     on = options.pop("on", argument if head == "transfer" else "tiny") or "tiny"
-    options.pop("train", None)  # what was trained is in the run's folder
+    options.pop("train", None)  # the trained perturbation is in the run's folder
     try:
         if "file" in options:
             raise RunError("a file")

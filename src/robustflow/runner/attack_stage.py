@@ -1,4 +1,4 @@
-"""A cell that is an attack: its frames follow from the model, so they are made where the model is."""
+"""Compute cells that are attacks, in the process that has the model, because attacked frames depend on the model."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .seconds import Seconds, timed
 
 
 class AttackStage:
-    """Attacks samples.
+    """Attack samples.
 
     Args:
-        model: loaded.
-        options: of the run.
-        seconds: where "attack" is counted.
-        on_predict: called with what is being attacked, and with None after it.
+        model: loaded model.
+        options: options of the run.
+        seconds: counters to which the time of attacks is added, as "attack".
+        on_predict: callback, called with a description of the attack before it starts and with None when it ends.
     """
 
     def __init__(
@@ -54,15 +54,16 @@ class AttackStage:
         self._warnings: frozenset[str] | None = None
 
     def attack(self, sample: Sample, clean: Flow, cell: Cell) -> Attacked:
-        """The attacked pair of a sample, as `robustflow.attack` makes it with the run's seed and the sample's key.
+        """Return the attacked pair of a sample, as computed by `robustflow.attack` with the run's seed and the sample's
+        key.
 
         Args:
-            sample: with its clean frames and its ground truth.
-            clean: flow of the clean frames, float32 (H, W, 2), pixels.
-            cell: (sample key, attack, severity).
+            sample: sample with its clean frames and its ground truth.
+            clean: flow between the clean frames, float32 (H, W, 2), in pixels.
+            cell: cell to compute, (sample key, attack, severity).
 
         Raises:
-            ModelError: the attack needs gradients and the model has none.
+            ModelError: the attack needs gradients, and the model does not provide any.
         """
         _, name, severity = cell
         with timed(self._seconds, "attack"):
@@ -77,11 +78,11 @@ class AttackStage:
         return attacked
 
     def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
-        """What the model predicted before the first attack."""
+        """Return the warnings of a prediction made before the first attack."""
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
         assert isinstance(self._model, FlowModel)
-        # `clean` may have been predicted in a batch
+        # `clean` may come from a batched prediction
         flow = predict_checked(self._model, (first, second), sample.key, CLEAN, 0)
         warnings = first_warnings(self._model, (first, second), sample.key, flow)
         self._on_predict(None)
@@ -89,14 +90,14 @@ class AttackStage:
 
 
 def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel) -> dict[str, str]:
-    """Check that a model can be attacked in the ways of a benchmark.
+    """Check that all requested attacks work with a model.
 
     Returns:
-        For each attack that more than its name decides, a digest of the rest (`Attack.source`) and of the samples that
-        it is trained on.
+        For each attack that depends on more than its name, a digest of its source (`Attack.source`) and of its training
+        samples.
 
     Raises:
-        UsageError: a multi-frame model, flows computed elsewhere, or a variant that no attack has.
+        UsageError: the model takes more than two frames or reads precomputed flows, or no attack has the variant.
         ModelError: an attack needs gradients and the model has none.
     """
     names = benchmark.attacks
@@ -112,7 +113,7 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
 
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
-    """The columns of a row that only attacks have."""
+    """Return the columns of a row that only attacks have."""
     capped = median = None
     if sample.flow is not None and sample.valid is not None:
         usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid

@@ -1,5 +1,5 @@
-"""Train the attacks of a run that need it: once, on samples that the run does not measure. The results are kept in its
-folder."""
+"""Train the attacks of a run that need training, once, on samples that the run does not measure. The results are stored
+in the run's folder."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
 
 Learned = dict[str, dict[int, Pattern]]
-"""What trained attacks have learned, by attack and severity."""
+"""Trained perturbations by attack and severity."""
 
 
 def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
-    """The attacks of a run by name, in the run's variant if they have it."""
+    """Return the attacks of a run by name, in the run's variant if available."""
     return {name: load_attack(name).with_variant(variant) for name in names}
 
 
 def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
-    """The samples that an attack is trained on, none of which is measured.
+    """Return the training samples of an attack, none of which is measured.
 
-    A number of samples is drawn by the seed from those that are not measured; a file names its own.
+    If the attack gives a number of samples, they are drawn with the seed from those that are not measured; otherwise
+    its file lists them.
 
     Raises:
-        UsageError: too few samples are left, or one of the file is measured.
-        DataError: the file cannot be read, or names no sample.
+        UsageError: too few samples are left, or a sample listed in the file is measured.
+        DataError: the file cannot be read, or lists no sample.
     """
     every, measured = benchmark.dataset.keys(), set(benchmark.keys)
     if attack.trains.isdecimal():
@@ -56,18 +57,19 @@ def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str,
 
 
 def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
-    """A digest of the samples that an attack is trained on, and of their files."""
+    """Return a digest of an attack's training samples and their files."""
     keys = training_keys(attack, benchmark, seed)
     digests = file_digests({key: benchmark.dataset.files(key) for key in keys})
     return digest_of_value([list(keys), digests])
 
 
 def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]) -> Learned:
-    """What the trained attacks of some units have learned: read from the run's folder, where a digest verifies it, or
+    """Return the trained perturbations that some units need: read from the run's folder and verified by digest, or
     trained now and stored there.
 
     Raises:
-        DataError, ModelError: a sample cannot be read, or the model fails.
+        DataError: a sample cannot be read.
+        ModelError: the model fails.
     """
     options = plan.options
     attacks = attacks_in_run(options.attacks, options.variant)
@@ -87,7 +89,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
 
 
 def learned_pattern(folder: RunFolder, plan: Plan, name: str, severity: int) -> Pattern | None:
-    """What a trained attack learned in a run; None unless the run's folder has it intact."""
+    """Return the perturbation of a trained attack; None if it is missing from the run's folder or damaged."""
     return read_clean(folder.pattern_path(name, severity), _made_of(plan, name, severity))
 
 

@@ -1,4 +1,4 @@
-"""Check that a clean row, measured again, equals the one that a run holds: the same frames, ground truth and model."""
+"""Measure a clean row again and compare it with the stored one, to detect changed frames, ground truth or model."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from ..runs.store import RunFolder
 
 _FRAMES = ("frames_digest", "height", "width")
 _PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
-"""Columns that would differ for a different model's flow; the first also without ground truth."""
+"""Columns that differ between models; the first does not need ground truth."""
 _TOLERANCE = 1e-3
-"""Relative tolerance: more than a GPU's arithmetic differs from one run to the next, less than a change of a model."""
+"""Relative tolerance: larger than the rounding differences between two runs on a GPU, smaller than the effect of a
+changed model."""
 
 KEPT = ("sample", "corruption", "severity", *_FRAMES, "truth_digest", *_PREDICTION)
-"""The columns that are compared."""
+"""Columns that are compared."""
 
 
 def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """The clean rows that a run already holds for these samples, by sample; only the columns in `KEPT`.
+    """Return the clean rows of these samples that a run already has, by sample, with only the columns in `KEPT`.
 
     Raises:
         RunError: a shard cannot be read.
@@ -36,14 +37,14 @@ def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[
 
 
 def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare what depends on frames and ground truth.
+    """Compare the columns that depend on frames and ground truth.
 
     Args:
-        before: the row that the run holds.
-        now: the same row, measured again by any model.
+        before: row stored in the run.
+        now: same row, measured again with any model.
 
     Raises:
-        RunError: they differ.
+        RunError: the rows differ.
     """
     if any(before[column] != now[column] for column in _FRAMES):
         raise _other_data(before["sample"], "frames")
@@ -52,14 +53,14 @@ def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
 
 
 def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare what depends on the model.
+    """Compare the columns that depend on the model.
 
     Args:
-        before: the row that the run holds.
-        now: the same row, measured again.
+        before: row stored in the run.
+        now: same row, measured again.
 
     Raises:
-        RunError: they differ by more than rounding.
+        RunError: the rows differ by more than rounding error.
     """
     if not all(_close(before[column], now[column]) for column in _PREDICTION):
         raise RunError(

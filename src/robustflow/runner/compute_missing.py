@@ -1,4 +1,4 @@
-"""Compute what a run's folder still lacks, and write every unit as soon as it is finished."""
+"""Compute the units that a run's folder lacks, and write each one as soon as it is finished."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     """Compute and write the planned units that do not exist yet.
 
     Args:
-        folder: locked by this process.
-        setup: of the run.
-        engine: computes the units.
-        batch_size: severities that are predicted in one call.
-        progress: is notified of the run's size and of every unit that is on disk.
+        folder: run folder, locked by this process.
+        setup: set-up of the run.
+        engine: engine that computes the units.
+        batch_size: number of severities predicted in one call.
+        progress: receiver of the run's size and of a message for every unit written to disk.
 
     Raises:
-        RunError: the folder holds another run.
-        DataError, ModelError: see each class; finished work is kept. A DataError also follows at the end if a file
-            changed during the run; the rows of its samples are removed.
+        RunError: the folder contains a different run.
+        DataError: a file cannot be read, or changed during the run; the rows of a changed sample are removed.
+        ModelError: the model fails. Finished units are kept.
     """
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
@@ -82,8 +82,8 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
 
 
 def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, Path]) -> None:
-    """Remove the rows of samples whose files changed while they were read, since nobody knows which bytes they come
-    from; then raise."""
+    """Remove the rows of samples whose files changed while they were read, because it is unknown which bytes were
+    measured; then raise."""
     folder.drop_samples(changed)
     folder.write_manifest(manifest.without(changed))
     key, path = next(iter(changed.items()))

@@ -1,4 +1,4 @@
-"""The columns of a row about the confidence of its flow."""
+"""Compute the columns of a row that describe the confidence of its flow."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from ..sample import Flow, Sample
 
 
 def confidence_columns(answer: Answer, clean_flow: Flow, sample: Sample) -> dict[str, Any]:
-    """The columns of `robustflow.metrics.rows` about the confidence that came with a flow; none if there is none.
+    """Return the confidence columns of `robustflow.metrics.rows` for a flow; empty if the flow has no confidence.
 
     Args:
-        answer: with the flow back or the model's confidence; see `robustflow.models.confidence`.
-        clean_flow: float32 (H, W, 2), on the clean frames; only pixels that both flows predict are measured.
-        sample: with its ground truth, if there is any.
+        answer: model output with the backward flow or the model's confidence; see `robustflow.models.confidence`.
+        clean_flow: flow between the clean frames, float32 (H, W, 2), in pixels; only pixels that are finite in both
+            flows are measured.
+        sample: sample, with ground truth if available.
     """
     if answer.shape[2] == 2:
         return {}

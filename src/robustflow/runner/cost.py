@@ -1,4 +1,4 @@
-"""The cost of a run's network, counted when the run is done and stored with its rows."""
+"""Count the cost of a run's network at the end of the run, and store it with the rows."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ..runs.run import Run
 
 
 def keep_cost(run: Run, model: Any) -> None:
-    """Store what one prediction of a run's model costs, unless it is stored already, for the run's tables and pages.
+    """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored.
 
-    Only PyTorch networks of this project can be counted; of other models nothing is stored. Nothing is predicted, so it
-    takes about a second.
+    Only the PyTorch networks of this project can be counted; for other models nothing is stored. No flow is predicted,
+    so this takes about a second.
 
     Args:
-        run: whose folder this process has locked or just finished.
-        model: of the run, as it was loaded.
+        run: run whose folder this process has locked or just finished.
+        model: loaded model of the run.
 
     Raises:
         DataError: the folder cannot be written.
     """
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
-        return  # without PyTorch loaded there is no network, and importing it costs more than a small run
+        return  # if PyTorch is not loaded, the model is not a network, and the import takes longer than a small run
     from ..profiling.counts import count
     from ..profiling.network_of import network_of
 
@@ -33,7 +33,7 @@ def keep_cost(run: Run, model: Any) -> None:
         network = network_of(model)
         counts = count(network.net, *network.convention.fitted_size(*COUNTED_SIZE))
     except RobustFlowError:
-        return  # not a network, or not one that can be counted at this size
+        return  # not a network, or its cost cannot be counted at this size
     height, width = COUNTED_SIZE
     identity = run.manifest.identity_digest
     rounds = network.identity().get("iterations")

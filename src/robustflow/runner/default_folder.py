@@ -1,4 +1,4 @@
-"""The folder of a run that is not given one."""
+"""Name the default folder of a run."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..text import file_name
 
 
 def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None = None) -> Path:
-    """The folder of a run that is not given one: `runs/<benchmark>_<model>_<identity>`; with the name of the data if
-    they are the user's own frames, which an identity does not distinguish."""
+    """Return the default folder of a run: `runs/<benchmark>_<model>_<identity>`, plus the name of the data for a user's
+    own frames, which the identity does not distinguish."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
     benchmark = plan.benchmark.name
     if moving_name(benchmark) == OWN_FRAMES and data is not None:
@@ -29,8 +29,8 @@ def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
     """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited.
 
     Args:
-        folder: the `default_folder` of the run.
-        plan: of the run.
+        folder: `default_folder` of the run.
+        plan: plan of the run.
     """
     identity = plan.identity()
     if folder.exists() or not identity.frames.corruptions:

@@ -1,5 +1,5 @@
-"""How far pixels move in a benchmark: the histogram of flow amplitudes (the paper's figure "Optical flow amplitude
-statistic"), from ground truth or from a named model's flow on the clean frames."""
+"""Compute the histogram of flow magnitudes of a benchmark (the paper's figure "Optical flow amplitude statistic"), from
+ground truth or from a model's flow on the clean frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..sample import Flow, Mask, Sample
 from .frames_digest import frames_digest
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
-"""Amplitudes in pixels; the last bin is everything from 100 on."""
+"""Bin edges of flow magnitudes in pixels; the last bin contains everything from 100 on."""
 
 
 def displacement_histogram(
@@ -30,24 +30,24 @@ def displacement_histogram(
     progress: Callable[[int, int], None] = lambda done, total: None,
     digests: Mapping[str, str] | None = None,
 ) -> pl.DataFrame:
-    """Count pixels by amplitude over all samples of a benchmark, one sample in memory at a time.
+    """Count pixels by flow magnitude over all samples of a benchmark, with one sample in memory at a time.
 
     Args:
-        benchmark: whose clean pairs are measured.
-        model: the flow to measure; None takes the ground truth.
-        source: the model's name in the table; its class by default.
-        edges: ascending bin edges in pixels, the first 0; a bin holds its lower edge.
-        digests: sample -> `frames_digest` of the clean row, for a histogram that belongs to a run.
+        benchmark: benchmark whose clean pairs are measured.
+        model: model whose flow is measured; None for the ground truth.
+        source: name of the model in the table; by default the name of its class.
+        edges: ascending bin edges in pixels, starting at 0; a bin includes its lower edge.
+        digests: `frames_digest` of the clean row by sample, for a histogram that belongs to a run.
 
     Returns:
         One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`
         (a count), `share` (of all valid pixels; the shares add up to 1).
 
     Raises:
-        DataError: the ground truth of a benchmark that has none was requested.
-        UsageError: edges that do not ascend from 0, or a model that needs more than two frames.
+        DataError: ground truth was requested, and the benchmark has none.
+        UsageError: the edges do not ascend from 0, or the model needs more than two frames.
         ModelError: the model failed, or returned a flow that is not finite.
-        RunError: the frames have another digest.
+        RunError: the digest of the frames differs.
     """
     if model is None and not benchmark.dataset.has_flow:
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow should be measured")
@@ -59,7 +59,7 @@ def displacement_histogram(
 
 
 def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
-    """The columns `low`, `high`, `pixels` and `share` for any flows with their valid masks.
+    """Return the columns `low`, `high`, `pixels` and `share` for flows with valid masks.
 
     >>> flow = np.zeros((1, 4, 2), np.float32)
     >>> flow[0, :, 0] = 0, 1, 3, -9
@@ -88,21 +88,21 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
 
 
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
-    """Store the histogram of a run's ground truth in its folder, for its pages, unless it exists or there is no ground
-    truth.
+    """Store the histogram of a run's ground truth in the run's folder for its pages, unless it exists or there is no
+    ground truth.
 
-    It takes one more pass over the clean pairs, where the run itself takes a hundred.
+    This is one more pass over the clean pairs; the run itself takes about a hundred.
 
     Args:
-        result: of the run.
-        benchmark: that the run was on.
+        result: the finished run.
+        benchmark: benchmark of the run.
     """
     if not benchmark.dataset.has_flow:
         return
     try:
         kept = read_displacement(result)
     except RunError:
-        kept = None  # damaged, so it is computed again
+        kept = None  # damaged, so the histogram is computed again
     if kept is None:
         samples = replace(benchmark, keys=tuple(result.manifest.samples))
         write_displacement(result, displacement_histogram(samples))

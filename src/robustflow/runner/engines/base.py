@@ -1,4 +1,4 @@
-"""What an engine receives and returns."""
+"""Define what an engine receives and returns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..worker import Worker
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs; picklable if the model is."""
+    """Everything that a worker needs; picklable if the model is picklable."""
 
     dataset: Dataset
     model: ModelSpec | AnyModel
@@ -26,21 +26,21 @@ class Job:
     folder: Path
     batch_size: int = 1
     loaded: AnyModel | None = field(default=None, compare=False)
-    """The model, if this process has loaded it already; it is never sent to another process."""
+    """The model, if this process has already loaded it; never sent to other processes."""
     kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """Clean rows that the run already holds, by sample: a continued sample must give the same row again."""
+    """Clean rows that the run already has, by sample; measuring a continued sample again must give the same row."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "loaded": None}
 
     def load_model(self) -> AnyModel:
-        """The model; loads it if necessary."""
+        """Return the model, loading it if necessary."""
         if self.loaded is not None:
             return self.loaded
         return self.model.load() if isinstance(self.model, ModelSpec) else self.model
 
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
-        """A worker with the model that `load_model` returns."""
+        """Create a worker with the model that `load_model` returns."""
         clean_path = RunFolder(self.folder).clean_path
         model = self.load_model()
         return Worker(self.dataset, model, self.options, clean_path, on_predict, self.batch_size, self.kept)
@@ -48,22 +48,22 @@ class Job:
 
 @dataclass(frozen=True)
 class FinishedUnit:
-    """A finished unit: its rows, and the seconds spent by kind of work."""
+    """A finished unit: its rows, and the seconds spent on each kind of work."""
 
     unit: Unit
     rows: list[dict[str, Any]]
     seconds: dict[str, float]
     place: str | None = None
-    """Node and device that computed it, if the engine has several."""
+    """Node and device that computed the unit, if the engine has several."""
 
 
 @dataclass(frozen=True)
 class Engine:
-    """A way to compute units.
+    """An engine, which computes units.
 
     Attributes:
-        describe: the engine in a few words, for the given units.
-        compute: computes each unit once, in any order that puts a sample's clean unit first.
+        describe: short description of the engine for the given units.
+        compute: function that computes each unit once, in any order in which a sample's clean unit comes first.
     """
 
     describe: Callable[[Sequence[Unit]], str]
@@ -71,5 +71,5 @@ class Engine:
 
 
 def take_seconds(worker: Worker) -> dict[str, float]:
-    """The seconds since the last call."""
+    """Return the seconds since the last call."""
     return pop_timings(worker.seconds)

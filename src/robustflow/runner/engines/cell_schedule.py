@@ -1,8 +1,8 @@
-"""Which cell a feeder gets next, and which units are finished.
+"""Choose the next cell for each feeder, and track which units are finished.
 
-A feeder stays with the sample it has loaded. Which of its cells comes next depends on how much work the model has: a
-costly corruption while enough frames are waiting, a cheap one while they run out. So the corruptions that take a second
-(lens blur) never hold up the model, wherever they are in the plan; their cost is measured during the run.
+A feeder continues with the sample it has loaded. The next cell depends on how many frames are waiting for the model: a
+costly corruption if there are enough, a cheap one if they are running out. Slow corruptions (lens blur takes a second)
+therefore never keep the model waiting, wherever they are in the plan; costs are measured during the run.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .base import FinishedUnit
 
 @dataclass
 class _Open:
-    """A unit whose cells are being handed out."""
+    """A unit whose cells are being assigned."""
 
     unit: Unit
     rows: dict[int, dict[str, Any]] = field(default_factory=dict)
@@ -26,9 +26,10 @@ class _Open:
 
 
 class CellSchedule:
-    """Hands out the cells of units, each once, and collects their rows.
+    """Assign the cells of units, each once, and collect their rows.
 
-    A sample's clean cell comes first. Until its row has arrived, only the feeder that got it continues with the sample.
+    A sample's clean cell comes first. Until the clean row has arrived, only the feeder that computes it works on the
+    sample.
 
     >>> schedule = CellSchedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2))])
     >>> [schedule.take("a" if number else None, False) for number in range(3)]
@@ -43,7 +44,7 @@ class CellSchedule:
         for unit in units:
             self._waiting.setdefault(unit.key, []).append(unit)
         self._fresh = list(reversed(self._waiting))
-        """Samples that no feeder has started, the next one last."""
+        """Samples that no feeder has started, in reverse order."""
         self._cells: dict[str, list[Cell]] = {}
         """Remaining cells of the samples that were started."""
         self._blocked: set[str] = set()
@@ -57,10 +58,10 @@ class CellSchedule:
         return not self._waiting and not self._open
 
     def take(self, last_key: str | None, has_backlog: bool) -> Cell | None:
-        """The next cell for a feeder; None if all remaining cells have to wait.
+        """Return the next cell for a feeder; None if all remaining cells have to wait.
 
         Args:
-            last_key: the sample of the feeder's previous cell.
+            last_key: key of the sample of the feeder's previous cell.
             has_backlog: whether enough frames are waiting for the model to keep it busy.
         """
         key = last_key if last_key in self._cells else None
@@ -78,12 +79,12 @@ class CellSchedule:
         return cell
 
     def learn(self, corruption: str, seconds: float) -> None:
-        """Record that a cell's frames took `seconds` to make."""
+        """Record that preparing a cell's frames took `seconds`."""
         known = self._cost.get(corruption)
         self._cost[corruption] = seconds if known is None else 0.5 * (known + seconds)
 
     def finish(self, cell: Cell, row: dict[str, Any], seconds: dict[str, float]) -> FinishedUnit | None:
-        """Accept the row of a cell and its cost; returns the unit if this was its last row."""
+        """Accept the row of a cell and its cost, and return the unit if this was its last row."""
         key, corruption, severity = cell
         if corruption == CLEAN:
             self._blocked.discard(key)
@@ -104,8 +105,8 @@ class CellSchedule:
             self._blocked.add(key)
 
     def _choice(self, cells: list[Cell], has_backlog: bool) -> int:
-        """The index of the cell to take: the clean one; with a backlog, one of unknown cost from the plan's end, or the
-        costliest; otherwise the cheapest known, or the first."""
+        """Return the index of the next cell: the clean cell if it remains; with a backlog, the last cell of unknown
+        cost, or the costliest; otherwise the cheapest cell of known cost, or the first."""
         if cells[0][1] == CLEAN:
             return 0
         costs = [self._cost.get(corruption) for _, corruption, _ in cells]

@@ -1,7 +1,7 @@
-"""A child process that can be monitored, and that ends when this process does.
+"""A child process that can be monitored and that ends with its parent.
 
-Each child has its own pipe for messages (kind, value). When this process dies, for whatever reason, a second pipe
-closes; a thread of the child waits for that, so even a child that hangs inside a model ends.
+Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread of
+the child waits for this, so even a child that hangs inside a model ends.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Child:
     """One child process.
 
     Args:
-        target: what the child runs: a module-level function, called with its end of the pipe and `arguments`.
-        arguments: picklable; connections and `SharedSlots` among them are passed on.
+        target: module-level function to run in the child, called with the child's end of the pipe and `arguments`.
+        arguments: picklable arguments; connections and `SharedSlots` can be among them.
     """
 
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
@@ -64,15 +64,15 @@ class Child:
             self.pipe.send(message)
 
     def receive(self, doing: str, advice: str) -> tuple[str, Any]:
-        """The next message.
+        """Receive the next message.
 
         Args:
-            doing: what the child was working on, for the message if it ended.
-            advice: what to try in that case.
+            doing: description of the child's work, for the error message if the child has ended.
+            advice: advice for the same error message.
 
         Raises:
             RunError: the child ended without a message.
-            RobustFlowError, RuntimeError: what the child raised.
+            RobustFlowError, RuntimeError: the error raised in the child.
         """
         try:
             kind, value = self.pipe.recv()
@@ -102,18 +102,18 @@ class Child:
 
 
 def refuse_unguarded_script() -> None:
-    """Raise if a starting worker process runs the script that started it from the top again.
+    """Raise if a starting worker process runs the user's script from the top again.
 
     Raises:
-        UsageError: it does, as with every script that has no `if __name__ == "__main__":`.
+        UsageError: the script runs again because it has no `if __name__ == "__main__":`.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise UsageError(_UNGUARDED)
 
 
 def may_have_children() -> bool:
-    """Whether children can start without running the script's code again: it has a guard, there is no script, or it is
-    a package's `__main__`, which `multiprocessing` does not run again."""
+    """Return whether children can start without running the script again: the script has a guard, there is no script,
+    or the script is a package's `__main__`, which `multiprocessing` does not run again."""
     main = __import__("__main__")
     if getattr(getattr(main, "__spec__", None), "name", "").endswith(".__main__"):
         return True
@@ -130,7 +130,7 @@ def check_picklable(model: Any) -> None:
     """Raise if a model object cannot be sent to another process.
 
     Raises:
-        UsageError: it cannot be sent.
+        UsageError: the object cannot be sent.
     """
     if isinstance(model, ModelSpec):
         return
@@ -145,7 +145,7 @@ def check_picklable(model: Any) -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """The environment for a process whose libraries each compute in one thread."""
+    """Set the environment in which each library of a new process uses one thread."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -160,12 +160,12 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Hold back Ctrl-C until a process has started, which inherits ignoring it. The resource tracker has to run
-    already: its start lets Ctrl-C through again."""
+    """Ignore Ctrl-C while a process starts, so that the process inherits this. The resource tracker has to be running
+    already, because starting it would enable Ctrl-C again."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     came: list[
         int
-    ] = []  # another thread of this process may still receive the signal, and would make the main thread raise
+    ] = []  # a different thread of this process may still receive the signal and make the main thread raise
     in_charge = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
     try:
@@ -179,7 +179,7 @@ def _no_interrupt() -> Iterator[None]:
 
 
 def child_main(pipe: Connection, watched: Connection, target: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """Run `target` in the child, and send what it raises."""
+    """Run `target` in the child, and send any exception to the parent."""
     ignore_local_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -202,13 +202,13 @@ def child_main(pipe: Connection, watched: Connection, target: Callable[..., None
 
 def _end_with_parent(watched: Connection) -> None:
     try:
-        watched.recv_bytes()  # nothing is ever sent
+        watched.recv_bytes()  # nothing is ever sent through this pipe
     except (EOFError, OSError):
         os._exit(1)
 
 
 def rebuilt(kind: str, message: str, trace: str) -> Exception:
-    """A child's exception, with its traceback as the cause."""
+    """Return a child's exception with its traceback as the cause."""
     known: Any = getattr(errors, kind, None)
     if isinstance(known, type) and issubclass(known, RobustFlowError):
         error: Exception = known(message)

@@ -1,4 +1,4 @@
-"""Which engine computes a run."""
+"""Choose the engine for a run."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from .staged import staged
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
-"""Largest default number of feeders per device: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
+"""Largest default number of feeders per device: a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
 
 MOST_PROCESSES = 8
 """Largest default number of processes: each takes 300 MB or more."""
 
 _CELLS_PER_PROCESS = 25
-"""Cells per process from which several are started by default: a process takes about two seconds to start."""
+"""Minimum number of cells per process for several processes by default: a process takes about two seconds to start."""
 
 
 def choose_engine(
@@ -44,17 +44,17 @@ def choose_engine(
     others: tuple[Any, ...] = (),
     attacks: bool = False,
 ) -> Engine:
-    """The engine of this name, or the one that suits the model, the number of workers and the timeout.
+    """Return the engine with this name, or the one that suits the model, the number of workers and the timeout.
 
-    A model on accelerators gets one process per accelerator that only predicts, and as many feeders as there are
-    processors. A model on the processor stays in this process, unless workers or a timeout are given, or the model uses
-    one thread alone (`FlowModel.single_threaded`): then long runs get a process per processor. `workers` is the number
-    of feeders, or of processes that do everything. `others` is sent to processes beside the model: if it cannot be
-    pickled, the default stays in this process. With `attacks`, a model on an accelerator stays in this process, because
-    an attack computes where the model is.
+    A model on accelerators gets one process per accelerator, which only predicts, and one feeder per CPU. A model on
+    the CPU runs in this process, unless workers or a timeout are given, or the model is single-threaded
+    (`FlowModel.single_threaded`): then long runs get one process per CPU. `workers` is the number of feeders, or of
+    processes that run all stages. `others` is sent to the processes in addition to the model; if it cannot be pickled,
+    the default is this process. With `attacks`, a model on an accelerator runs in this process, because an attack needs
+    the model itself.
 
     Raises:
-        UsageError: an unknown name, or workers or a timeout that the engine does not support.
+        UsageError: the name is unknown, or the engine does not support the given workers or timeout.
         AssetError: Ray is not installed.
     """
     if workers is not None and workers < 1:
@@ -83,7 +83,7 @@ def choose_engine(
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
     if name == "ray":
-        require("ray", "the ray engine")  # before the run is announced
+        require("ray", "the ray engine")  # fail before the run is announced
         return _ray(workers, timeout, address)
     if name == "processes" and devices:
         return _staged(devices, workers, timeout)
@@ -105,7 +105,7 @@ def _processes(workers: int, timeout: float | None) -> Engine:
 
 
 def _spread(why_not: str) -> Engine:
-    """A process per processor, if there is enough work for each and nothing prevents it; otherwise this process."""
+    """Return one process per CPU if there is enough work for each and nothing prevents it; otherwise this process."""
 
     def engine(units: Sequence[Unit]) -> Engine:
         cells = sum(len(unit.severities) for unit in units)
@@ -153,7 +153,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
 
 
 def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
-    """Why a run does not use other processes by default; empty if it can."""
+    """Return why a run does not use several processes by default; empty if it can."""
     if multiprocessing.current_process().daemon:
         return " (this process is itself a worker)"
     if not may_have_children():
@@ -166,7 +166,8 @@ def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
 
 
 def _moves(thing: Any) -> bool:
-    """Whether another process can load a pickled object; not if a notebook or a prompt defines its class."""
+    """Return whether another process can load a pickled object; False if its class is defined in a notebook or at a
+    prompt."""
     try:
         pickled = pickle.dumps(thing)
     except Exception:

@@ -26,7 +26,7 @@ _OPEN_SAMPLES = 4
 
 
 def cells_ahead(batch_size: int) -> int:
-    """Cells that a feeder is given in advance."""
+    """Number of cells that a feeder is given in advance."""
     return batch_size + 2
 
 
@@ -43,25 +43,25 @@ class _OpenSample:
 
 @dataclass(frozen=True)
 class _Sent:
-    """A request that was sent to the predicting process."""
+    """A request sent to the predicting process."""
 
     sample: _OpenSample
     request: SlotRequest
     digest: str
     wanted: bool
-    """Whether a row is needed; a clean flow's may exist already."""
+    """Whether a row is needed; the row of a clean flow may already exist."""
 
 
 def feed_forever(driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
     """Corrupt and measure cells until the driver ends this process.
 
     Args:
-        driver: sends cells ("cell", cell), or that there is none for now ("none", None), or that there is one after all
-            ("deferred", cell); it receives the cost of a cell's frames ("made", (corruption, seconds, has_backlog)),
-            which also requests another cell, and ("row", (cell, row, seconds)).
-        job: without a model.
-        device: the predicting process; see `predictor.Link`.
-        slots: shared with it.
+        driver: connection to the driver. It sends ("cell", cell), ("none", None) when no cell is available yet, and
+            ("deferred", cell) when one becomes available. It receives the cost of a cell's frames, ("made",
+            (corruption, seconds, has_backlog)), which also requests the next cell, and ("row", (cell, row, seconds)).
+        job: job without a model.
+        device: connection to the predicting process; see `predictor.Link`.
+        slots: memory shared with the predicting process.
     """
     feeder = _Feeder(driver, job, device, slots)
     while True:
@@ -69,7 +69,7 @@ def feed_forever(driver: Connection, job: Job, device: Connection, slots: Shared
 
 
 class _Feeder:
-    """The cells of a feeder, and the answers that it waits for."""
+    """The cells of a feeder, and the predictions that it waits for."""
 
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots
@@ -84,10 +84,10 @@ class _Feeder:
         self._batch: list[_Sent] = []
         self._in_flight: deque[list[_Sent]] = deque()
         self._unanswered = cells_ahead(job.batch_size)
-        """Requests that the driver has not answered yet."""
+        """Number of requests that the driver has not answered yet."""
 
     def step(self) -> None:
-        """Process what has arrived; otherwise make the frames of one cell; otherwise wait."""
+        """Process messages that have arrived; otherwise prepare the frames of one cell; otherwise wait."""
         busy = bool(self._queued_cells) and self._can_make(self._queued_cells[0])
         if not busy:
             self._send_batch_unless_it_grows()
@@ -104,7 +104,7 @@ class _Feeder:
             self._make(self._queued_cells[0])
 
     def _can_make(self, cell: Cell) -> bool:
-        """Whether there is room for the frames of a cell; if not, the feeder waits for flows to come back."""
+        """Return whether there is room for the frames of a cell; if not, the feeder waits for flows."""
         sample = self._samples.get(cell[0])
         if sample is None:
             return len(self._samples) < _OPEN_SAMPLES
@@ -132,18 +132,18 @@ class _Feeder:
         self._begun(cell, self._seconds["corrupt"] - before)
 
     def _find_clean(self, sample: _OpenSample, cell: Cell) -> None:
-        """Read the clean flow from disk, or request it; for a clean cell that is the request of the cell itself."""
+        """Read the clean flow from disk, or request it; for a clean cell, this request is the cell's own."""
         sample.clean = self._measure.stored_clean(sample.loaded)
         if sample.clean is not None:
             return
         wanted = cell[1] == CLEAN
         self._ask(sample, (cell[0], CLEAN, 0), sample.loaded.sample.frames, wanted)
-        self._send_batch()  # not in a batch, as in the other engines
+        self._send_batch()  # predicted alone, as in the other engines
         if wanted:
             self._begun(cell, 0.0)
 
     def _begun(self, cell: Cell, cost: float) -> None:
-        """Report that a cell, whose frames took `cost` seconds, was sent, and request the next one."""
+        """Report that a cell was sent and that its frames took `cost` seconds, and request the next cell."""
         self._queued_cells.popleft()
         self._unanswered += 1
         has_backlog = 2 * self._slots.in_use >= self._slots.count
@@ -165,7 +165,7 @@ class _Feeder:
             self._send_batch()
 
     def _send_batch_unless_it_grows(self) -> None:
-        """Send what is ready when nothing can be made now, unless the driver is about to send another cell."""
+        """Send the prepared cells if no more can be prepared now, unless the driver is about to send the next cell."""
         if self._queued_cells or not self._unanswered:
             self._send_batch()
 
@@ -198,7 +198,7 @@ class _Feeder:
             self._slots.put_back(request.slot)
 
     def _report(self, cell: Cell, sample: _OpenSample, flow: Answer, digest: str) -> None:
-        assert sample.clean is not None  # a device answers in order, and the clean flow was requested first
+        assert sample.clean is not None  # the device answers in order, and the clean flow was requested first
         row = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
         self._driver.send(("row", (cell, row, pop_timings(self._seconds))))
         needed = {key for key, *_ in self._queued_cells} | {cell[0]}
@@ -206,13 +206,13 @@ class _Feeder:
             del self._samples[key]
 
     def _wait_for_the_end(self) -> None:
-        """Wait after the predicting process has ended: the driver reports why, and ends this process."""
+        """Wait after the predicting process has ended: the driver reports the reason and ends this process."""
         while True:
             self._driver.recv()
 
 
 def _slot_bytes(loaded: Loaded, frames: FrameStage, channels: int) -> int:
-    """Bytes of the model's input or of its answer, the larger of the two."""
+    """Return the size of the model's input or output in bytes, whichever is larger."""
     height, width = loaded.sample.shape
     given = frames.request(loaded.sample, (loaded.sample.key, CLEAN, 0), loaded.sample.frames)
     return max(len(given.frames) * 3, 4 * channels) * height * width

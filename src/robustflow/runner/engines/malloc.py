@@ -15,11 +15,11 @@ _SETTINGS = {
 
 
 def keep_freed_memory() -> None:
-    """Let glibc keep the memory that this process frees, up to half a gigabyte.
+    """Let glibc keep up to half a gigabyte of the memory that this process frees.
 
-    Otherwise it returns every freed frame and flow to the system and gets them back page by page: 2 ms for each
-    prediction at KITTI's size, for which a GPU may take 10. MALLOC_ variables set by the user take precedence; with
-    another C library nothing happens.
+    By default, glibc returns every freed frame and flow to the system and gets the memory back page by page: 2 ms per
+    prediction at KITTI's size, which itself may take 10 ms on a GPU. MALLOC_ variables set by the user take precedence;
+    with a different C library this function does nothing.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     for variable, (setting, value) in _SETTINGS.items():

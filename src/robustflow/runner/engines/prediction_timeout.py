@@ -1,4 +1,4 @@
-"""Limit how long a model may predict."""
+"""Limit the time of a prediction."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from ...errors import ModelError
 
 
 class PredictionTimeout:
-    """Watches the predictions of one process.
+    """Watch the predictions of one process.
 
     Args:
-        timeout: the longest that one may take, in seconds; None for no limit.
+        timeout: time limit of one prediction, in seconds; None for no limit.
     """
 
     def __init__(self, timeout: float | None) -> None:
         self._timeout = timeout
         self._since = 0.0
         self.what: str | None = None
-        """What is being predicted."""
+        """Description of the current prediction."""
 
     def note(self, what: str | None) -> None:
         """Record that a prediction begins, or (None) has ended."""
@@ -28,14 +28,14 @@ class PredictionTimeout:
         """Check the clock.
 
         Raises:
-            ModelError: the prediction takes too long.
+            ModelError: the prediction exceeds the time limit.
         """
         if self._timeout is not None and self.what is not None and time.monotonic() - self._since > self._timeout:
             raise too_slow(self._timeout, self.what)
 
 
 def too_slow(timeout: float, what: str) -> ModelError:
-    """The error for a model that takes longer than `timeout` seconds on `what`."""
+    """Return the error for a model that takes longer than `timeout` seconds on `what`."""
     return ModelError(
         f"the model took longer than {timeout:g} s on {what}; fix it, or allow it more time with --timeout"
     )

@@ -1,4 +1,4 @@
-"""A process that only predicts: it holds the model on its device, and shares memory with the feeders of the device."""
+"""A process that only predicts: it has the model on its device, and shares memory with the feeders of the device."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..predict_stage import PredictionRequest, PredictStage
 from ..seconds import no_seconds, pop_timings
 from .shared_slots import SharedSlots
 
-if TYPE_CHECKING:  # not imported by a process that does not need it
+if TYPE_CHECKING:  # imported only by processes that need it
     from ...runs.plan import Cell
 
 
 @dataclass(frozen=True)
 class SlotRequest:
-    """A `PredictionRequest` whose frames are in a slot; the answer goes into the same slot.
+    """A `PredictionRequest` whose frames are in a slot; the flow is written into the same slot.
 
     Attributes:
-        cell: (sample key, corruption, severity).
+        cell: cell of the frames, (sample key, corruption, severity).
         slot, slot_bytes: number and size of the slot.
-        shape: of the frames, (count, H, W, 3).
-        index: of frame 1 in a clip, None for a pair.
-        draws: of the corruption among the frames.
+        shape: shape of the frames, (count, H, W, 3).
+        index: index of frame 1 in a clip; None for a pair.
+        draws: number of draws of the corruption among the frames.
     """
 
     cell: Cell
@@ -38,18 +38,18 @@ class SlotRequest:
 
 
 Link = tuple[Connection, SharedSlots]
-"""A connection to one feeder: lists of `SlotRequest` come in, the seconds that their prediction took go out, in the
-same order."""
+"""A connection to one feeder. It receives lists of `SlotRequest` and sends the prediction time of each list in seconds,
+in the same order."""
 
 
 def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence: str | None, links: list[Link]) -> None:
-    """Predict one batch after the other, in the order in which they arrive; the main function of a predicting process.
+    """Predict batches in the order in which they arrive; the main function of a predicting process.
 
     Args:
-        driver: is notified of what is being predicted.
-        model: for this process's device.
-        confidence: of the run's options.
-        links: to the feeders.
+        driver: connection that receives a description of each prediction.
+        model: model for this process's device.
+        confidence: confidence to predict, from the run's options.
+        links: connections to the feeders.
     """
     seconds = no_seconds()
     loaded = model.load() if isinstance(model, ModelSpec) else model
@@ -60,11 +60,11 @@ def predict_forever(driver: Connection, model: ModelSpec | AnyModel, confidence:
         for ready in wait([driver, *slots], timeout=0 if waiting else None):
             assert isinstance(ready, Connection)
             if ready is driver:
-                driver.recv()  # raises EOFError: it sends nothing and only closes
+                driver.recv()  # raises EOFError, because the other end sends nothing before it closes
                 continue
             try:
                 waiting.append((ready, ready.recv()))
-            except (EOFError, ConnectionError):  # the driver notices that a feeder ended
+            except (EOFError, ConnectionError):  # the driver notices when a feeder ends
                 del slots[ready]
         if waiting:
             link, batch = waiting.popleft()

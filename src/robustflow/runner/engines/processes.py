@@ -1,7 +1,7 @@
 """A pool of worker processes, each of which does all stages of a unit with its own copy of the model.
 
-For models on the processor. A model that hangs or crashes ends the run with a one-line error. Only this process writes
-shards, so an orphan can never write into a folder that a resumed run holds.
+For models on the CPU. A model that hangs or crashes ends the run with a one-line error. Only the parent process writes
+shards, so an orphan can never write into the folder of a resumed run.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .schedule import Schedule
 
 
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
-    """Compute the units in `workers` processes; `timeout` is the longest a single prediction may take, in seconds."""
+    """Compute the units in `workers` processes; `timeout` is the time limit of a single prediction, in seconds."""
     check_picklable(job.model)
     pool: list[_WorkerHandle] = []
     schedule = Schedule(units)
@@ -49,8 +49,8 @@ def compute_units(pipe: Connection) -> None:
     """Compute the units of a job; the main function of a worker process.
 
     Args:
-        pipe: receives the job and then its units; sends ("predicting", what) before and ("predicting", None) after each
-            prediction, and ("rows", (rows, seconds)) for each unit.
+        pipe: connection to the parent. It receives the job and then its units; it sends ("predicting", what) before and
+            ("predicting", None) after each prediction, and ("rows", (rows, seconds)) for each unit.
     """
     worker = pipe.recv().worker(lambda what: pipe.send(("predicting", what)))
     while True:
@@ -59,7 +59,7 @@ def compute_units(pipe: Connection) -> None:
 
 
 class _WorkerHandle:
-    """One worker process and what it is doing."""
+    """One worker process and its current work."""
 
     def __init__(self, job: Job, timeout: float | None) -> None:
         self.child = Child(compute_units)
@@ -76,7 +76,7 @@ class _WorkerHandle:
             self.child.send(self.unit)
 
     def receive(self) -> FinishedUnit | None:
-        """Read one message; returns a finished unit, or None for progress."""
+        """Read one message, and return a finished unit, or None for a progress message."""
         doing = f"sample '{self.unit.key}', {self.unit.corruption}" if self.unit else "nothing"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "predicting":
