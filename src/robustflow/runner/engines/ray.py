@@ -1,7 +1,8 @@
-"""Actors on the nodes of a Ray cluster, or on this machine: one per GPU, or per processor.
+"""Compute with actors on the nodes of a Ray cluster, or on this machine: one per GPU, or one per CPU.
 
-Only this process writes rows, and it knows who computes what, so actors and nodes can be lost at any moment: their
-units are handed out again. Ray's own retries are off; they could run a unit twice when its answer was merely late.
+Only the driver writes rows and tracks which actor computes which unit, so actors and nodes can be lost at any time:
+their units are assigned again. Ray's retries are disabled, because they could run a unit twice when its result is only
+late.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from .ray_member import Member
 from .schedule import Schedule
 
 ATTEMPTS = 3
-"""How many actors may be lost while computing the same unit."""
+"""Largest number of actors that may be lost while computing the same unit."""
 _LOOK_S = 1.0
-"""Seconds between two checks of the cluster's resources."""
+"""Interval between checks of the cluster's resources, in seconds."""
 _PATIENCE_S = 30.0
-"""Seconds without any actor before a warning says so."""
+"""Seconds without any actor before a warning is printed."""
 
 
 def on_ray(
@@ -42,17 +43,17 @@ def on_ray(
     """Compute the units on a Ray cluster.
 
     Args:
-        job: its code has to be importable on every node, whether named by `module:attribute` or not, and its data
-            readable there under the same path; both are checked.
-        units: to compute.
-        workers: number of actors; by default one per GPU of the cluster for a model on a GPU, otherwise one per
-            processor, and more as nodes join.
-        timeout: the longest a single prediction may take, in seconds.
-        address: of the cluster, see `connected`; None for one on this machine that ends with the run.
+        job: job to compute. Its code must be importable on every node, and its data readable there under the same path;
+            both are checked.
+        units: units to compute.
+        workers: number of actors; by default one per GPU of the cluster for a model on a GPU, otherwise one per CPU,
+            and more as nodes join.
+        timeout: time limit of a single prediction, in seconds; None for no limit.
+        address: address of the cluster, see `connected`; None for a local cluster that ends with the run.
 
     Raises:
         UsageError, RunError: Ray, the cluster or one of its nodes lacks something; a unit was lost `ATTEMPTS` times.
-        DataError, ModelError: as with the other engines.
+        DataError, ModelError: same as for the other engines.
     """
     gpu = needs_gpu(job)
     sent = pickled(job)
@@ -65,12 +66,12 @@ def on_ray(
 
 
 def _folders(local: bool) -> list[str]:
-    """Where actors look for modules, in addition to the node's own path."""
-    return sys.path if local else [os.path.abspath(folder) for folder in sys.path[:1]]  # of the script
+    """Return the folders in which actors look for modules, in addition to the node's module path."""
+    return sys.path if local else [os.path.abspath(folder) for folder in sys.path[:1]]  # folder of the script
 
 
 class _Crew:
-    """The actors of a run, and the remaining units."""
+    """Manage the actors of a run and the remaining units."""
 
     def __init__(
         self,
@@ -100,13 +101,13 @@ class _Crew:
         self._losses: dict[Unit, list[str]] = {}
         self._failed_starts = 0
         self._most = 0
-        """The largest number of GPUs or processors that the cluster has had; those of a lost node may come back."""
+        """Return the largest number of GPUs or CPUs that the cluster has had; those of a lost node may come back."""
         self._heard = time.monotonic()
         self._looked = self._heard - _LOOK_S
         self._warned = False
 
     def compute(self) -> Iterator[FinishedUnit]:
-        """Yield all units, as they are finished."""
+        """Yield units as they are finished."""
         tick = _LOOK_S if self._timeout is None else min(_LOOK_S, max(0.05, self._timeout / 4))
         while self._left:
             self._fill_up()
@@ -125,12 +126,12 @@ class _Crew:
                     member.check(self._timeout)
 
     def end(self) -> None:
-        """Stop every actor now; what they were computing is lost."""
+        """Stop every actor immediately; unfinished units are lost."""
         for member in self._members:
             member.kill()
 
     def _fill_up(self) -> None:
-        """Start as many actors as the cluster has room for; the rest wait for a node to join."""
+        """Start as many actors as fit on the cluster; the rest start when a node joins."""
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -151,7 +152,7 @@ class _Crew:
             warnings.warn(f"no {kind} of the Ray cluster is free; waiting for one", stacklevel=2)
 
     def _receive(self, member: Member) -> FinishedUnit | None:
-        """Read the answer to an actor's last call, and make the next one."""
+        """Read the result of an actor's last call, and make the next call."""
         exceptions = self._ray.exceptions
         try:
             answer = self._ray.get(member.take_call())
@@ -190,7 +191,7 @@ class _Crew:
         return value
 
     def _lost(self, member: Member, error: Exception) -> None:
-        """Drop an actor; its unit is computed again."""
+        """Remove a lost actor; its unit is computed again."""
         self._members.remove(member)
         member.kill()
         self._looked -= _LOOK_S
@@ -215,7 +216,7 @@ class _Crew:
 
 
 def _cannot_start(error: Exception) -> RunError:
-    """The error for a node that cannot even load this package; the user's code is loaded later."""
+    """Return the error for a node that cannot load this package; the user's code is loaded later."""
     address = re.search(r"\bip=([^,\s)]+)", str(error))
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return RunError(

@@ -1,7 +1,7 @@
-"""What runs on a node: it reports what is installed there, loads the model, and computes units.
+"""The actor that runs on a node: it reports the installed versions, loads the model, and computes units.
 
-Ray loads this file on the node by its name. Whatever the user's code raises comes back as an answer, so an exception
-from Ray means that the actor or the node is lost.
+Ray imports this module by name on the node. Exceptions of the user's code are returned as results, so an exception from
+Ray means that the actor or the node is lost.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     from ..worker import Worker
 
 Answer = tuple[str, Any]
-"""("done", value), or ("error", (type, message, traceback))."""
+"""The result of a call: ("done", value), or ("error", (type, message, traceback))."""
 
 Files = Sequence[tuple[str, int]]
-"""Paths and sizes of files."""
+"""Paths and sizes of files, in bytes."""
 
 
 def installed() -> dict[str, str]:
-    """Version by name of everything installed that can change a number: this package with a hash of its code, and the
-    libraries it uses."""
+    """Return the versions, by name, of all installed software that can change results: this package with a hash of its
+    code, and the libraries it uses."""
     from ...digest import digest_of_bytes
     from ...runs.environment import environment
 
@@ -53,14 +53,14 @@ def installed() -> dict[str, str]:
 
 
 def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
-    """Raise if a node may compute different numbers.
+    """Raise if a node may compute different results.
 
     Args:
-        host: the node's name.
-        here, there: what `installed` returns where the run was started, and on the node.
+        host: name of the node.
+        here, there: results of `installed` on the machine that started the run, and on the node.
 
     Raises:
-        RunError: they differ.
+        RunError: the versions differ.
     """
     for name in here | there:
         if here.get(name) != there.get(name):
@@ -71,7 +71,7 @@ def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> N
 
 
 class UnitActor:
-    """One worker on a node. Its methods are called in this order: `hello`, `begin`, then `run` any number of times."""
+    """A worker on a node. Call `hello` first, then `begin`, then `run` any number of times."""
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
@@ -80,12 +80,12 @@ class UnitActor:
         self._scratch = Path(tempfile.gettempdir()) / f"robustflow-{secrets.token_hex(8)}"
 
     def hello(self, variables: dict[str, str], folder: str, path: list[str]) -> tuple[str, dict[str, str]]:
-        """The node's name and what is installed there.
+        """Return the node's name and the versions installed there.
 
         Args:
-            variables: environment variables, set before anything that reads them is loaded.
-            folder: the driver's working folder, which relative paths refer to.
-            path: folders of modules, in addition to the node's own.
+            variables: environment variables to set before any module that reads them is imported.
+            folder: working directory of the driver, to which relative paths refer.
+            path: folders to add to the node's module path.
         """
         os.environ.update(variables)
         keep_freed_memory()
@@ -95,21 +95,21 @@ class UnitActor:
         return self._host, installed()
 
     def begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> Answer:
-        """Load data set and model, and return the device it computes on.
+        """Load data set and model, and return the model's device.
 
         Args:
-            pickled: a `Job`.
-            identity: the expected identity of the model.
-            files: of one sample, which have to exist on the node.
+            pickled: pickled `Job`.
+            identity: expected identity of the model.
+            files: files of one sample, which must exist on the node.
         """
         return answered(lambda: self._begin(pickled, identity, files))
 
     def run(self, unit: Unit, files: Files) -> Answer:
-        """The rows of a unit and the seconds they took; `files` are those of its sample."""
+        """Return the rows of a unit and the seconds they took; `files` are the files of its sample."""
         return answered(lambda: self._run(unit, files))
 
     def predicting(self) -> tuple[str, float] | None:
-        """What the model is predicting at this moment, and for how many seconds already."""
+        """Return a description of the current prediction, and its duration so far in seconds."""
         now = self._predicting
         return now and (now[0], time.monotonic() - now[1])
 
@@ -150,7 +150,7 @@ class UnitActor:
         try:
             rows = self._worker.run(unit)
         finally:
-            shutil.rmtree(self._scratch)  # the worker has the clean flow of its sample in memory
+            shutil.rmtree(self._scratch)  # the worker already has the sample's clean flow in memory
         return rows, take_seconds(self._worker)
 
     def _note(self, what: str | None) -> None:
@@ -173,15 +173,15 @@ class UnitActor:
 
 
 def answered(compute: Callable[[], Any]) -> Answer:
-    """What a call returns or raises, as an answer."""
+    """Return what a call returns or raises, in the form of `Answer`."""
     try:
         return "done", compute()
-    except BaseException as error:  # SystemExit as well: Ray would regard it as an actor that ends on purpose
+    except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose
         return "error", (type(error).__name__, str(error), traceback.format_exc())
 
 
 def _device() -> str:
-    """The device that Ray gave this actor."""
+    """Return the device that Ray assigned to this actor."""
     import ray
 
     given = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])

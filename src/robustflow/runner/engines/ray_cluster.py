@@ -1,4 +1,4 @@
-"""A Ray cluster to compute on: an existing one, or one on this machine that lasts as long as the run."""
+"""Connect to an existing Ray cluster, or start one on this machine that ends with the run."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ from ...extras import require
 from ...safe_path import safe_path
 
 REACH_S = 10.0
-"""Seconds within which the head of a cluster has to answer."""
+"""Time limit for the head of a cluster to answer, in seconds."""
 _STORE_BYTES = 200 * 2**20
-"""Bytes of the object store of a cluster started here, in addition to what is sent to every actor: rows are small."""
+"""Size of the object store of a local cluster in bytes, in addition to the data sent to every actor: rows are small."""
 _LONGEST_TMP = 30
-"""Ray puts sockets into its folder, and their paths may have at most 107 characters."""
+"""Longest path of Ray's folder: Ray puts sockets into it, whose paths may have at most 107 characters."""
 _SETTINGS = b"\4"
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
-"""The preface of an HTTP/2 client, which is what Ray's ports speak; a server answers with its settings (RFC 9113,
-3.4)."""
+"""The preface of an HTTP/2 client, the protocol of Ray's ports; a server answers with its settings (RFC 9113, 3.4)."""
 _WATCH = "import sys; sys.stdin.buffer.read(1) or sys.exit(sys.argv[1])"
 _ENDED_BY_RAY = (
     "robustflow: Ray ended this process, as it does when one of its own on this machine was killed or ran out of "
@@ -36,10 +35,10 @@ _ENDED_BY_RAY = (
 
 
 def ray_module() -> Any:
-    """The module `ray`.
+    """Return the module `ray`.
 
     Raises:
-        UsageError: it is not installed.
+        UsageError: Ray is not installed.
     """
     require("ray", "the ray engine")
     import ray
@@ -49,18 +48,18 @@ def ray_module() -> Any:
 
 @contextmanager
 def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0) -> Iterator[Any]:
-    """The module `ray`, connected; a connection or cluster that was started here ends with the block.
+    """Yield the module `ray`, connected to a cluster; a connection or cluster started here ends with the block.
 
     Args:
-        address: of a cluster: "auto" (the one that this machine is part of, or RAY_ADDRESS), "host:port" of its head,
-            on a machine that is part of it, or "ray://host:port" from any machine. None starts a cluster of this
-            machine; if the caller's process is connected already, that cluster is used.
-        cpus: of a cluster that is started here; all CPUs of this machine by default.
-        sent_bytes: size of what every actor is sent.
+        address: address of a cluster: "auto" (the cluster that this machine is part of, or RAY_ADDRESS), "host:port" of
+            the head, on a machine that is part of the cluster, or "ray://host:port" from any machine. None uses the
+            cluster that this process is already connected to, or else starts a local one.
+        cpus: number of CPUs of a local cluster; all CPUs of this machine by default.
+        sent_bytes: size of the data sent to every actor, in bytes.
 
     Raises:
         UsageError: Ray is not installed, or the address is malformed.
-        RunError: nothing answers there.
+        RunError: no cluster answers at the address.
     """
     ray = ray_module()
     if ray.is_initialized():
@@ -80,7 +79,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
                 _start(ray, cpus, sent_bytes, folder)
             else:
                 _join(ray, address)
-        _restore(handler)  # Ray replaces the caller's
+        _restore(handler)  # Ray replaces the caller's handler
         with _last_words():
             yield ray
     finally:
@@ -124,7 +123,7 @@ def _join(ray: Any, address: str) -> None:
         raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
     except ValueError as error:
         raise UsageError(f"--address {address} is not an address: give auto, host:port or ray://host:port") from error
-    except SystemExit as error:  # Ray's error for a server with another protocol
+    except SystemExit as error:  # Ray's error for a server with a different protocol
         raise RunError(f"{cluster} does not answer like Ray; check the address and its port") from error
     except Exception as error:
         raise RunError(f"{cluster} cannot be joined from here: {_first_sentence(error)}") from error
@@ -132,8 +131,8 @@ def _join(ray: Any, address: str) -> None:
 
 @contextmanager
 def _last_words() -> Iterator[None]:
-    """Within the block, a second process prints a line if this one ends silently: Ray ends its driver, from code that
-    Python cannot catch, when one of Ray's processes on this machine is gone."""
+    """Within the block, a second process prints a line if this process ends silently: when one of Ray's processes on
+    this machine is lost, Ray ends its driver from code that Python cannot catch."""
     arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
     # in a separate session, where Ctrl-C does not reach it
     watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
@@ -148,10 +147,10 @@ def _last_words() -> Iterator[None]:
 
 
 class _NoFolders(list[str]):
-    """The folders that Ray puts before the standard library in its workers' path: none."""
+    """Return the folders that Ray puts before the standard library in its workers' module path: none."""
 
     def extend(self, folders: Iterable[str]) -> None:
-        """Leave out the working folder and the script's, which Ray has no option to leave out."""
+        """Omit the working directory and the script's folder, for which Ray has no option."""
 
 
 def _job(ray: Any) -> Any:
@@ -161,7 +160,7 @@ def _job(ray: Any) -> Any:
 
 
 def _check_answers(address: str, cluster: str) -> None:
-    """Check the address first: Ray itself would try for two minutes, and then end the process."""
+    """Check the address first: Ray would retry for two minutes and then end the process."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not (colon and host and port.isdecimal()):
         return
@@ -180,14 +179,14 @@ def _check_answers(address: str, cluster: str) -> None:
 
 
 def _new_folder() -> str:
-    """A folder for Ray's sockets and logs."""
+    """Return a folder for Ray's sockets and logs."""
     usual = tempfile.gettempdir()
     return tempfile.mkdtemp(prefix="rf-ray-", dir=usual if len(usual) <= _LONGEST_TMP else "/tmp")
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Options that silence Ray's messages on starting and ending, and its usage statistics."""
+    """Return options that disable Ray's start and end messages and its usage statistics."""
     logger = logging.getLogger("ray")
     level, before = logger.level, os.environ.get("RAY_USAGE_STATS_ENABLED")
     logger.setLevel(logging.ERROR)
@@ -203,8 +202,8 @@ def _quiet() -> Iterator[None]:
 
 
 def _show_messages(ray: Any, shown: bool) -> None:
-    """Ray prints its messages about a lost actor to standard output, where our tables go, and has no option to turn
-    them off."""
+    """Silence Ray's messages about lost actors: Ray prints them to standard output, which contains our tables, and has
+    no option to turn them off."""
     ray._private.worker._worker_logs_enabled = shown
 
 
@@ -212,7 +211,7 @@ def _restore(handler: Any) -> None:
     if handler is not None and signal.getsignal(signal.SIGTERM) is not handler:
         try:
             signal.signal(signal.SIGTERM, handler)
-        except ValueError:  # not in the main thread, where Ray did not change it either
+        except ValueError:  # not in the main thread, so Ray did not change the handler either
             return
 
 

@@ -1,4 +1,4 @@
-"""What a node needs for a job: the job itself, a GPU or none, the model to load, and the files it must have."""
+"""Describe what a node needs for a job: the job itself, a GPU or none, the model, and the data files."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from .ray_cluster import ray_module
 
 
 def pickled(job: Job) -> bytes:
-    """The job as it is sent to every node.
+    """Return the job as it is sent to every node.
 
     Raises:
-        UsageError: it cannot be sent, or Ray is not installed.
+        UsageError: the job cannot be sent, or Ray is not installed.
     """
     cloudpickle = ray_module().cloudpickle
     try:
@@ -34,10 +34,10 @@ def pickled(job: Job) -> bytes:
 
 
 def needs_gpu(job: Job) -> bool:
-    """Whether every actor needs its own GPU.
+    """Return whether every actor needs its own GPU.
 
     Raises:
-        UsageError: a particular GPU is named, but only Ray can choose one.
+        UsageError: a specific GPU is named, but only Ray can choose the GPU.
     """
     listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
     if any(":" in device for device in listed):
@@ -48,13 +48,14 @@ def needs_gpu(job: Job) -> bool:
 
 
 def model_identity_of(job: Job) -> dict[str, Any]:
-    """The identity that a node's model must have."""
+    """Return the identity that the model on a node must have."""
     model = job.load_model()
     return job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
 
 
 def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:
-    """Paths and sizes of the files that a node needs for a unit: those of depth only where its corruption needs it."""
+    """Return paths and sizes of the files that a node needs for a unit; depth files are included only if its corruption
+    needs depth."""
     options, attacked = job.options, unit.corruption in job.options.attacks
     depths = None if attacked or not needs_depth(unit.corruption) else options.depth
     files = files_of_sample(job.dataset, unit.key, options.window, depths)
@@ -62,6 +63,6 @@ def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:
 
 
 def variables() -> dict[str, str]:
-    """Environment variables for every actor: where the user's files are, and one thread per library."""
+    """Return environment variables for every actor: the paths of the user's files, and one thread per library."""
     mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
     return mine | dict.fromkeys(ONE_THREAD, "1")

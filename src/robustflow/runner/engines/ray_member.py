@@ -1,4 +1,4 @@
-"""What this process knows about an actor: where it is, its last call, and what it computes."""
+"""The driver's view of an actor: its node, its last call, and its current unit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from .prediction_timeout import too_slow
 from .ray_actor import Files, UnitActor
 
 _UNANSWERED_S = 30.0
-"""How much longer than the timeout of a prediction an actor may be silent; a lost node is noticed within that time."""
+"""Time in seconds, beyond the timeout of a prediction, that an actor may be silent; a lost node is noticed within this
+time."""
 
 
 class Member:
-    """An actor. Each call is answered before the next one is made; `call` is the one not answered yet.
+    """An actor. Each call is answered before the next one is made; `call` is the pending call.
 
     Attributes:
-        host: the node's name; None until the actor has reported it.
-        device: what it computes on; None until it has loaded the model.
-        unit: the one it is computing.
-        last_key: the sample that it has loaded.
+        host: name of the node; None until the actor has reported it.
+        device: device of the model; None until the model is loaded.
+        unit: unit that the actor is computing.
+        last_key: key of the sample that the actor has loaded.
     """
 
     def __init__(self, ray: Any, gpu: bool, watched: bool) -> None:
@@ -48,39 +49,39 @@ class Member:
 
     @property
     def is_idle(self) -> bool:
-        """Whether it is waiting for a unit."""
+        """Return whether the actor is waiting for a unit."""
         return self.device is not None and self.call is None
 
     def greet(self, variables: dict[str, str], folder: str, path: list[str]) -> None:
-        """See `UnitActor.hello`."""
+        """Call `UnitActor.hello`."""
         self.call = self._actor.hello.remote(variables, folder, path)
 
     def begin(self, host: str, pickled: Any, identity: dict[str, Any], files: Files) -> None:
-        """See `UnitActor.begin`."""
+        """Call `UnitActor.begin`."""
         self.host = host
         self.call = self._actor.begin.remote(pickled, identity, files)
 
     def give(self, unit: Unit, files: Files) -> None:
-        """Make it compute a unit."""
+        """Make the actor compute a unit."""
         self.unit, self.last_key = unit, unit.key
         self.call = self._actor.run.remote(unit, files)
 
     def take_call(self) -> Any:
-        """The call that has now been answered."""
+        """Return the call that has been answered, and mark the actor as idle."""
         call, self.call = self.call, None
         return call
 
     def finish(self) -> Unit:
-        """The unit, now computed."""
+        """Return the unit, which is now computed."""
         unit, self.unit, self._question = self.unit, None, None
         assert unit is not None
         return unit
 
     def check(self, timeout: float) -> None:
-        """End the run if a prediction takes too long; to be called repeatedly.
+        """End the run if a prediction takes too long. Call this repeatedly.
 
         Raises:
-            ModelError: it takes too long, or keeps the actor from reporting that.
+            ModelError: the prediction takes too long, or keeps the actor from responding.
         """
         if self.unit is None:
             return
@@ -92,7 +93,7 @@ class Member:
         if self._ray.wait([self._question], timeout=0)[0]:
             try:
                 predicting = self._ray.get(self._question)
-            except self._ray.exceptions.RayError:  # the unit's own call reports it as well
+            except self._ray.exceptions.RayError:  # the call for the unit reports the error too
                 predicting = None
             self._question = None
             if predicting is not None and predicting[1] > timeout:
@@ -101,8 +102,8 @@ class Member:
             raise too_slow(timeout, describe_cell(self.unit.key, self.unit.corruption, *self.unit.severities))
 
     def kill(self) -> None:
-        """End it now."""
+        """End the actor immediately."""
         try:
             self._ray.kill(self._actor, no_restart=True)
-        except Exception:  # it is dead, or the cluster is
+        except Exception:  # the actor or the cluster is already gone
             return

@@ -1,4 +1,4 @@
-"""Clips prepared on a Ray cluster, one task each. All nodes write into the output folder, so they must share it."""
+"""Prepare clips on a Ray cluster, one task per clip. All nodes write into the output folder, so they must share it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .ray_actor import Answer, answered, check_installed, installed
 from .ray_cluster import connected
 
 ATTEMPTS = 3
-"""How many nodes may be lost while they prepare the same clip."""
+"""Largest number of nodes that may be lost while preparing the same clip."""
 _APPEARS_S = 10.0
-"""Seconds within which a file written by one machine must be visible to another."""
+"""Time limit for a file written on one machine to become visible on the others, in seconds."""
 
 
 def prepare_on_ray(
@@ -34,18 +34,18 @@ def prepare_on_ray(
     workers: int | None = None,
     address: str | None = None,
 ) -> None:
-    """Prepare every clip in a folder of its name below `output`, each with one processor, or one GPU for FLAVR.
+    """Prepare every clip in a folder of the same name in `output`, each with one CPU, or one GPU for FLAVR.
 
-    A lost node costs at most the segment that it was making: another one continues with what is in the folder.
+    If a node is lost, at most its current segment is lost: a different node continues from the files in the folder.
 
     Args:
         sources, output, preparation, progress: see `prepare_folder`.
-        workers: clips prepared at once; as many as the cluster has room for by default.
-        address: of the cluster, see `connected`.
+        workers: number of clips prepared at the same time; by default as many as fit on the cluster.
+        address: address of the cluster, see `connected`.
 
     Raises:
         DataError: a source fails, or a node does not see the sources or `output`.
-        UsageError, RunError: Ray, the cluster, or a node of it lacks something; a clip was lost `ATTEMPTS` times.
+        UsageError, RunError: Ray, the cluster or one of its nodes lacks something, or a clip was lost `ATTEMPTS` times.
     """
     proof = output / f".shared-{secrets.token_hex(8)}"
     proof.touch()
@@ -70,14 +70,14 @@ def prepare_on_ray(
                             waiting.append(source)
             finally:
                 for call in running:
-                    with suppress(Exception):  # the cluster may be gone
+                    with suppress(Exception):  # the cluster may already be gone
                         ray.cancel(call, force=True)
     finally:
         proof.unlink(missing_ok=True)
 
 
 def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
-    """Whether a clip is finished; False if its node was lost."""
+    """Return whether a clip is finished; False if its node was lost."""
     try:
         kind, value = ray.get(call)
     except ray.exceptions.RayTaskError as error:

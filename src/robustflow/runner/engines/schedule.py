@@ -1,4 +1,4 @@
-"""Which unit an idle worker gets next."""
+"""Choose the next unit for an idle worker."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ...runs.plan import Unit
 
 
 class Schedule:
-    """Hands out units so that a sample's clean flow exists before anything that is compared with it, a worker stays
-    with the sample it has loaded, and as few samples as possible are open at once. After the clean unit a sample's
-    units are handed out from the plan's end, where the costliest corruption (psf_blur) is: started last, it would keep
-    one worker busy while the others have nothing left to do.
+    """Assign units so that a sample's clean flow is computed first, a worker continues with the sample it has loaded,
+    and as few samples as possible are in progress. After the clean unit, a sample's units are assigned in reverse
+    order, because the costliest corruption (psf_blur) is at the end of the plan: if it started last, one worker would
+    be busy while the others are idle.
 
     >>> units = [Unit("a", "clean", (0,)), Unit("a", "fog", (1,)), Unit("b", "clean", (0,))]
     >>> schedule = Schedule(units)
@@ -25,19 +25,19 @@ class Schedule:
 
     def __init__(self, units: Iterable[Unit]) -> None:
         self._waiting: dict[str, deque[Unit]] = {}
-        """Units by sample, in the plan's order of samples."""
+        """Units by sample, with the samples in the plan's order."""
         self._blocked: set[str] = set()
         """Samples whose clean unit is being computed."""
         for unit in units:
             self._waiting.setdefault(unit.key, deque()).append(unit)
         self._fresh = [key for key, mine in reversed(self._waiting.items()) if mine[0].corruption == CLEAN]
-        """Samples that no worker has started, the next one last."""
+        """Samples that no worker has started, in reverse order."""
 
     def take(self, last_key: str | None) -> Unit | None:
-        """The next unit for a worker that has `last_key` loaded; None if all remaining units have to wait."""
+        """Return the next unit for a worker that has `last_key` loaded; None if all remaining units have to wait."""
         if last_key is not None and self._ready(last_key):
             return self._pop(last_key)
-        if self._fresh:  # prefer a new sample to another worker's: two workers on one sample load it twice
+        if self._fresh:  # prefer a new sample, because two workers on the same sample load it twice
             key = self._fresh.pop()
             self._blocked.add(key)
             return self._pop(key)
@@ -47,12 +47,12 @@ class Schedule:
         return None
 
     def finished(self, unit: Unit) -> None:
-        """Report that a unit is done; a clean unit frees the rest of its sample."""
+        """Record that a unit is done; a clean unit allows the rest of its sample to start."""
         if unit.corruption == CLEAN:
             self._blocked.discard(unit.key)
 
     def give_back(self, unit: Unit) -> None:
-        """Take back a unit whose worker is gone: it is handed out again, and before the rest of its sample.
+        """Return a unit whose worker was lost to the queue, ahead of the rest of its sample.
 
         >>> schedule = Schedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1,))])
         >>> schedule.give_back(schedule.take(None)); schedule.take(None).corruption, schedule.take(None)

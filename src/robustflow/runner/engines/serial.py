@@ -1,4 +1,4 @@
-"""Compute everything in this process: for debugging, and for models that exist only here."""
+"""Compute all units in this process: for debugging, and for models that cannot be sent to other processes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .base import Engine, FinishedUnit, Job, take_seconds
 
 
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
-    """Compute the units one after the other."""
+    """Compute the units in sequence."""
     worker = job.worker()
     with one_opencv_thread():
         for unit in units:
@@ -19,4 +19,4 @@ def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
 
 
 SERIAL = Engine(lambda units: "serial", serial)
-"""The serial engine."""
+"""Return the serial engine."""

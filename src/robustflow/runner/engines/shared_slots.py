@@ -1,7 +1,7 @@
-"""Memory shared by two processes: slots of equal size, each of which holds the frames of a cell, then its flow.
+"""Memory shared by two processes: slots of equal size, each of which contains the frames of a cell, then its flow.
 
-The memory has no name (`memfd_create`), so nothing is left of it when the last of the two ends, however it ends, and
-the 64 MB that a container has under /dev/shm are not a limit. A slot takes memory only from its first use.
+The memory is anonymous (`memfd_create`), so it is always freed when both processes have ended, and it is not limited by
+/dev/shm, which has 64 MB in a container. A slot takes memory only from its first use.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ...errors import RunError
 from ...sample import Flow, Frame
 
 BUDGET = 128 * 2**20
-"""Bytes that the slots of one feeder may take together, unless the minimum number of slots takes more."""
+"""Largest total size of a feeder's slots in bytes; exceeded only if the minimum number of slots needs more."""
 MOST_SLOTS = 64
 _PAGE = 4096
 
 
 class SharedSlots:
-    """Slots that a feeder fills and empties, and into which a predicting process writes its answers.
+    """Slots into which a feeder writes frames, and in which a predicting process replaces the frames by their flow.
 
-    Can be sent to a child process with the arguments that it starts with.
+    The object can be passed to a child process as a start argument.
 
     Args:
-        fewest: minimum number of slots, however large.
+        fewest: minimum number of slots, regardless of their size.
     """
 
     def __init__(self, fewest: int) -> None:
@@ -44,13 +44,13 @@ class SharedSlots:
         self.count = 0
         """Number of slots, free and used."""
         self.slot_bytes = 0
-        """Size of a slot."""
+        """Size of a slot in bytes."""
 
     def __reduce__(self) -> tuple[Callable[..., SharedSlots], tuple[Any, int]]:
         return _attached, (DupFd(self._descriptor), self._fewest)
 
     def close(self) -> None:
-        """Release the memory in this process; existing views stay valid."""
+        """Release the memory in this process; existing views remain valid."""
         os.close(self._descriptor)
         self._map = None
 
@@ -77,11 +77,11 @@ class SharedSlots:
         self._free = list(range(self.count))[::-1]
         self._used = set()
         whole = max(self.count * self.slot_bytes, os.fstat(self._descriptor).st_size)
-        os.ftruncate(self._descriptor, whole)  # so that each process maps it once; it takes no memory yet
+        os.ftruncate(self._descriptor, whole)  # reserved so that each process maps it once; takes no memory yet
         return True
 
     def take(self) -> int:
-        """A free slot, most recently used first, so that fewer slots take memory.
+        """Return a free slot, most recently used first, so that fewer slots take memory.
 
         Raises:
             RunError: there is not enough memory.
@@ -99,17 +99,17 @@ class SharedSlots:
         return slot
 
     def put_back(self, slot: int) -> None:
-        """Give a slot back."""
+        """Release a slot."""
         self._free.append(slot)
 
     # Both sides.
 
     def frames(self, slot: int, slot_bytes: int, shape: Sequence[int]) -> Frame:
-        """The frames in a slot, uint8 (count, H, W, 3); a view."""
+        """Return a view of the frames in a slot, uint8 (count, H, W, 3)."""
         return self._view(slot, slot_bytes, shape, np.uint8)
 
     def flow(self, slot: int, slot_bytes: int, shape: Sequence[int]) -> Flow:
-        """The flow in a slot, float32 (H, W, 2); a view."""
+        """Return a view of the flow in a slot, float32 (H, W, 2), in pixels."""
         return self._view(slot, slot_bytes, shape, np.float32)
 
     def _view(self, slot: int, slot_bytes: int, shape: Sequence[int], dtype: Any) -> Any:

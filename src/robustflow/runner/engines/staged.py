@@ -1,8 +1,8 @@
-"""Processes that only predict, one per device, and processes that corrupt and measure for them.
+"""Run one predicting process per device, and feeder processes that corrupt frames and measure flows.
 
-The feeders of a device send it frames through shared memory and get flows back the same way, directly; this process
-hands out cells, watches the others, and is the only one that writes rows. The number of frames in flight is bounded by
-the slots of each feeder: a feeder without a free slot waits.
+The feeders of a device exchange frames and flows with it directly through shared memory; the driver assigns cells,
+monitors the processes, and is the only process that writes rows. The number of frames in flight is bounded by the slots
+of each feeder: a feeder without a free slot waits.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ def staged(
     """Compute the units.
 
     Args:
-        job: its model is loaded once per device.
-        units: to compute.
-        devices: one predicting process each; a model loaded by name is given its device.
-        feeders: number of processes that corrupt and measure, at least as many as devices, to which they are assigned
-            in turn.
-        timeout: the longest that a prediction, or a batch of them, may take, in seconds.
+        job: job to compute; its model is loaded once per device.
+        units: units to compute.
+        devices: devices, each with one predicting process; a model loaded by name is loaded onto its device.
+        feeders: number of processes that corrupt and measure, at least the number of devices; they are assigned to the
+            devices round-robin.
+        timeout: time limit of a prediction or batch, in seconds; None for no limit.
 
     Raises:
-        UsageError: a model object that cannot be sent to a process.
-        RunError, ModelError, DataError: as with the other engines.
+        UsageError: the model object cannot be sent to a process.
+        RunError, ModelError, DataError: same as for the other engines.
     """
     check_picklable(job.model)
     schedule = CellSchedule(units)
@@ -91,27 +91,27 @@ class _PredictorHandle:
         self.timeout = PredictionTimeout(timeout)
 
     def handle_message(self, schedule: CellSchedule) -> None:
-        """Take one message."""
+        """Process one message."""
         doing = self.timeout.what or "nothing"
         self.timeout.note(self.child.receive(doing, "try a smaller --batch-size")[1])
 
 
 class _FeederHandle:
-    """A feeder, and the cells it was given."""
+    """A feeder and its cells."""
 
     def __init__(self, job: Job, link: Any, slots: SharedSlots) -> None:
         self.child = Child(feed_forever, replace(job, model=ModelSpec("none")), link, slots)
         self._asked = cells_ahead(job.batch_size)
-        """Requested cells that were not answered yet."""
+        """Number of requests that have not been answered yet."""
         self._deferred = 0
-        """Requested cells to which the answer was that there is none."""
+        """Number of requests that were answered with "none"."""
         self._last_key: str | None = None
         self._has_backlog = False
         self._unmade: deque[Cell] = deque()
-        """Cells that it was given and whose frames it has not made yet; it works on the first of them next."""
+        """Cells of the feeder whose frames are not prepared yet, in the order of work."""
 
     def handle_message(self, schedule: CellSchedule) -> FinishedUnit | None:
-        """Read one message, and return the unit that it finishes, if any."""
+        """Read one message, and return the unit that it completes, if any."""
         doing = describe_cell(*self._unmade[0]) if self._unmade else "the last rows"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "made":
@@ -123,7 +123,7 @@ class _FeederHandle:
         return schedule.finish(*value)
 
     def send_cells(self, schedule: CellSchedule) -> None:
-        """Send it the cells that it requested, as far as they are available."""
+        """Send the feeder the cells that it requested, as far as they are available."""
         while self._asked or self._deferred:
             cell = schedule.take(self._last_key, self._has_backlog)
             if cell is not None:
