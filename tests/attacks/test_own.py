@@ -75,7 +75,7 @@ def test_an_own_attack_is_a_condition_with_its_options_and_its_source(source):
     assert rows["attack_evaluations"].to_list() == [2]
     assert list(done.manifest.identity.frames.attack_sources) == [name]
     source("VALUE = 1\n")
-    with pytest.raises(RunError, match=f"what decides the attack {name} has changed since"):
+    with pytest.raises(RunError, match=f"the attack {name} has changed since"):
         _run("my_noise:Mine:tries=2:moved=first")
 
 

@@ -149,7 +149,7 @@ def test_another_model_behind_a_transfer_is_another_run(tmp_path, monkeypatch):
     run(tmp_path / "run", model, attacks=name, severities=3, count=1)
     monkeypatch.setattr("robustflow.attacks.transfer.ModelSpec.identity", lambda spec, model: {"weights": "new"})
 
-    with pytest.raises(RunError, match=f"what decides the attack {name} has changed since"):
+    with pytest.raises(RunError, match=f"the attack {name} has changed since"):
         run(tmp_path / "run", model, attacks=name, severities=3, count=1)
 
 
@@ -204,7 +204,7 @@ def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
         run(tmp_path / "run", model, attacks="square:queries=7", severities=[1, 3], count=2, progress=progress)
 
     shown = capsys.readouterr().err
-    assert "8 steps (a pair under one condition each)" in shown
+    assert "8 steps (one pair under one condition per step)" in shown
     assert "28 model evaluations by attacks" in shown
 
 

@@ -332,11 +332,11 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
 
     with pytest.raises(UsageError, match=r"would be trained on sample '1', which is measured \(1 are\)"):
         _run(tmp_path / "run", f"universal:train={keys}")
-    with pytest.raises(UsageError, match="trained on 3 samples that are not measured, and there are 2"):
+    with pytest.raises(UsageError, match="needs 3 training samples that are not measured, and there are 2"):
         _run(tmp_path / "run", "universal:train=3")
     assert not (tmp_path / "run").exists()
 
 
 def test_other_training_samples_are_another_run(trained):
-    with pytest.raises(RunError, match=r"what decides the attack .* has changed since"):
+    with pytest.raises(RunError, match=r"the attack .* has changed since"):
         _run(trained.path, ["universal:train=2:steps=2", "patch:train=2:steps=1"], keys=DATA.keys()[2:])

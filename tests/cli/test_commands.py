@@ -157,7 +157,7 @@ def test_what_a_file_says_steers_no_terminal_from_an_error(robustflow):
 def test_a_model_that_knows_nothing_is_not_praised(robustflow, tmp_path):
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), np.nan, np.float32)\n"
     (tmp_path / "not_a_number.py").write_text(source)
-    with pytest.warns(UserWarning, match="no pixel to measure, so there is no worst sample"):
+    with pytest.warns(UserWarning, match="no measured pixel, so there is no worst sample"):
         code, out, _ = robustflow("run", "-m", "not_a_number:flow", "-c", "contrast", "-s", "1", "--allow-invalid")
     assert code == 0
     assert "nothing could be measured" in out

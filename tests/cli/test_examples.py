@@ -87,7 +87,7 @@ def test_data_that_moved_and_data_that_changed(robustflow, tmp_path):
     write_image(tmp_path / "moved" / "0.png", np.roll(picture, 7, axis=1))
     code, _, error = robustflow("examples", "run", "-m", "mine_for_examples:flow", "--data", "moved")
     assert code == 1
-    assert "are not those that the run measured" in error
+    assert "differ from those of the run" in error
     assert not Path("run/examples").exists()
 
 
@@ -135,5 +135,5 @@ def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loade
     np.save("added.npy", -np.load("added.npy"))
     code, _, error = robustflow(*attacked, *named)
     assert (code, error.count("\n")) == (1, 1)
-    assert "what decides the attack universal:file=added.npy has changed" in error
+    assert "the attack universal:file=added.npy has changed" in error
     assert robustflow(*attacked, "pgd")[0] == 2

@@ -59,7 +59,7 @@ def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, 
     robustflow("reproduce", "tab2", "--data", data, *few, "--limit", "1")
     code, _, error = robustflow("reproduce", "fig4", "--data", data, *few)
     assert code == 0
-    assert "2 of them already there" in error
+    assert "2 already finished" in error
     assert load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").summary.samples == 2
     assert any(path.name.startswith("clean_against_cre") for path in (tmp_path / "reproduced" / "figures").iterdir())
     assert ",crer,average," in (tmp_path / "reproduced" / "fig4.csv").read_text()

@@ -68,7 +68,7 @@ def test_of_a_model_on_a_gpu(options, engine):
 def test_of_a_model_on_several_gpus():
     model = _named("cuda:0", "cuda:0,cuda:1,cuda:2")
     assert _describe(model) == "processes, 3 devices + 4 feeders"
-    with pytest.raises(UsageError, match="--workers 2 cannot feed 3 devices"):
+    with pytest.raises(UsageError, match="--workers 2 are too few for 3 devices"):
         _describe(model, workers=2)
 
 

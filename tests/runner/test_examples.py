@@ -134,7 +134,9 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
             self.calls += 1
             return np.full((*frame1.shape[:2], 2), self.calls, np.float32)
 
-    with pytest.warns(UserWarning, match="no example pictures: the model no longer answers as it did on sample"):
+    with pytest.warns(
+        UserWarning, match="no example pictures: the model predicts a different flow than in the run"
+    ):
         run = rf.evaluate(Drifts(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[1])
     assert not (run.path / "examples").exists()
     assert run.summary.complete
@@ -196,9 +198,9 @@ def test_the_user_may_name_the_model_again():
 def test_a_benchmark_that_a_run_names_is_not_code(drawn):
     run = rf.load_run(drawn.path)
     change_identity(run, benchmark="marker_module:touch")
-    with pytest.raises(RunError, match="no code is loaded because a run names it"):
+    with pytest.raises(RunError, match="code named in a run is never loaded"):
         restore_setup(run, RunSource.read(run.path))
-    with pytest.raises(RunError, match="no code is loaded because a run names it"):
+    with pytest.raises(RunError, match="code named in a run is never loaded"):
         recheck(run.manifest.identity, run.rows)
 
 

@@ -28,7 +28,7 @@ def _output(folder, more: str = "") -> str:
 
 def test_progress_is_shown_by_itself(tmp_path):
     text = _output(tmp_path)
-    assert "run: 2 steps (a pair under one condition each)" in text
+    assert "run: 2 steps (one pair under one condition per step)" in text
     assert "2/2" in text
     assert (tmp_path / "run" / "summary.json").is_file()
 

@@ -273,7 +273,7 @@ def test_a_node_with_another_model_is_named(frames, tmp_path):
     job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
     kind, (error, message, _) = UnitActor().begin(job, {"name": "farneback", "source": "another"}, ())
     assert (kind, error) == ("error", "RunError")
-    assert re.search(r"has another model under the same name \(it differs in: .*source.*\)", message)
+    assert re.search(r"has a different model of the same name \(it differs in: .*source.*\)", message)
 
 
 def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_path):

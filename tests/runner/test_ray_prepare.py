@@ -32,7 +32,7 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
     gone = tmp_path / "out" / ".shared-0"
     kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, gone, "/", here)
     assert (kind, error) == ("error", "DataError")
-    assert "does not see what is written into" in message
+    assert "does not see files written into" in message
     assert not (tmp_path / "out").exists()
     kind, (error, message, _) = ray_prepare._prepare(source, tmp_path, PLAIN, recordings, "/", {"numpy": "0.1"})
     assert (kind, error) == ("error", RunError.__name__)

@@ -34,11 +34,11 @@ def test_the_draw_follows_from_its_seed_and_is_new_without(run):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"frames_digest": pl.lit("0" * 32)}, "other frames"),
-        ({"magnitude_sum": pl.col("magnitude_sum") * 0.999}, "another ground truth"),
-        ({"n_valid": pl.col("n_valid") - 1}, "another ground truth"),
-        ({"truth_digest": pl.lit("0" * 32)}, "another ground truth"),
-        ({"group": pl.lit("all the same")}, "another group"),
+        ({"frames_digest": pl.lit("0" * 32)}, "different frames"),
+        ({"magnitude_sum": pl.col("magnitude_sum") * 0.999}, "different ground truth"),
+        ({"n_valid": pl.col("n_valid") - 1}, "different ground truth"),
+        ({"truth_digest": pl.lit("0" * 32)}, "different ground truth"),
+        ({"group": pl.lit("all the same")}, "different group"),
         ({"sample": pl.lit("../../etc/passwd")}, "has no sample '../../etc/passwd'"),
     ],
 )
@@ -51,13 +51,13 @@ def test_changed_rows(run, change, says):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"seed": 4}, "gaussian_noise severity 1: other frames"),
-        ({"variant": "reference"}, "other frames"),
+        ({"seed": 4}, "gaussian_noise severity 1: different frames"),
+        ({"variant": "reference"}, "different frames"),
         ({"protocol": {"frames": "released"}}, "data options of the run"),
         ({"dataset": "kitti2015"}, "data options of the run"),
-        ({"severity_scale": "calibrated 0000"}, "severity_scale: calibrated 0000, here .* use the version that ran it"),
-        ({"psf": "reference 00"}, "set ROBUSTFLOW_PSF_DIR as the run did"),
-        ({"streams": 1}, "use the version that ran it"),
+        ({"severity_scale": "calibrated 0000"}, "severity_scale: calibrated 0000, here .* use the version of the run"),
+        ({"psf": "reference 00"}, "set ROBUSTFLOW_PSF_DIR as for the run"),
+        ({"streams": 1}, "use the version of the run"),
     ],
 )
 def test_changed_identities(run, change, says):

@@ -69,7 +69,7 @@ def _run_drawn(tmp_path, data, severities):
 def test_a_frame_of_the_same_name_and_size_with_other_bytes_stops_a_run(tmp_path, frames, severities):
     before = _run(tmp_path, frames, [1]).rows
     _paint(frames, 2, seed=9)
-    with pytest.raises(RunError, match=r"has other frames than when|made from other files"):
+    with pytest.raises(RunError, match=r"has different frames than when|made from other files"):
         _run(tmp_path, frames, severities)
     assert rf.load_run(tmp_path / "run").rows.equals(before)
     _paint(frames, 2, seed=2)
@@ -79,18 +79,18 @@ def test_a_frame_of_the_same_name_and_size_with_other_bytes_stops_a_run(tmp_path
 @pytest.mark.parametrize("severities", [[1], [1, 2]], ids=["complete", "with more to do"])
 def test_frames_that_no_file_names_are_compared(tmp_path, severities):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
-    with pytest.raises(RunError, match="sample '0' has other frames than when this run measured it"):
+    with pytest.raises(RunError, match="sample '0' has different frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(9, 1), severities)
     changed = Drawn(0, 1)
     changed.error = 1.0
-    with pytest.raises(RunError, match="sample '0' has other ground truth than when this run measured it"):
+    with pytest.raises(RunError, match="sample '0' has different ground truth than when this run measured it"):
         _run_drawn(tmp_path, changed, severities)
     assert _run_drawn(tmp_path, Drawn(0, 1), severities).summary.complete
 
 
 def test_every_sample_that_continues_is_compared_not_only_the_first(tmp_path):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
-    with pytest.raises(RunError, match="sample '1' has other frames than when this run measured it"):
+    with pytest.raises(RunError, match="sample '1' has different frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(0, 9), [1, 2])
 
 

@@ -238,7 +238,7 @@ def test_draws_that_cannot_be_measured_are_refused_in_one_line(clip_folder, tmp_
             return flow
 
     refused = [
-        ({"draws": 0}, UsageError, "0 draws: give 1 or more"),
+        ({"draws": 0}, UsageError, "0 draws are too few: give 1 or more"),
         ({"draws": 2, "confidence": "forward-backward"}, UsageError, "either a confidence or the spread"),
         (
             {"draws": 2, "model": Lost()},

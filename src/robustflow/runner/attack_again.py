@@ -46,10 +46,10 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
     if attack.trains:
         pattern = learned_pattern(RunFolder(run.path), plan, name, severity)
         if pattern is None:
-            raise RunError(f"{run.path} no longer has what was trained for {plain(name)}; run it again")
+            raise RunError(f"{run.path} no longer has the trained attack {plain(name)}; run it again")
         learned = {name: {severity: pattern}}
     elif attack.source != options.attack_sources.get(name, ""):
-        raise RunError(f"what decides the attack {plain(name)} has changed since {run.path} was run; run it again")
+        raise RunError(f"the attack {plain(name)} has changed since {run.path} was run; run it again")
     options = replace(options, attacks=(name,), own_attacks=own_attacks_among([name]), learned=learned)
     return replace(setup, plan=replace(plan, options=options))
 
@@ -64,6 +64,6 @@ def _refuse_code_and_files(name: str) -> None:
         RunSource(ModelSpec(on, tuple(options.items()))).model_to_reuse({})
     except RunError:
         raise RunError(
-            f"the run's attack '{plain(name)}' names code or a file, and nothing is loaded because a folder names it: "
+            f"the run's attack '{plain(name)}' names code or a file, and code named in a run's folder is never loaded: "
             f"give --own-attack '{plain(name)}' yourself if you trust it"
         ) from None

@@ -43,7 +43,7 @@ def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str,
         left = [key for key in every if key not in measured]
         if len(left) < int(attack.trains):
             raise UsageError(
-                f"attack {attack.label} is trained on {attack.trains} samples that are not measured, and there are "
+                f"attack {attack.label} needs {attack.trains} training samples that are not measured, and there are "
                 f"{len(left)}; measure fewer, with --limit or --split, or train on fewer"
             )
         return tuple(sorted(left, key=lambda key: (key_of("attack training", seed, key), key))[: int(attack.trains)])
@@ -51,7 +51,7 @@ def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str,
     if both := [key for key in keys if key in measured]:
         raise UsageError(
             f"attack {attack.label} would be trained on sample '{both[0]}', which is measured ({len(both)} are); leave "
-            "them out of the file, or measure others with --split"
+            "such samples out of the file, or measure different ones with --split"
         )
     return tuple(keys)
 

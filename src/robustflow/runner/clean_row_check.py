@@ -72,7 +72,7 @@ def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
 
 def _other_data(key: str, what: str) -> RunError:
     return RunError(
-        f"sample '{key}' has other {what} than when this run measured it, in files of the same names and sizes; "
+        f"sample '{key}' has different {what} than when this run measured it, in files of the same names and sizes; "
         "restore the data, or choose another folder with --output"
     )
 

@@ -67,7 +67,7 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
     [2, 1, 0]
     """
     if len(edges) < 2 or edges[0] != 0 or any(not low < high for low, high in pairwise(edges)):
-        raise UsageError(f"histogram edges must ascend from 0, not {list(edges)[:5]}...")
+        raise UsageError(f"histogram edges must ascend from 0; got {list(edges)[:5]}...")
     counts = np.zeros(len(edges) - 1, np.int64)
     valid_pixels = 0
     for flow, valid in flows:

@@ -1,4 +1,4 @@
-"""Example pictures of a run: the worst and the median cell side by side, and one frame under every corruption."""
+"""Draw example pictures of a run: the worst and the median cell side by side, and one frame under every corruption."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from .slider_pictures import WIDEST, slider_picture, stored_picture
 from .worker import View, Worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
-"""How much a repeated prediction may differ: batches and devices round differently."""
+"""Tolerances for a repeated prediction: rounding depends on the batch size and the device."""
 
 
 def write_examples(run: Run, setup: Setup) -> bool:
-    """Draw the examples of a complete run into its folder, unless they exist already.
+    """Draw the examples of a complete run into its folder, unless they already exist.
 
     Args:
-        run: whose folder this process has locked.
-        setup: the set-up of that run.
+        run: run whose folder this process has locked.
+        setup: set-up of the run.
 
     Returns:
-        Whether they were drawn.
+        Whether the examples were drawn.
 
     Raises:
-        RunError: an incomplete run, one without anything measured, or frames or flows that are not those of the run.
+        RunError: the run is incomplete or measured no pixel, or the frames or flows differ from those of the run.
         DataError: the pictures cannot be written.
     """
     if run.summary.missing:
-        raise RunError(f"{run.path} is not complete, so its worst sample is not known; run its command again first")
+        raise RunError(f"{run.path} is not complete, so its worst sample is unknown; run its command again first")
     listed = example_list(run.rows)
     if listed is None:
-        raise RunError(f"{run.path} has no pixel to measure, so there is no worst sample")
+        raise RunError(f"{run.path} has no measured pixel, so there is no worst sample")
     if are_current(run):
         return False
     home = run.path / FOLDER
@@ -76,17 +76,17 @@ def write_examples(run: Run, setup: Setup) -> bool:
 def draw_example(
     run: Run, setup: Setup, key: str, corruption: str, severity: int, named_attacks: Container[str] = ()
 ) -> bytes:
-    """Draw any cell of a run as a PNG, with the run's numbers.
+    """Draw any cell of a run as a PNG, with the scores from the run.
 
     Args:
         run: a run.
-        setup: the set-up of that run.
-        key, corruption, severity: the cell; also of an attack.
-        named_attacks: see `with_attack`.
+        setup: set-up of the run.
+        key, corruption, severity: cell to draw; the corruption may be an attack.
+        named_attacks: attacks named by the user, see `with_attack`.
 
     Raises:
-        UsageError: a cell that the run does not have.
-        RunError: frames or flows that are not those of the run, or an attack that cannot be made again.
+        UsageError: the run does not have this cell.
+        RunError: the frames or flows differ from those of the run, or the attack cannot be repeated.
     """
     cell, rows = (key, corruption, severity), run.rows
     if corruption in run.attacks:
@@ -99,7 +99,7 @@ def draw_example(
 
 @contextmanager
 def _worker(setup: Setup) -> Iterator[Worker]:
-    """A worker that stores its clean flows outside the run's folder."""
+    """Create a worker that stores its clean flows outside the run's folder."""
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
         yield Worker(
             setup.dataset, setup.model.model, setup.options, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
@@ -152,10 +152,10 @@ def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
 
 
 def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
-    """Raise unless a picture shows exactly what its numbers were measured on."""
+    """Raise unless a picture shows the frames and the flow that were measured."""
     where = describe_cell(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:
-        raise RunError(f"the frames of {where} are not those that the run measured; give the data that it was run on")
+        raise RunError(f"the frames of {where} differ from those of the run; give the data of the run")
     again = cell_scores(view.row, None)
     for name in ("epe", "rcre"):
         before, now = getattr(scores, name), getattr(again, name)
@@ -163,6 +163,6 @@ def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
             continue
         if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
             raise RunError(
-                f"the model no longer answers as it did on {where} ({name.upper()} {now} where the run has {before}), "
-                "so a picture would not show what was measured; run it again in another folder"
+                f"the model predicts a different flow than in the run on {where} ({name.upper()} {now} instead of "
+                f"{before}), so a picture would not show the measured flow; run it again in another folder"
             )

@@ -24,12 +24,12 @@ from .slider_pictures import keep_picture
 
 @dataclass(frozen=True)
 class Loaded:
-    """A sample, and what is computed from it once.
+    """A sample, with values that are computed once per sample.
 
     Attributes:
-        sample: with its clean frames; those around the pair come after it.
-        regions: of its ground truth; None without ground truth.
-        clean_flow_key: identifies what its clean flow is computed from: the key and the digest of the frames.
+        sample: sample with its clean frames: the pair first, then the frames around it.
+        regions: regions of the ground truth; None without ground truth.
+        clean_flow_key: key and digest of the frames from which the clean flow is computed.
     """
 
     sample: Sample
@@ -38,12 +38,12 @@ class Loaded:
 
 
 class FrameStage:
-    """Makes the frames of cells.
+    """Prepare the frames of cells.
 
     Args:
-        dataset: the source of the samples.
-        options: of the run.
-        seconds: where "load" and "corrupt" are counted.
+        dataset: source of the samples.
+        options: options of the run.
+        seconds: counters to which the time is added, as "load" and "corrupt".
     """
 
     def __init__(self, dataset: Dataset, options: RunOptions, seconds: Seconds) -> None:
@@ -63,7 +63,7 @@ class FrameStage:
         """Read a sample.
 
         Raises:
-            DataError: a file is damaged, or contains nothing to measure.
+            DataError: a file is damaged, or the ground truth has no valid pixel.
         """
         with timed(self._seconds, "load"):
             sample = self._dataset.load(key)
@@ -78,7 +78,7 @@ class FrameStage:
             return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
-        """The frames of a sample under the first draw of a corruption, in the order of the sample."""
+        """Return the frames of a sample under the first draw of a corruption, in the sample's order."""
         frames = self._corrupted(sample, name, severity, self._options.seed)
         if self._options.pictures is not None:
             keep_picture(self._options.pictures, frames, sample.frames, name, severity)
@@ -104,17 +104,17 @@ class FrameStage:
             )
 
     def _depth(self, sample: Sample) -> SceneDepth | None:
-        """The depth of a sample; that of the last one is kept."""
+        """Return the depth of a sample; the depth of the latest sample is cached."""
         if self._options.depth is None:
             return None
         if self._last_depth is None or self._last_depth[0] != sample.key:
-            self._last_depth = None  # released before the next one is read
+            self._last_depth = None  # released before the next depth is read
             self._last_depth = sample.key, self._options.depth.depth(sample)
         return self._last_depth[1]
 
     def request(self, sample: Sample, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
-        """The request for the flow of the frames of a cell, in the order that the model expects, and of those of the
-        further draws of its corruption. Clean frames and attacks have one draw, which is repeated."""
+        """Return the request for the flow of a cell, with the frames of all draws of its corruption in the order that
+        the model expects. Clean frames and attacks have one draw, which is repeated."""
         key, name, severity = cell
         draws = [frames]
         for seed in range(self._options.seed + 1, self._options.seed + self._options.draws):

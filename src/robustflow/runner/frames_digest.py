@@ -1,5 +1,4 @@
-"""The hash of the frames that a model was given, by which runs, records and data are recognised as being about the same
-bytes."""
+"""Hash the frames given to a model, to check that runs, records and data have the same frames."""
 
 from __future__ import annotations
 
@@ -12,10 +11,10 @@ from ..sample import Frame
 
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:
-    """32 hexadecimal digits that name the exact bytes and the sizes of some frames.
+    """Return a digest, 32 hexadecimal digits, of the bytes and sizes of some frames.
 
     Args:
-        frames: RGB uint8 (H, W, 3).
+        frames: RGB frames, each uint8 (H, W, 3).
 
     >>> frame = np.zeros((2, 3, 3), np.uint8)
     >>> frames_digest((frame, frame))
@@ -25,7 +24,7 @@ def frames_digest(frames: tuple[Frame, ...]) -> str:
 
 
 def _content(frames: tuple[Frame, ...]) -> Iterator[bytes | memoryview]:
-    """The size and the bytes of each frame, in row order and without a copy."""
+    """Yield the size and the bytes of each frame, in row order and without a copy."""
     for frame in frames:
         yield str(frame.shape).encode()
         if frame.size:

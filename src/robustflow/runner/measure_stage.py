@@ -1,4 +1,4 @@
-"""The last stage of a cell: measure a flow against the clean one and the ground truth; one row."""
+"""The last stage of a cell: compare its flow with the clean flow and the ground truth, and return one row."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .seconds import Seconds, timed
 
 
 class MeasureStage:
-    """Makes rows, and stores clean flows for the rest of their samples.
+    """Compute rows, and store clean flows for the remaining cells of their samples.
 
     Args:
-        options: of the run.
-        clean_path: where a sample's clean flow is stored between units, so that it is computed once per sample.
+        options: options of the run.
+        clean_path: function from a sample's key to the file in which its clean flow is stored between units.
         kept: clean rows measured earlier, by sample (see `clean_row_check`).
-        seconds: where "measure" is counted.
+        seconds: counters to which the time is added, as "measure".
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class MeasureStage:
         self._seconds = seconds
 
     def stored_clean(self, loaded: Loaded) -> Answer | None:
-        """The clean flow that another unit of the sample stored; None if it has to be predicted.
+        """Return the clean flow stored by an earlier unit of the sample; None if it has to be predicted.
 
         Raises:
             RunError: see `keep_clean`.
@@ -61,8 +61,8 @@ class MeasureStage:
         """Store a newly predicted clean flow.
 
         Raises:
-            RunError: the run has a clean row of the sample that was measured with other frames, another ground truth or
-                another model.
+            RunError: the run's clean row of the sample was measured with different frames, ground truth or a different
+                model.
         """
         write_clean(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
         self._check(loaded, clean)
@@ -71,13 +71,13 @@ class MeasureStage:
         """Measure one row.
 
         Args:
-            loaded: the sample.
-            clean, answer: the model's, on the clean frames and on those of the cell; see `models.confidence`.
-            digest: `digest` of the frames of the cell.
-            cell: (sample key, corruption, severity).
+            loaded: the loaded sample.
+            clean, answer: model outputs on the clean frames and on the frames of the cell; see `models.confidence`.
+            digest: digest of the frames of the cell, from `digest`.
+            cell: cell to measure, (sample key, corruption, severity).
 
         Raises:
-            ModelError: a flow with pixels that are not finite, unless the run allows them.
+            ModelError: the flow has pixels that are not finite, and the run does not allow them.
         """
         _, corruption, severity = cell
         with timed(self._seconds, "measure"):
@@ -103,7 +103,7 @@ class MeasureStage:
         return row
 
     def digest(self, frames: tuple[Any, ...]) -> str:
-        """The digest of a cell's pair."""
+        """Return the digest of a cell's pair."""
         with timed(self._seconds, "measure"):
             return frames_digest(frames[:2])
 
@@ -117,7 +117,7 @@ class MeasureStage:
 
 
 def _spread(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, Any]:
-    """The column of the spread over the draws; none for an attack, which has one."""
+    """Return the column with the spread over the draws; empty for an attack, which has one draw."""
     if answer.shape[2] == 2:
         return {}
     usable: Mask = np.logical_and(np.isfinite(answer[..., :2]).all(axis=2), np.isfinite(clean_flow).all(axis=2))

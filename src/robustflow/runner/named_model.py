@@ -1,4 +1,4 @@
-"""The model of a run: loaded once, with its name and how a worker process loads its own copy."""
+"""Load the model of a run once, and keep the name by which worker processes load their copies."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class NamedModel:
     """A loaded model.
 
     Attributes:
-        spec: name and options; None for a Python object, which has no name.
-        model: the loaded model.
+        spec: name and options of the model; None for a Python object, which has no name.
+        model: loaded model.
         identity: the model's part of a run's identity.
-        declared: its training sets as the user declared them; None if they are not declared.
+        declared: training sets declared by the user; None if they are not declared.
     """
 
     spec: ModelSpec | None
@@ -30,13 +30,13 @@ class NamedModel:
     identity: dict[str, Any]
     declared: str | None
     name: str | None = None
-    """What a user's own model calls itself; None for registered models."""
+    """Return the name that a user's model gives itself; None for registered models."""
 
     def check_batch_size(self, size: int) -> None:
         """Raise if the model does not support a batch size.
 
         Raises:
-            UsageError: below 1, or above 1 for a model that predicts one pair or clip at a time.
+            UsageError: the batch size is below 1, or above 1 for a model that predicts one pair or clip at a time.
         """
         if size < 1:
             raise UsageError(f"a batch of {size} pairs cannot be predicted: give 1 or more")
@@ -52,8 +52,8 @@ def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) ->
     """Load a model by name, path or spec, or use an object as it is.
 
     Raises:
-        UsageError: an unknown name or option.
-        ModelError: it cannot be loaded, or is not a model.
+        UsageError: the name or an option is unknown.
+        ModelError: the model cannot be loaded, or is not a model.
     """
     if isinstance(model, str | Path):
         model = ModelSpec(str(model))

@@ -1,4 +1,4 @@
-"""One cell as a panel: the pair, the corrupted pair, both flows, ground truth and the error map."""
+"""Draw one cell as a panel: the pair, the corrupted pair, both flows, ground truth and the error map."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ _WHEEL_SAYS = "direction and length of the flow, as colours"
 
 @dataclass(frozen=True)
 class Panel:
-    """What a panel shows.
+    """The contents of a panel.
 
     Attributes:
-        sample: the clean frames, and ground truth if there is any.
-        frames: the corrupted frames, RGB uint8 (H, W, 3); the first two are shown.
-        flow, clean_flow: float32 (H, W, 2), the model's on the corrupted and on the clean frames, pixels.
-        title: one line: which cell, and why.
-        numbers: one line: EPE, CRE, RCRE.
+        sample: sample with its clean frames, and ground truth if available.
+        frames: corrupted RGB frames, each uint8 (H, W, 3); the first two are shown.
+        flow, clean_flow: model flow on the corrupted and on the clean frames, float32 (H, W, 2), in pixels.
+        title: one line with the cell and the reason why it is shown.
+        numbers: one line with EPE, CRE and RCRE.
     """
 
     sample: Sample
@@ -59,11 +59,11 @@ class Panel:
 
 @default_style()
 def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
-    """A panel as a file, the same bytes for the same panel.
+    """Draw a panel and return its file, always the same bytes for the same panel.
 
-    All flows share one radius (that of the ground truth, or of the clean flow), so that equal colours are equal
-    vectors. The error is the end-point error where there is ground truth; without it, the distance between the flow
-    on the corrupted and on the clean frames.
+    All flows share one radius (of the ground truth, or else of the clean flow), so equal colours mean equal vectors.
+    The error map shows the end-point error; without ground truth, it shows the distance between the flows on the
+    corrupted and on the clean frames.
     """
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
@@ -88,14 +88,12 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         pictures.append(("end-point error on the corrupted frames (grey: unknown)", error))
     figure = _drawn(panel, pictures)
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Glyph .* missing"
-        )  # characters of a name that the font lacks are shown as boxes
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # characters that the font lacks are shown as boxes
         return _file(figure, form)
 
 
 def _of_still(panel: Panel) -> list[tuple[str, Frame | None]]:
-    """The pictures of a scene in which nothing moves: all flow in it is phantom motion."""
+    """Return the pictures of a static scene: all flow in it is phantom motion."""
     radius = flow_radius(panel.flow)
     zero = np.zeros_like(panel.flow)
     return [
@@ -122,7 +120,7 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
         row, column = divmod(index, 2)
         top = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN
         left = (0.005 + 0.5 * column) * _WIDTH_IN
-        if picture is None:  # in place of ground truth
+        if picture is None:  # shown in place of ground truth
             axes = figure.add_axes((left / _WIDTH_IN, 1 - (top + each) / total, 0.4925, each / total))
             _wheel(axes)
             axes.set_title(_WHEEL_SAYS, fontsize=_TITLE_PT, pad=4)
@@ -139,13 +137,13 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
 def _error_scale(figure: Figure, axes: Axes) -> None:
     shade = ScalarMappable(LogNorm(LOWEST, HIGHEST), colormaps[COLOUR_MAP])
     bar = figure.colorbar(shade, cax=axes, orientation="horizontal", extend="both")
-    bar.minorticks_off()  # drawing them would take a quarter of the panel's time
+    bar.minorticks_off()  # drawing axes would take a quarter of the panel's time
     bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} px"))
     bar.ax.tick_params(labelsize=13)
 
 
 def _wheel(axes: Axes) -> None:
-    """Draw a key to the colours of the flow."""
+    """Draw a legend for the flow colours."""
     side = np.linspace(-1, 1, 161, dtype=np.float32)
     flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)
@@ -155,7 +153,7 @@ def _wheel(axes: Axes) -> None:
 
 
 def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> str:
-    """The scores of a cell in one line; those that are None are left out.
+    """Return the scores of a cell in one line, without those that are None.
 
     >>> numbers_line(None, None, 0.5), numbers_line(2.0, 0.25, 1.0)
     ('RCRE 0.50 px', 'EPE 2.00 px   CRE +0.25 px   RCRE 1.00 px')
@@ -169,7 +167,7 @@ def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> st
 
 
 def panel_title(key: str, corruption: str, severity: int, why: str = "") -> str:
-    """The headline; names come from files, so they are sanitised.
+    """Return the title of a panel; names come from files, so they are sanitised.
 
     >>> panel_title("000010", "fog", 3, "worst")
     'worst: 000010, fog severity 3'

@@ -1,4 +1,4 @@
-"""A model's flow for a user's own frames: flow files, pictures of the flow, and a video."""
+"""Predict flow for a user's frames, as flow files, pictures of the flow, or a video."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Predicted:
     """One finished pair.
 
     Attributes:
-        key: of the pair.
-        flow: the flow file.
-        radius: the length in pixels that 99 % of its vectors do not exceed.
+        key: key of the pair.
+        flow: path of the flow file.
+        radius: 99th percentile of the vectors' lengths, in pixels.
     """
 
     key: str
@@ -51,11 +51,11 @@ class Predicted:
 
 
 def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
-    """Two or more pictures in the order given, or a folder of them, or a video, as pairs of adjacent frames.
+    """Open two or more pictures in the given order, a folder of pictures, or a video, as pairs of adjacent frames.
 
     Raises:
-        UsageError: one picture, or options with pictures.
-        DataError: nothing that can be read.
+        UsageError: only one picture is given, or options are given for pictures.
+        DataError: the frames cannot be read.
     """
     if len(paths) == 1:
         if paths[0].is_file() and _is_picture(paths[0]):
@@ -78,17 +78,17 @@ def predict_flows(
     suffix: str = "flo",
     overwrite: bool = False,
 ) -> Iterator[Predicted]:
-    """Write the flow of every pair as FOLDER/KEY.SUFFIX, one after the other; each file is complete or absent.
+    """Write the flow of every pair as FOLDER/KEY.SUFFIX, and yield each result. Each file is complete or absent.
 
     Args:
-        model: a name, a path, or anything that `evaluate` takes as a model.
-        dataset: from `frames_of`, or any other.
-        folder: created if it does not exist.
-        suffix: one of `FLOW_FORMATS`.
-        overwrite: replace existing files.
+        model: name or path of a model, or any other model that `evaluate` accepts.
+        dataset: data set with the frames, from `frames_of` for example.
+        folder: output folder, created if it does not exist.
+        suffix: format of the flow files, one of `FLOW_FORMATS`.
+        overwrite: whether to replace existing files.
 
     Raises:
-        UsageError: an unknown format, or a file that already exists; nothing is predicted then.
+        UsageError: the format is unknown, or a file already exists; nothing is predicted.
         ModelError: the model cannot be loaded, or does not return a flow.
         DataError: a frame cannot be read, or a file cannot be written.
     """
@@ -101,7 +101,7 @@ def predict_flows(
         raise UsageError(f"{there[0]} already exists; choose another folder with -o, or give --overwrite")
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
-        raise UsageError("a folder of flow files cannot predict; name a model")
+        raise UsageError("a folder of flow files cannot predict new frames; name a model")
     for key, flow in flows_of(named.model, dataset, keys):
         make_folder(targets[key].parent)
         write_flow(targets[key], flow)
@@ -109,10 +109,10 @@ def predict_flows(
 
 
 def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
-    """Key and flow, float32 (H, W, 2) in pixels, of some pairs of a data set, one after the other.
+    """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a data set.
 
     Raises:
-        ModelError: the model does not answer with a flow.
+        ModelError: the model does not return a flow.
         DataError: a frame cannot be read.
     """
     options = RunOptions(allow_invalid=True, window=window_on(model, dataset))
@@ -124,8 +124,8 @@ def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator
 
 
 def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
-    """Write a picture in flow colours next to each flow file, KEY.colours.png; equal colours mean equal flow in all of
-    them."""
+    """Write a picture in flow colours next to each flow file, KEY.colours.png; equal colours mean equal flow in all
+    pictures."""
     for one in predicted:
         flow, valid = read_flow(one.flow)
         path = one.flow.with_suffix(".colours.png")
@@ -134,10 +134,10 @@ def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
 
 
 def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius: float, fps: float) -> None:
-    """Write an MP4 (H.264) with each first frame above its flow in colours.
+    """Write an MP4 (H.264) that shows the first frame of each pair above its flow in colours.
 
     Raises:
-        DataError: frames of different sizes, or the file cannot be written.
+        DataError: the frames have different sizes, or the file cannot be written.
     """
     height, width = dataset.load(predicted[0].key).shape
 

@@ -1,4 +1,4 @@
-"""The second stage of a cell: call the model."""
+"""The second stage of a cell: predict its flow."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from ..models.confidence import (
 from ..sample import Flow, Frame
 from .seconds import Seconds, timed
 
-if TYPE_CHECKING:  # a process that only predicts does not import what plans need
+if TYPE_CHECKING:  # a process that only predicts does not import the modules that plans need
     from ..runs.plan import Cell
 
 
@@ -41,10 +41,10 @@ class PredictionRequest:
     """A request for the flow of one cell.
 
     Attributes:
-        cell: (sample key, corruption, severity).
-        frames: RGB uint8 (H, W, 3) each: the pair, or the clip in the order of time.
-        index: of frame 1 in the clip; None for a model that is given pairs.
-        draws: how many pairs or clips the frames are, one after the other: the draws of one corruption.
+        cell: cell of the frames, (sample key, corruption, severity).
+        frames: RGB frames, each uint8 (H, W, 3): the pair, or the clip in temporal order, for each draw in turn.
+        index: index of frame 1 in the clip; None for a model of pairs.
+        draws: number of draws of the corruption, each with one pair or clip in `frames`.
     """
 
     cell: Cell
@@ -54,14 +54,15 @@ class PredictionRequest:
 
 
 class PredictStage:
-    """Calls a model, and checks that it returns flows.
+    """Call a model, and check that it returns flows.
 
     Args:
-        model: loaded.
-        confidence: predicted in addition to the flow, one of `models.confidence.CONFIDENCES`; None for nothing.
-        seconds: where "predict" is counted.
-        on_predict: called with what is being predicted before each call of the model, and with None after it, so that
-            its time can be watched.
+        model: loaded model.
+        confidence: confidence to predict in addition to the flow, one of `models.confidence.CONFIDENCES`; None for flow
+            only.
+        seconds: counters to which the time is added, as "predict".
+        on_predict: callback to monitor the time, called with a description before each call of the model and with None
+            after it.
     """
 
     def __init__(
@@ -77,10 +78,10 @@ class PredictStage:
         self._on_predict = on_predict
 
     def predict(self, requests: Sequence[PredictionRequest]) -> list[Answer]:
-        """Answer requests: several in one call, if the model can; a single one goes through `predict`.
+        """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`.
 
         Raises:
-            ModelError: the model raised, or returned something that is not float (H, W, 2), or no confidence.
+            ModelError: the model raised an error, or returned no confidence or anything but a float array (H, W, 2).
         """
         with timed(self._seconds, "predict"):
             self._on_predict(describe_cells([request.cell for request in requests]))
@@ -100,7 +101,8 @@ class PredictStage:
             return answers
 
     def _over_draws(self, request: PredictionRequest) -> Answer:
-        """The flow of the first draw, with the spread over all; a draw with the frames of the first is not asked."""
+        """Return the flow of the first draw, with the spread over all draws; draws with the same frames as the first
+        are not predicted again."""
         count = len(request.frames) // request.draws
         draws = [request.frames[start : start + count] for start in range(0, len(request.frames), count)]
         first = self._one(replace(request, frames=draws[0]))
@@ -117,7 +119,7 @@ class PredictStage:
         return [self._one(request) for request in requests]
 
     def _flows_back(self, requests: Sequence[PredictionRequest], flows: Sequence[Flow]) -> list[Flow]:
-        """The flows from frame 2 to frame 1; if the frames are equal, the flow is known already."""
+        """Predict the flows from frame 2 to frame 1; if the frames are equal, the flow is already known."""
         known = [np.array_equal(request.frames[0], request.frames[1]) for request in requests]
         asked = [replace(one, frames=one.frames[1::-1]) for one, same in zip(requests, known, strict=True) if not same]
         back = iter(self._flows(asked))

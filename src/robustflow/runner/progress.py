@@ -1,4 +1,4 @@
-"""Progress of a run: a bar with the time left on a terminal or in a notebook, plain lines in a log."""
+"""Show the progress of a run: a bar with the remaining time on a terminal or in a notebook, plain lines in a log."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .engines.base import FinishedUnit
 
 
 class Progress(Protocol):
-    """Receives a message for every finished unit."""
+    """A receiver of a message for every finished unit."""
 
     def start(self, folder: Path, total: int, finished: int) -> None:
-        """A run of `total` units starts; `finished` of them were finished by an earlier call."""
+        """Start a run of `total` units, of which `finished` were finished by earlier calls."""
 
     def advance(self, done: FinishedUnit) -> None:
-        """One more unit is on disk."""
+        """Record that one more unit is on disk."""
 
 
 @runtime_checkable
@@ -30,26 +30,26 @@ class NamesEngine(Protocol):
     """A `Progress` that also shows which engine computes."""
 
     def engine(self, name: str) -> None:
-        """The engine of the run that is about to start: "processes, 1 device + 3 feeders"."""
+        """Show the engine of the run that is about to start: "processes, 1 device + 3 feeders"."""
 
 
 class Silent:
     """A `Progress` that shows nothing."""
 
     def start(self, folder: Path, total: int, finished: int) -> None:
-        """Nothing."""
+        """Ignore the message."""
 
     def advance(self, done: FinishedUnit) -> None:
-        """Nothing."""
+        """Ignore the message."""
 
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress]:
-    """The progress that a call of `evaluate` requests.
+    """Return the progress that a call of `evaluate` requests.
 
     Args:
-        progress: the caller's own; True for a bar, or lines if there is no screen; False for none; None for a bar where
-            it can be seen (standard error is a terminal, or a notebook), and nothing elsewhere.
+        progress: the caller's progress object; True for a bar, or lines without a terminal; False for none; None for a
+            bar if standard error is a terminal or a notebook, and otherwise none.
     """
     if progress is None:
         console = Console(stderr=True)
@@ -64,7 +64,7 @@ def shown(progress: Progress | bool | None) -> Iterator[Progress]:
 
 
 class TerminalProgress:
-    """Shows a run's progress on stderr. A context manager."""
+    """A context manager that shows a run's progress on stderr."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, markup=False)
@@ -82,15 +82,15 @@ class TerminalProgress:
         self._bar.__exit__(kind, error, trace)
 
     def engine(self, name: str) -> None:
-        """The engine of the run that is about to start."""
+        """Show the engine of the run that is about to start."""
         self._engine = f"; engine: {name}"
 
     def start(self, folder: Path, total: int, finished: int) -> None:
-        """A run of `total` units starts; `finished` of them were finished by an earlier call."""
+        """Start a run of `total` units, of which `finished` were finished by earlier calls."""
         self._folder, self._total, self._finished, self._evaluations = folder, total, finished, 0
-        kept = f", {finished} of them already there" if finished else ""
+        kept = f", {finished} already finished" if finished else ""
         self._console.print(
-            f"{folder}: {counted(total, 'step')} (a pair under one condition each){kept}{self._engine}",
+            f"{folder}: {counted(total, 'step')} (one pair under one condition per step){kept}{self._engine}",
             highlight=False,
             soft_wrap=True,
         )
@@ -98,7 +98,7 @@ class TerminalProgress:
         self._bar.start("", total, finished)
 
     def advance(self, done: FinishedUnit) -> None:
-        """One more unit is on disk."""
+        """Record that one more unit is on disk."""
         self._finished += 1
         self._evaluations += sum(row.get("attack_evaluations") or 0 for row in done.rows)
         place = f" on {done.place}" if done.place else ""
@@ -106,7 +106,7 @@ class TerminalProgress:
         self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}{asked}")
 
     def kept(self) -> str:
-        """Describe what a stopped run has kept."""
+        """Describe the finished work of a stopped run."""
         if self._folder is None:
             return "nothing had been computed."
-        return f"{self._finished} of {counted(self._total, 'step')} are kept in {self._folder}."
+        return f"{self._finished} of {counted(self._total, 'step')} are saved in {self._folder}."

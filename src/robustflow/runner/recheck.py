@@ -1,7 +1,7 @@
 """Check that rows were made from frames that others can reproduce, by recomputing the digests from the data.
 
-A row carries a digest of the frames its model was given. Frames follow from the data, the corruption, its severity, the
-seed and the sample's key, so anyone with the data can recompute them without the model.
+A row contains a digest of the frames that its model was given. Frames depend only on the data, the corruption, its
+severity, the seed and the sample's key, so anyone with the data can recompute them without the model.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ from .setup import set_up_frames
 from .worker import NoMotion, Worker
 
 TOLERANCE_PX = 0.01
-"""Tolerance for the means of one row: the same network rounds differently on another processor or with another
-library."""
+"""Tolerance for the means of one row, because rounding depends on the processor and the library."""
 
 _TRUTH = ("height", "width", "n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
 
@@ -45,23 +44,25 @@ def recheck(
     count: int = 20,
     seed: int | None = None,
 ) -> str:
-    """Recompute the frames of some rows of a run, and compare their digests and what depends on the ground truth.
+    """Recompute the frames of some rows of a run, and compare their digests and the columns that depend on ground
+    truth.
 
-    With a model, predict them again as well, and compare the mean error and the mean change of each row.
+    With a model, also predict the rows again, and compare the mean error and the mean change of each row.
 
     Args:
-        identity: of the run; benchmark, seed, variant and scale are taken from it.
-        rows: of the run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
-        data, options: of the benchmark, as for `evaluate`; they are never taken from the run.
-        model: the one that the run names as having made the rows; loaded on this machine, never from the run.
-        count: how many rows, drawn at random; all of them if there are fewer.
-        seed: of the draw; a new one each time by default, so that the rows to be checked are not known beforehand.
+        identity: identity of the run, from which benchmark, seed, variant and scale are read.
+        rows: rows of the run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        data, options: data and options of the benchmark, as for `evaluate`; never read from the run.
+        model: the model named in the run, loaded on this machine and never from the run; None to check only the frames.
+        count: number of rows to check, drawn at random; all rows if there are fewer.
+        seed: seed of the random choice of rows; by default a new one for each call, so that the choice is
+            unpredictable.
 
     Returns:
-        What was compared, in a sentence.
+        One sentence that describes what was compared.
 
     Raises:
-        RunError: a row differs from what the data or the model give, or these are not the run's data.
+        RunError: a row does not match the data or the model, or these are not the run's data.
         UsageError, DataError: the data are missing.
     """
     if count < 1:
@@ -77,7 +78,7 @@ def recheck(
     known = set(dataset.keys())
     absent = sorted(set(chosen["sample"]) - known)
     if absent:
-        raise RunError(f"this data set has no sample '{absent[0]}' ({len(known)} others); give the data of the run")
+        raise RunError(f"this data set has no sample '{absent[0]}' (it has {len(known)}); give the data of the run")
     problems = []
     names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:
@@ -86,13 +87,13 @@ def recheck(
             where = describe_cell(row["sample"], row["corruption"], row["severity"])
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
             if made["frames_digest"] != row["frames_digest"]:
-                problems.append(f"{where}: other frames")
-            elif row["group"] not in (made["group"], row["sample"]):  # older rows of KITTI lack the drive
-                problems.append(f"{where}: another group")
+                problems.append(f"{where}: different frames")
+            elif row["group"] not in (made["group"], row["sample"]):  # older rows of KITTI do not contain the drive
+                problems.append(f"{where}: different group")
             elif made["truth_digest"] != row["truth_digest"] or (
                 row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH)
             ):
-                problems.append(f"{where}: another ground truth")
+                problems.append(f"{where}: different ground truth")
             elif model is not None and (gap := _gap(made, row)) > TOLERANCE_PX:
                 problems.append(f"{where}: this model's error differs by {gap:.3g} px")
     if problems:
@@ -104,7 +105,8 @@ def recheck(
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
-    """The difference in pixels of the mean errors, the changes against the clean flow, or the spreads of two rows."""
+    """Return the largest difference, in pixels, of the mean errors, the changes from the clean flow, or the spreads of
+    two rows."""
     gaps = [0.0]
     for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all"), ("spread_sum", "n_all")):
         if made[total] is None or row[total] is None:

@@ -1,9 +1,10 @@
-"""Before a run continues: are these still the model and the data that its rows were measured with?
+"""Check, before a run continues, that the model and the data are unchanged since its rows were measured.
 
-An identity does not cover everything: of a user's model it includes the source file, but not what that imports or
-reads; of data, the names and sizes of files. So one clean row is measured again, for the sample whose files changed
-last: frames and ground truth are always compared, the prediction unless the model is identified by a hash of its
-content. Every other sample is compared in the same way when its own work continues (see `Worker`).
+An identity does not cover everything: for a user's model it includes the source file, but no imported modules or other
+files; for data, only the names and sizes of files. So one clean row is measured again, for the sample with the most
+recently changed files. Frames and ground truth are always compared; the prediction is compared unless the model is
+identified by a hash of its content. All other samples are compared in the same way when their units continue (see
+`Worker`).
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 
 def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
-    """Measure one clean row of a run again and compare it; does nothing if there is no row yet.
+    """Measure one clean row of a run again and compare it; do nothing if there is no row yet.
 
     Args:
-        folder: of the run.
-        job: the one that continues it.
-        plan: of the job.
+        folder: folder of the run.
+        job: job that continues the run.
+        plan: plan of the job.
 
     Raises:
-        RunError: different frames, ground truth or predictions.
+        RunError: the frames, ground truth or predictions differ.
     """
     kept = stored_clean_rows(folder, plan.benchmark.keys)
     if not kept:
@@ -54,7 +55,7 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
 
 
 def is_named_by_content(identity: dict[str, Any]) -> bool:
-    """Whether a model's identity holds the SHA-256 of its weights or files, and none of its code is a user's.
+    """Return whether a model's identity includes the SHA-256 of its weights or files, and the model has no user code.
 
     >>> is_named_by_content({"name": "raft", "checkpoint": "ab" * 32})
     True

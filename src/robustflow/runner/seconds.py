@@ -1,4 +1,4 @@
-"""Seconds spent by kind of work."""
+"""Measure the time spent on each kind of work."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 Seconds = dict[str, float]
-"""Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and of each attack, "attack pgd", which
-are part of "attack"."""
+"""Seconds by kind of work: "load", "corrupt", "attack", "predict", "measure", and one entry per attack, such as "attack
+pgd", whose time is included in "attack"."""
 
 
 def no_seconds() -> Seconds:
-    """All counters at zero."""
+    """Return all counters at zero."""
     return {"load": 0.0, "corrupt": 0.0, "attack": 0.0, "predict": 0.0, "measure": 0.0}
 
 
 @contextmanager
 def timed(seconds: Seconds, kind: str) -> Iterator[None]:
-    """Add the time that the block takes."""
+    """Add the duration of the block."""
     start = time.perf_counter()
     yield
     seconds[kind] = seconds.get(kind, 0.0) + time.perf_counter() - start
 
 
 def pop_timings(seconds: Seconds) -> Seconds:
-    """The seconds spent since the last call; counting starts again at zero.
+    """Return the seconds spent since the last call, and reset all counters.
 
     >>> seconds = no_seconds()
     >>> seconds["load"] = 2.0

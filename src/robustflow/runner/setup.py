@@ -1,4 +1,4 @@
-"""The set-up of one run: benchmark, model and options, from a request or from what a finished run recorded."""
+"""Set up one run: benchmark, model and options, from a request or from the manifest of a finished run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .named_model import NamedModel, name_model
 
 @dataclass(frozen=True)
 class Setup:
-    """A plan and the model that carries it out."""
+    """A plan and the model for it."""
 
     plan: Plan
     model: NamedModel
@@ -65,15 +65,16 @@ def set_up(
     draws: int = 1,
     name: str | None = None,
 ) -> Setup:
-    """Set up a run from a request: it is checked as a whole and the model is loaded, but nothing is computed.
+    """Set up a run from a request: check the request and load the model, without computing anything.
 
     Args:
-        model: see `robustflow.evaluate`.
-        benchmark: from `open_benchmark`, restricted to what should run.
-        seed, variant, severity_scale, allow_invalid, common_draws, confidence, draws, name: see `robustflow.evaluate`.
+        model: model to run, see `robustflow.evaluate`.
+        benchmark: benchmark from `open_benchmark`, restricted to the requested samples and conditions.
+        seed, variant, severity_scale, allow_invalid, common_draws, confidence, draws, name: options of the run, see
+            `robustflow.evaluate`.
 
     Raises:
-        UsageError: parts that do not fit together, or nothing to run.
+        UsageError: the options contradict each other, or there is nothing to run.
         ModelError: the model cannot be loaded.
     """
     for corruption in benchmark.corruptions:
@@ -93,8 +94,8 @@ def set_up(
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
         raise UsageError(
-            f"corruptions in three dimensions need depth, which only the two frames of a pair have, and this model "
-            f"sees {window.before + 2 + window.after}: choose a model of two frames, or other corruptions"
+            f"3D corruptions need depth, which is available only for the two frames of a pair, and this model "
+            f"takes {window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
         )
     options = _options(
         seed,
@@ -121,14 +122,15 @@ def set_up(
     plan = Plan(benchmark, options, named.identity, provenance, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
-            f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
+            f"nothing to run: {left_out_sentence(plan.left_out())}; choose different severities, or the paper's "
+            "--severity-scale"
         )
     return Setup(plan, named)
 
 
 def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> None:
     if type(draws) is not int or draws < 1:
-        raise UsageError(f"{draws} draws: give 1 or more")
+        raise UsageError(f"{draws} draws are too few: give 1 or more")
     if draws > 1 and benchmark.closed:
         raise UsageError("these frames were corrupted beforehand, with one draw; leave out --seeds")
     if draws > 1 and confidence is not None:
@@ -136,10 +138,10 @@ def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> No
 
 
 def restore_setup(run: Run, source: RunSource) -> Setup:
-    """Set up a finished run again from its manifest, with the model and the data that `source` names.
+    """Set up a finished run again from its manifest, with the model and the data named in `source`.
 
     Raises:
-        RunError: the model can no longer be loaded, or differs from what was run.
+        RunError: the model can no longer be loaded, or is not the model of the run.
         UsageError, DataError: the data set is missing.
     """
     identity = run.manifest.identity
@@ -159,8 +161,8 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     plan = Plan(benchmark, options, named.identity)
     if (now := plan.identity()) != identity:
         raise RunError(
-            f"what is set up now is not what {run.path} ran (it differs in: {differing_fields(now, identity)}); give "
-            "the options that the run was given"
+            f"the present set-up is not that of {run.path} (it differs in: {differing_fields(now, identity)}); give "
+            "the options of the run"
         )
     return Setup(plan, named)
 
@@ -168,24 +170,24 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
 def set_up_frames(
     identity: Identity, data: str | Path | None, data_options: dict[str, Any]
 ) -> tuple[Dataset, RunOptions]:
-    """Data set and options with which the frames of a run can be recomputed, without its model.
+    """Return the data set and options to recompute the frames of a run without its model.
 
     Raises:
-        RunError: the frames are not decided by what decided those of the run: other data, severities or files.
+        RunError: the data, the severities or the user's files differ from those of the run.
         UsageError, DataError: the data set is missing.
     """
     benchmark = _benchmark_of(identity.frames, data, data_options)
     options = replace(
         _options_of(identity, benchmark), allow_invalid=True
-    )  # invalid pixels come from a model, not used here
+    )  # invalid pixels depend on a model, which is not used here
     made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
     if made != recorded:
         differing = differing_fields(made, recorded)
         parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing.split(", ")]
         remedies = [words for name, words in _REMEDIES.items() if name in differing.split(", ")]
         raise RunError(
-            f"the frames of the run are not those that are made here ({plain('; '.join(parts), 300)}); "
-            f"{remedies[0] if remedies else 'use the version that ran it'}"
+            f"the frames made here differ from those of the run ({plain('; '.join(parts), 300)}); "
+            f"{remedies[0] if remedies else 'use the version of the run'}"
         )
     return benchmark.dataset, options
 
@@ -194,18 +196,18 @@ _REMEDIES = {
     "dataset": "give the data and data options of the run",
     "protocol": "give the data and data options of the run",
     "depth": "give the depth maps and the focal length of the run with --depth and --focal",
-    "psf": "set ROBUSTFLOW_PSF_DIR as the run did",
-    "corruptions": "name the run's version of your corruption with --own-corruption",
+    "psf": "set ROBUSTFLOW_PSF_DIR as for the run",
+    "corruptions": "give the run's version of your corruption with --own-corruption",
 }
 
 
 def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
-    """The benchmark of a run; raises if only code named by a stranger's file could open it."""
+    """Return the benchmark of a run; raise if opening it would load code named in an untrusted file."""
     name = moving_name(frames.benchmark)
     if name not in BENCHMARKS and name not in DATASETS:
         raise RunError(
             f"unknown benchmark '{plain(frames.benchmark)}' of the run: neither this package nor an installed one "
-            "offers it, and no code is loaded because a run names it"
+            "has it, and code named in a run is never loaded"
         )
     return open_benchmark(name, data, None, data_options, frames.variant, still=is_still(frames.benchmark))
 
@@ -218,14 +220,14 @@ def open_benchmark(
     variant: str = "default",
     still: bool = False,
 ) -> Benchmark:
-    """A benchmark, by name or as an object, its clips under a variant of the corruptions; or its frames without motion
-    (`Benchmark.still`).
+    """Open a benchmark by name, or use an object, with a variant of the corruptions for clips; or use its frames
+    without motion (`Benchmark.still`).
 
     Raises:
         UsageError, DataError: see `load_benchmark` and `Benchmark.still`.
     """
     if still and isinstance(benchmark, str):
-        check_still(benchmark, benchmark_facts(benchmark))  # before a video is prepared, which takes minutes
+        check_still(benchmark, benchmark_facts(benchmark))  # check this before a video is prepared, which takes minutes
     chosen = load_benchmark(benchmark, data, split, options) if isinstance(benchmark, str) else benchmark
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
@@ -237,7 +239,7 @@ def _options_of(identity: Identity, benchmark: Benchmark, window: Window | None 
     for name in frames.corruptions:
         if not is_known(name):
             raise RunError(
-                f"the run's corruption '{plain(name)}' is your own or an installed package's, and unknown here: name "
+                f"the run's corruption '{plain(name)}' is not part of this package and unknown here: name "
                 "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
     options = _options(
@@ -251,7 +253,7 @@ def _options_of(identity: Identity, benchmark: Benchmark, window: Window | None 
         benchmark.classes,
         benchmark.depths,
     )
-    return replace(options, attack_sources=frames.attack_sources)  # no attack is made again
+    return replace(options, attack_sources=frames.attack_sources)  # attacks are not repeated
 
 
 def _options(
@@ -265,7 +267,7 @@ def _options(
     classes: Mapping[str, type[Corruption]],
     depth: Depths | None,
 ) -> RunOptions:
-    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # it may be one of attacks alone
+    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # the run may contain only attacks
     sources = user_sources(of_corruptions, corruptions)
     return RunOptions(
         seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), classes, depth=depth

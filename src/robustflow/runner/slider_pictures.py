@@ -1,4 +1,4 @@
-"""The small pictures of a run's slider: made while its frames are in memory, or later from recomputed frames."""
+"""Make the small pictures for a run's severity slider, during the run or later from recomputed frames."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ WIDEST = 480
 
 
 def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
-    """A JPEG of the first frame that a corruption changed: over_exposure changes only one of the two.
+    """Return a JPEG of the first frame that a corruption changed: over_exposure changes only one of the two.
 
     Args:
-        frames, clean: RGB uint8 (H, W, 3).
+        frames, clean: corrupted and clean RGB frames, each uint8 (H, W, 3).
     """
     changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
     return jpeg_bytes(shrunk((changed or frames)[0], WIDEST))
@@ -36,10 +36,10 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 
 @contextmanager
 def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
-    """A set-up whose workers store the slider's pictures within the block, if it is known which sample it will show.
+    """Yield a set-up whose workers store the slider's pictures, if the sample to show is already known.
 
-    That is so for a run of one sample; with more, the sample is known only at the end, and storing all pictures would
-    cost more.
+    The sample is known for a run of one sample. With more samples it is chosen at the end, and storing the pictures of
+    all samples would cost more than making them again.
     """
     if len(setup.plan.benchmark.keys) > 1:
         yield setup
@@ -52,13 +52,13 @@ def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
 def keep_picture(
     folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int
 ) -> None:
-    """Store the picture of a cell. One that cannot be written is made later."""
+    """Store the picture of a cell. A picture that cannot be written is made later."""
     with suppress(DataError):
         write_bytes(_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
 
 
 def stored_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
-    """The picture that `keep_picture` stored, or None."""
+    """Return the picture stored by `keep_picture`, or None."""
     try:
         return None if folder is None else _path(folder, corruption, severity).read_bytes()
     except OSError:

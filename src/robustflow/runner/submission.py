@@ -1,4 +1,4 @@
-"""Flows of a model on RobustSpring, in the layout that its server's tool takes."""
+"""Write a model's flows on RobustSpring in the layout that the server's tool expects."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .predict import flows_of
 
 @dataclass(frozen=True)
 class ConditionPairs:
-    """The pairs of one condition in one direction.
+    """The pairs of one condition in one temporal direction.
 
     Attributes:
-        condition: "clean" or a corruption of RobustSpring.
-        pairs: its frames.
-        keys: which of them.
+        condition: "clean", or a corruption of RobustSpring.
+        pairs: data set with the frames of the condition.
+        keys: keys of the pairs to predict.
     """
 
     condition: str
@@ -42,13 +42,13 @@ class ConditionPairs:
 
 
 class Robustness(NamedTuple):
-    """How a corrupted flow differs from the clean one, over all pixels, as RobustSpring's server computes it
+    """The difference between a corrupted and the clean flow, over all pixels, as computed by RobustSpring's server
     (`compute_flow_errors` in springeval/management/commands/evaluation.py of cv-stuttgart/springwebsite at bbfabe8).
 
     Attributes:
-        epe: mean distance, pixels: what RobustSpring calls R_EPE and this project RCRE.
-        fl: pixels that moved by more than 3 px and more than 5 % of the clean flow's length, percent.
-        px1: pixels that moved by more than 1 px, percent.
+        epe: mean distance in pixels, called R_EPE by RobustSpring and RCRE by this project.
+        fl: percentage of pixels whose flow changed by more than 3 px and more than 5 % of the clean flow's length.
+        px1: percentage of pixels whose flow changed by more than 1 px.
     """
 
     epe: float
@@ -58,14 +58,14 @@ class Robustness(NamedTuple):
 
 @dataclass(frozen=True)
 class Submitted:
-    """One flow that is there.
+    """One flow file of a submission.
 
     Attributes:
-        condition: "clean" or a corruption of RobustSpring.
-        key: of the pair.
-        fresh: whether it was predicted now, and not by an earlier call.
-        frames: the digest of the files of its two frames.
-        moved: how it differs from the pair's clean flow; None of the clean flow itself.
+        condition: "clean", or a corruption of RobustSpring.
+        key: key of the pair.
+        fresh: whether the flow was predicted by this call, rather than an earlier one.
+        frames: digest of the files of the two frames.
+        moved: difference from the pair's clean flow; None for the clean flow itself.
     """
 
     condition: str
@@ -76,38 +76,38 @@ class Submitted:
 
 
 def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
-    """The model of a run, loaded again.
+    """Load the model of a run again.
 
     Raises:
-        RunError: it was a Python object, or the model loaded now is not the run's.
-        UsageError: the run has flows from files, which say nothing of other frames.
-        ModelError: it cannot be loaded.
+        RunError: the run's model was a Python object, or the loaded model is a different one.
+        UsageError: the run has flows from files, which cannot be used for different frames.
+        ModelError: the model cannot be loaded.
     """
     if spec is None:
-        raise RunError(f"{run.path} does not say how its model is loaded; give --model NAME, and its options")
+        raise RunError(f"{run.path} does not record how to load its model; give --model NAME, and its options")
     named = name_model(spec)
     if isinstance(named.model, FlowLookup):
-        raise UsageError("a folder of flow files predicts nothing on other frames; name a model")
+        raise UsageError("a folder of flow files cannot predict new frames; name a model")
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
         raise RunError(
-            f"the model that is loaded now is not the one of {run.path} (it differs in: "
-            f"{differing_fields(named.identity, recorded)}); give the options that the run was given"
+            f"the loaded model is not the one of {run.path} (it differs in: "
+            f"{differing_fields(named.identity, recorded)}); give the options of the run"
         )
     return named.model
 
 
 def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
-    """What a submission consists of, the clean frames first; every condition has the same pairs.
+    """Return the conditions of a submission, clean first; every condition has the same pairs.
 
     Args:
-        root: of RobustSpring's frames.
-        corruptions: which; the clean frames come in any case.
-        limit: use only so many pairs, spread evenly, to try it.
+        root: folder of RobustSpring's frames.
+        corruptions: corruptions to include; the clean frames are always included.
+        limit: number of pairs, spread evenly, for a trial; None for all.
 
     Raises:
-        UsageError: an unknown corruption, a limit below 1.
-        DataError: frames that are not there.
+        UsageError: a corruption is unknown, or the limit is below 1.
+        DataError: frames are missing.
     """
     if limit is not None and limit < 1:
         raise UsageError(f"limit {limit} leaves no pairs: give 1 or more")
@@ -125,20 +125,20 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
 
 
 def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path) -> Iterator[Submitted]:
-    """Predict FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 and so on; flows that are there stay.
+    """Predict FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 and so on; existing flows are kept.
 
     Args:
-        model: from `model_of`.
-        conditions: from `condition_pairs`.
-        folder: made where it is not there.
+        model: model from `model_of`.
+        conditions: conditions from `condition_pairs`.
+        folder: output folder, created if it does not exist.
 
     Yields:
-        Each flow, when its file is whole.
+        Each flow, once its file is complete.
 
     Raises:
-        UsageError: flows of another size are there.
+        UsageError: the folder contains flows of a different size.
         DataError: a frame cannot be read, or a file cannot be written.
-        ModelError: the model does not answer with a flow at every pixel.
+        ModelError: the model does not return a finite flow at every pixel.
     """
     for each in conditions:
         targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}

@@ -1,4 +1,4 @@
-"""Compute one unit, all stages one after the other: corrupt, predict, measure."""
+"""Compute one unit in all stages: corrupt, predict, measure."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .seconds import no_seconds
 
 @dataclass(frozen=True)
 class View:
-    """One cell in full: what the model was given, what it answered, and the measured row.
+    """One computed cell: the frames, the predicted flow and the measured row.
 
     Attributes:
-        sample: with the clean frames.
-        frames: the corrupted ones, RGB uint8 (H, W, 3); the first two are the pair.
-        flow, clean_flow: float32 (H, W, 2), pixels.
-        row: see `robustflow.metrics.rows`.
+        sample: sample with its clean frames.
+        frames: corrupted RGB frames, each uint8 (H, W, 3); the first two are the pair.
+        flow, clean_flow: flow on the corrupted and on the clean frames, float32 (H, W, 2), in pixels.
+        row: measured row, see `robustflow.metrics.rows`.
     """
 
     sample: Sample
@@ -41,13 +41,13 @@ class View:
 
 
 class Worker:
-    """Computes units of one run, keeping the last sample and its clean flow in memory.
+    """Compute units of one run, with the latest sample and its clean flow in memory.
 
     Args:
-        clean_path: where a sample's clean flow is kept between units, so that it is computed once per sample.
-        on_predict: called with what is being predicted before each prediction and with None after it; the process
-            engine uses this to watch a model's time.
-        batch_size: severities of a unit that are predicted in one call, if the model can.
+        clean_path: function from a sample's key to the file in which its clean flow is stored between units.
+        on_predict: callback, called with a description before each prediction and with None after it; the processes
+            engine uses it to enforce the timeout.
+        batch_size: number of severities of a unit predicted in one call, if the model supports batches.
         kept: clean rows measured earlier, by sample (see `clean_row_check`); a sample with such a row is refused if its
             frames, its ground truth or the model's prediction have changed.
     """
@@ -71,7 +71,7 @@ class Worker:
         self._last: tuple[Loaded, Answer] | None = None
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
-        """The rows of a unit, in the order of its severities."""
+        """Return the rows of a unit, in the order of its severities."""
         loaded, clean = self._load(unit.key)
         if unit.corruption == CLEAN:
             return [self._row(loaded, clean, clean, loaded.sample.frames, (unit.key, CLEAN, 0))]
@@ -100,15 +100,15 @@ class Worker:
         return View(loaded.sample, frames, flow_of(flow), flow_of(clean), row)
 
     def sample(self, key: str) -> Sample:
-        """A sample, with its clean frames."""
+        """Return a sample with its clean frames."""
         return self._load(key)[0].sample
 
     def clean_flow(self, key: str) -> Flow:
-        """The flow of a sample's clean frames, float32 (H, W, 2), pixels."""
+        """Return the flow between a sample's clean frames, float32 (H, W, 2), in pixels."""
         return flow_of(self._load(key)[1])
 
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """The corrupted frames of a cell."""
+        """Return the corrupted frames of a cell."""
         return self._frames.corrupt(self._load(key)[0].sample, corruption, severity)
 
     def _load(self, key: str) -> tuple[Loaded, Answer]:
@@ -137,8 +137,8 @@ class Worker:
 
 
 class NoMotion:
-    """Replaces a model whose prediction is not needed: the flow is zero everywhere."""
+    """A placeholder for a model whose prediction is not needed: the flow is zero everywhere."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """Zero flow, float32 (H, W, 2)."""
+        """Return zero flow, float32 (H, W, 2)."""
         return np.zeros((*frame1.shape[:2], 2), np.float32)

@@ -34,8 +34,8 @@ ONE_THREAD = (
     "POLARS_MAX_THREADS",
 )
 _UNGUARDED = (
-    'a script that several workers run needs its own code under `if __name__ == "__main__":`, because each of them '
-    "loads the script from the top"
+    'a script that starts several workers needs its code under `if __name__ == "__main__":`, because each worker '
+    "runs the script from the top"
 )
 
 

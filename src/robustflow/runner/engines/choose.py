@@ -67,7 +67,7 @@ def choose_engine(
     if devices and attacks and name in (None, "processes"):
         if name == "processes" or workers is not None or timeout is not None:
             raise UsageError(
-                "attacks on an accelerator compute in this process; leave out --engine, --workers and --timeout, "
+                "attacks on an accelerator run in this process; leave out --engine, --workers and --timeout, "
                 "or run them without --attacks"
             )
         return _serial(" (attacks compute where the model is)")
@@ -135,8 +135,8 @@ def _ray(workers: int | None, timeout: float | None, address: str | None) -> Eng
 def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) -> Engine:
     if workers is not None and workers < len(devices):
         raise UsageError(
-            f"--workers {workers} cannot feed {len(devices)} devices: give at least {len(devices)}, or name fewer with "
-            "--device"
+            f"--workers {workers} are too few for {len(devices)} devices: give at least {len(devices)}, or name fewer "
+            "with --device"
         )
     wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 

@@ -200,7 +200,7 @@ class _Crew:
             self._failed_starts += 1
             if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
                 raise RunError(
-                    f"no worker comes up on the Ray cluster: {self._failed_starts} were lost while starting, the last "
+                    f"no worker starts on the Ray cluster: {self._failed_starts} were lost while starting, the last "
                     f"on {where} ({why}); the usual causes are lack of memory or a crash while the model is loaded"
                 )
             return

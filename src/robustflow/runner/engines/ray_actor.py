@@ -66,7 +66,7 @@ def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> N
         if here.get(name) != there.get(name):
             raise RunError(
                 f"node {host} has {name} {there.get(name, 'missing')} where the run was started with "
-                f"{here.get(name, 'none')}, which may change numbers; install the same versions on every node"
+                f"{here.get(name, 'none')}, which may change results; install the same versions on every node"
             )
 
 
@@ -126,15 +126,15 @@ class UnitActor:
             job: Job = pickle.loads(pickled)
         except (ImportError, AttributeError) as error:
             raise UsageError(
-                f"node {self._host} cannot import what the run uses ({error}); install it on every node, or put it on "
-                "PYTHONPATH before Ray starts there"
+                f"node {self._host} cannot import a module of the run ({error}); install it on every node, or put it "
+                "on PYTHONPATH before Ray starts there"
             ) from error
         self._check_files(files)
         model = job.load_model()
         loaded = job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
         if loaded != identity:
             raise RunError(
-                f"node {self._host} has another model under the same name (it differs in: "
+                f"node {self._host} has a different model of the same name (it differs in: "
                 f"{differing_fields(loaded, identity)}); give every node the same files"
             )
         self._worker = replace(job, folder=self._scratch, loaded=model).worker(self._note)

@@ -29,8 +29,8 @@ _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
 """The preface of an HTTP/2 client, the protocol of Ray's ports; a server answers with its settings (RFC 9113, 3.4)."""
 _WATCH = "import sys; sys.stdin.buffer.read(1) or sys.exit(sys.argv[1])"
 _ENDED_BY_RAY = (
-    "robustflow: Ray ended this process, as it does when one of its own on this machine was killed or ran out of "
-    "memory; what is finished is kept: run the same command again to continue"
+    "robustflow: Ray ended this process, as it does when a Ray process on this machine was killed or ran out of "
+    "memory; finished work is kept: run the same command again to continue"
 )
 
 
@@ -105,8 +105,8 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
         )
     except Exception as error:
         raise RunError(
-            f"Ray does not start on this machine ({_first_sentence(error)}); it gives itself 30 s: try again when the "
-            "machine is less busy, or use --engine processes"
+            f"Ray does not start on this machine ({_first_sentence(error)}); its time limit is 30 s: try again when "
+            "the machine is less busy, or use --engine processes"
         ) from error
 
 

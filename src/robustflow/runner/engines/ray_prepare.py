@@ -120,7 +120,7 @@ def _prepare_here(
     while not proof.exists():
         if time.monotonic() > deadline:
             raise DataError(
-                f"node {host} does not see what is written into {proof.parent.absolute()} here; give an --output on a "
+                f"node {host} does not see files written into {proof.parent.absolute()} here; give an --output on a "
                 "file system that all nodes share, under the same path"
             )
         time.sleep(0.1)
