@@ -105,7 +105,7 @@ def test_another_ground_truth_of_the_same_size_stops_a_run():
 
     check_same_data(row(truth), row(truth))
     check_same_model(row(truth), row(truth))
-    with pytest.raises(RunError, match="other ground truth"):
+    with pytest.raises(RunError, match="different ground truth"):
         check_same_data(row(truth), row(2 * truth))
 
 

@@ -1,1 +1,1 @@
-"""The parts of a run: its plan, identity, manifest and rows, and files stored with them."""
+"""The parts of a run: its plan, identity, manifest and rows, and the files stored with them."""

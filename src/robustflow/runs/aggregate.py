@@ -1,10 +1,9 @@
 """Average rows, by the paper's rule and over pooled pixels.
 
 The paper averages over the pixels of an image, then images, then severities, then corruptions (section "Robustness
-Metrics"). A run's mean is over the corruptions that were requested; the paper's mean, over its 20 or 24, is given in
-addition if all of them were run. Every mean here is `math.fsum(...) / count`, which is exactly rounded and so does not
-depend on the order of the rows; the same rows give the same summary, byte for byte, however they were computed or
-stored.
+Metrics"). A run's mean is over the requested corruptions; the paper's mean, over its 20 or 24 corruptions, is added if
+all of them were run. Every mean is computed as `math.fsum(...) / count`, which is exactly rounded and so does not
+depend on the order of the rows: the same rows always give a byte-identical summary.
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ _NEEDS: tuple[tuple[str, str], ...] = (
     *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in _REGION_SUMS),
     *((f"n_{region}", "n_valid") for region in REGIONS),
 )
-"""(column of a count, column that has a value wherever pixels were counted)."""
+"""Pairs (column of a count, column that has a value in every row with a positive count)."""
 _FEW_ROWS = 10_000
-"""Lazy rows up to this many are read once, instead of once for each column."""
+"""Up to this number, lazy rows are read once instead of once per column."""
 
 
 def summarize(
@@ -45,14 +44,14 @@ def summarize(
     *,
     paper: Collection[str] = IMAGE_PAIR,
 ) -> Summary:
-    """The means of a run.
+    """Compute the means of a run.
 
     Args:
-        rows: columns of `ROW_SCHEMA`, in any order; lazy ones are read a few columns at a time.
-        averaging: "image" (the paper's) or "pixel" (the pixels of all images in one mean).
+        rows: rows with the columns of `ROW_SCHEMA`, in any order; lazy rows are read a few columns at a time.
+        averaging: "image" (the paper's averaging) or "pixel" (one mean over the pixels of all images).
         planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default
             every sample in the rows, clean and at every (corruption, severity) in the rows.
-        paper: the corruptions that the paper averages over on the benchmark.
+        paper: corruptions over which the paper averages on the benchmark.
 
     Returns:
         A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
@@ -60,8 +59,8 @@ def summarize(
         elastic_transform, a user's own and stacks "a+b"; `Summary.paper` holds the paper's mean.
 
     Raises:
-        RunError: missing columns or sums, or a (sample, corruption, severity) that occurs twice.
-        UsageError: unknown averaging.
+        RunError: columns or sums are missing, or a (sample, corruption, severity) occurs twice.
+        UsageError: the averaging is unknown.
     """
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
@@ -107,7 +106,7 @@ def summarize(
 
 
 def _checked(rows: pl.LazyFrame) -> RowPlaces:
-    """Find the rows of each condition; raises a RunError if they are not the rows of one run."""
+    """Find the rows of each condition; raise a RunError if they are not the rows of one run."""
     known = rows.collect_schema().names()
     absent = [name for name in ROW_SCHEMA if name not in known]
     if absent:
@@ -123,7 +122,7 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
             "the rows of two runs were mixed; summarise one run at a time"
         )
     lacking = [(pl.col(count) > 0).fill_null(False) & pl.col(total).is_null() for count, total in _NEEDS]
-    few = (lacking[start : start + 8] for start in range(0, len(lacking), 8))  # columns in memory at a time
+    few = (lacking[start : start + 8] for start in range(0, len(lacking), 8))  # limits the number of columns in memory
     if any(rows.select(pl.any_horizontal(some).any()).collect().item() for some in few):
         damaged = rows.filter(pl.any_horizontal(lacking)).select(ROW_KEY).sort(ROW_KEY).head(1).collect()
         sample, corruption, severity = damaged.row(0)
@@ -135,7 +134,7 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
 
 
 def _missing(where: RowPlaces, planned: Iterable[Cell] | None) -> list[MissingCells]:
-    """The planned cells without a row; by default every sample is planned under every condition in the rows."""
+    """Return the planned cells without a row; by default every sample is planned under every condition in the rows."""
     samples, conditions, count = where.present()
     if planned is None:
         planned = ((sample, *condition) for sample in samples for condition in {(CLEAN, 0), *conditions})
@@ -201,7 +200,7 @@ def _regions(rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, averaging: Ave
 
 
 def summary_in_order(summary: Summary) -> Summary:
-    """Put a summary read from a file, whose keys may be in any order, into the order of a computed one."""
+    """Reorder the keys of a summary read from a file as in a computed one."""
     return summary.model_copy(
         update={
             "corruptions": {name: summary.corruptions[name] for name in ordered(summary.corruptions)},

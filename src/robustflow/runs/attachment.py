@@ -1,4 +1,4 @@
-"""A small JSON file stored with a run's rows: it belongs to exactly that run, and may come from anyone."""
+"""Read small JSON files stored with a run's rows. Each belongs to exactly one run, and is untrusted."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 class RunAttachment(Untrusted):
-    """The fields that every such file has.
+    """The fields that every such file contains.
 
     Attributes:
-        version: of this file.
-        run: the digest of the run's identity.
+        version: version of the file format.
+        run: digest of the run's identity.
     """
 
     version: Annotated[int, Field(ge=1, le=1)] = 1
@@ -31,16 +31,16 @@ Attachment = TypeVar("Attachment", bound=RunAttachment)
 
 
 def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: str) -> Attachment:
-    """The contents of such a file.
+    """Parse the contents of such a file.
 
     Args:
-        kind: the class of its contents.
-        data: the file.
-        name: of the file, for messages.
+        kind: class of the contents.
+        data: bytes of the file.
+        name: name of the file, for messages.
         command: the `robustflow` command that writes it again.
 
     Raises:
-        RunError: damaged, or not in this shape; the first mismatch is named.
+        RunError: the file is damaged, or its fields are invalid; the message names the first one.
     """
     content = unsealed(data)
     if content is None:
@@ -57,17 +57,17 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
 
 
 def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
-    """The contents of such a file of a run; None if there is none.
+    """Read such a file from a run's folder; None if it does not exist.
 
     Args:
-        kind: the class of its contents.
-        run: in whose folder it is.
-        file: its name.
-        largest: largest number of bytes that are read.
+        kind: class of the contents.
+        run: run whose folder contains the file.
+        file: name of the file.
+        largest: maximum size of the file, in bytes.
         command: the `robustflow` command that writes it again.
 
     Raises:
-        RunError: it is damaged, or belongs to another run.
+        RunError: the file is damaged, or belongs to a different run.
     """
     path = run.path / file
     if not path.is_file():

@@ -1,5 +1,5 @@
-"""What pages need to know about a run beyond its means, stored in a hidden file of its folder and valid only for these
-rows."""
+"""Cache the values, besides means, that pages show about a run, in a hidden file of its folder; they are valid only for
+the same rows."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ _LARGEST = 2**24
 
 
 class CachedValues:
-    """Values by name: read once, and computed if missing.
+    """Cached values by name, read once and computed if missing.
 
     Args:
-        folder: of the run.
-        source: what they are computed from (`staleness.source_digest`); values of anything else are not read.
+        folder: folder of the run.
+        source: digest of the data from which the values are computed (`staleness.source_digest`); values with a
+            different digest are ignored.
     """
 
     def __init__(self, folder: Path, source: str) -> None:
@@ -34,7 +35,7 @@ class CachedValues:
         return name in self._known
 
     def get(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """A value, computed if it is missing or of another kind."""
+        """Return a value; compute it if it is missing or has a different type."""
         if name in self._known:
             try:
                 return TypeAdapter(kind).validate_python(self._known[name])
@@ -45,7 +46,7 @@ class CachedValues:
         return value
 
     def write(self) -> None:
-        """Store what was computed since they were read.
+        """Store the values computed since the file was read.
 
         Raises:
             DataError: the folder cannot be written.

@@ -1,7 +1,7 @@
-"""Clean flows on disk: computed once per sample, and kept until the sample's last unit is finished.
+"""Store clean flows on disk: computed once per sample, and kept until the sample's last unit is finished.
 
-A file is a NumPy array followed by 16 bytes: the digest of the array and of what it was computed from. A file that does
-not verify (truncated, changed, or from other frames) counts as missing, and the flow is recomputed.
+A file contains a NumPy array, then 16 bytes: the digest of the array, the sample's key and the frames. If the digest
+does not match (truncated or changed file, or different frames), the file counts as missing and the flow is recomputed.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ def write_clean(path: Path, flow: Flow, made_of: str) -> None:
     """Store a clean flow for the remaining units of its sample.
 
     Args:
-        path: where to store it.
-        flow: float32 (H, W, 2), pixels.
-        made_of: what it was computed from: the sample's key and the digest of its frames.
+        path: path of the file.
+        flow: clean flow, float32 (H, W, 2), in pixels.
+        made_of: the sample's key and the digest of the frames from which the flow was computed.
     """
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(flow, np.float32), allow_pickle=False)
@@ -31,7 +31,7 @@ def write_clean(path: Path, flow: Flow, made_of: str) -> None:
 
 
 def read_clean(path: Path, made_of: str) -> Flow | None:
-    """A clean flow stored earlier; None unless it is intact and was computed from the same frames."""
+    """Read a clean flow stored earlier; None unless it is intact and was computed from the same frames."""
     try:
         with open(path, "rb", opener=not_a_link) as file:
             array = unsealed_bytes(file.read(), made_of)

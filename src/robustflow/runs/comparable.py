@@ -1,9 +1,10 @@
 """Decide what may be compared, for all tables, marks, boards, tests, trends, figures and exports.
 
-Numbers of two runs may stand side by side where both measured the same rows: the same pairs under the same corruptions
-and severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they need
-the same rows throughout, made by the same recipe (`sample_set`); tests need only common rows (`common_to`). The recipe
-(seed, draws, the source of a user's corruption, ...) and the rows say in words how runs differ.
+Results of two runs may be compared if both measured the same rows: the same pairs under the same corruptions and
+severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they require
+that all rows are the same and were made with the same settings (`sample_set`); tests require only common rows
+(`common_to`). Differences between runs are described in words, from the settings (seed, draws, the source of a user's
+corruption, ...) and the rows.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ..text import counted, joined, plain
 from .run import Run
 
 SELECTION = ("pairs", "corruptions", "severities", "complete")
-"""The parts of `measured_in_words` that say which rows there are, not how they were made."""
+"""The parts of `measured_in_words` that describe which rows exist, not how they were made."""
 
 _DIGESTS = ("frames_digest", "truth_digest")
 _MOST_NAMED = 4
@@ -34,14 +35,15 @@ _DIGITS = 6
 
 
 def sample_set(run: Run) -> str:
-    """Identifies what a run measured, apart from its model: the means of runs with the same name may be compared.
+    """Return a name for what a run measured, independent of its model: the means of runs with the same name may be
+    compared.
 
-    It covers all parts of the identity that decide frames, every row with a pixel to measure (pair, corruption,
-    severity, digests of frames and ground truth), and what is missing.
+    The name depends on all parts of the identity that determine the frames, on every row with a pixel to measure (pair,
+    corruption, severity, digests of frames and ground truth), and on the missing rows.
     """
 
     def made() -> str:
-        _clean_cells(run)  # kept from the same rows: words about a difference need them later
+        _clean_cells(run)  # cached from the same rows: the description of a difference needs these values later
         missing = [unit.model_dump() for unit in run.summary.missing]
         return sample_set_of(run.manifest.identity.frames.record(), measured_cells(run.rows), missing)
 
@@ -49,7 +51,7 @@ def sample_set(run: Run) -> str:
 
 
 def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence[Any] = ()) -> str:
-    """The name of any measured cells: (sample, corruption, severity, digest of the frames, digest of the truth).
+    """Return a name for measured cells: (sample, corruption, severity, digest of the frames, digest of the truth).
 
     >>> sample_set_of("", [("a", "fog", 1, "00", None)]) == sample_set_of("", [("a", "fog", 1, "01", None)])
     False
@@ -58,22 +60,22 @@ def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence
 
 
 def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
-    """The rows with a pixel to measure, as `sample_set_of` takes them."""
+    """Return the rows with a pixel to measure, in the form that `sample_set_of` expects."""
     return rows.filter(pl.coalesce("n_valid", "n_all") > 0).select(*ROW_KEY, *_DIGESTS).rows()
 
 
 def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
-    """The rows that several runs have in common on the same frames and ground truth, and a remark about what is left
-    out ("" if nothing is).
+    """Return the rows that several runs have in common on the same frames and ground truth, and a remark about omitted
+    rows ("" if there are none).
 
-    A pair whose clean rows differ, and a corruption under which any frames differ, are left out entirely.
+    A pair whose clean rows differ, and a corruption for which any frames differ, are omitted entirely.
 
     Args:
-        rows: of each run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
-        names: of the runs.
+        rows: rows of each run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        names: names of the runs.
 
     Raises:
-        RunError: no rows in common, or none of them on the same frames and ground truth.
+        RunError: the runs have no rows in common on the same frames and ground truth.
     """
     parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
     shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
@@ -128,8 +130,8 @@ class CommonRows:
     """The rows of several runs that may be compared.
 
     Attributes:
-        rows: by name of the run; the same cells in each.
-        remark: what was left out, and how the runs differ; "" if they measured the same.
+        rows: rows by name of the run, with the same cells in each.
+        remark: description of omitted rows and of differences between the runs; "" if they measured the same.
     """
 
     rows: Mapping[str, pl.DataFrame]
@@ -137,10 +139,10 @@ class CommonRows:
 
 
 def common_to(runs: Mapping[str, Run]) -> CommonRows:
-    """The rows of several runs that may be compared, by name, with every difference in words.
+    """Return the comparable rows of several runs, by name, with every difference in words.
 
     Raises:
-        RunError: there are none; the message says how the runs differ.
+        RunError: no rows may be compared; the message describes how the runs differ.
     """
     try:
         rows, remark = common_rows([run.rows for run in runs.values()], list(runs))
@@ -168,8 +170,8 @@ def _in_common(runs: Mapping[str, Run]) -> bool:
 
 
 def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
-    """Describe how the measurements of several runs differ; "" if they do not. `parts` limits it to some of the parts
-    of `measured_in_words`."""
+    """Describe how the measurements of several runs differ; "" if they do not. `parts` limits the description to some
+    of the parts of `measured_in_words`."""
     every = list(runs.values())
     if len({sample_set(run) for run in every}) == 1:
         return ""
@@ -183,7 +185,8 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
 
 
 def conditions_of(runs: Sequence[Run]) -> list[str]:
-    """A short name for what each run measured, made from the differences among them; "" for all if there are none."""
+    """Return a short name for what each run measured, made from the differences between the runs; "" for all if there
+    are none."""
     words, sets = _distinguishing_words(measured_in_words(runs)), [sample_set(run) for run in runs]
     of_words: dict[str, set[str]] = {}
     for each, measured in zip(words, sets, strict=True):
@@ -200,7 +203,7 @@ def _distinguishing_words(parts: Sequence[Mapping[str, str]], among: Sequence[st
 
 
 def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
-    """The parts of `measured_in_words` that are not the same for all runs, without digests that another part
+    """Return the parts of `measured_in_words` that differ between runs, without digests that a different part
     explains."""
     names = dict.fromkeys(name for one in parts for name in one)
     differing = [name for name in names if len({one.get(name, "") for one in parts}) > 1]
@@ -210,7 +213,7 @@ def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
-    """What each of several runs measured, part by part, the most informative first."""
+    """Describe what each of several runs measured, in parts, the most informative first."""
     clean = [_clean_cells(run) for run in runs]
     shared = sorted(set.intersection(*(set(one) for one in clean)))
     named = [set(run.summary.corruptions) for run in runs]
@@ -237,7 +240,7 @@ def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
 
 
 def _clean_cells(run: Run) -> dict[str, tuple[str, str | None]]:
-    """Sample -> the digests of its clean frames and of its ground truth."""
+    """Map each sample to the digests of its clean frames and of its ground truth."""
 
     def made() -> dict[str, tuple[str, str | None]]:
         clean = run.rows.filter(corruption=CLEAN).sort("sample")
@@ -260,11 +263,11 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "streams": lambda value: f"random streams {value}",
     "attacks": lambda value: f"attacks {value}",
 }
-"""Fields of `FrameIdentity` in words, the most informative first."""
+"""Names of the fields of `FrameIdentity` in words, the most informative first."""
 
 
 def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
-    """How a run's frames were chosen and made, field by field, from its manifest."""
+    """Describe how a run's frames were chosen and made, field by field, from its manifest."""
     frames = run.manifest.identity.frames
     protocol, fields = dict(frames.protocol), dict(frames)
     yield "benchmark", f"benchmark {_title(run)}"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PROFILE = "profile.json"
 COUNTED_SIZE = (432, 720)
-"""Height and width of the frames for which the paper counts."""
+"""Height and width of the frames for which the paper reports costs, in pixels."""
 
 _LARGEST = 1 << 16
 _COMMAND = "profile MODEL --into RUN"
@@ -32,15 +32,15 @@ class RunCost(RunAttachment):
     """The cost of one prediction of a run's model.
 
     Attributes:
-        version, run: see `RunAttachment`.
-        height, width: of the frames it was counted for; the paper's are 432 x 720.
-        iterations: of the model, None if it has none.
+        version, run: fields of `RunAttachment`.
+        height, width: size of the frames for which the cost was counted, in pixels; 432 x 720 in the paper.
+        iterations: number of iterations of the model; None if it has none.
         parameters: number of learned parameters.
-        macs: multiply-accumulates by PyTorch's counter.
-        thop_parameters, thop_macs: as counted in the paper's table.
-        seconds: time of one pair, the shortest of several; None if it was not timed.
-        peak_bytes: peak memory, None if it was not measured.
-        device: where it was timed, by PyTorch's name.
+        macs: number of multiply-accumulates according to PyTorch's counter.
+        thop_parameters, thop_macs: parameters and multiply-accumulates counted by thop, as in the paper's table.
+        seconds: shortest time for one pair in several measurements; None if it was not timed.
+        peak_bytes: peak memory in bytes; None if it was not measured.
+        device: PyTorch's name of the device on which the time was measured.
     """
 
     height: Annotated[int, Field(ge=1, le=10**5)]
@@ -56,38 +56,38 @@ class RunCost(RunAttachment):
 
     @property
     def parameters_m(self) -> float:
-        """Parameters in millions, counted as in the paper."""
+        """Return the parameters in millions, counted as in the paper."""
         return self.thop_parameters / 1e6
 
     @property
     def flops_g(self) -> float:
-        """What the paper calls FLOPs: thop's multiply-accumulates, 10^9."""
+        """Return the FLOPs as reported in the paper: thop's multiply-accumulates, in units of 10^9."""
         return self.thop_macs / 1e9
 
 
 def parse_cost(data: bytes, name: str) -> RunCost:
-    """A cost from its file.
+    """Parse a cost from its file.
 
     Raises:
-        RunError: not in this shape.
+        RunError: the file has invalid fields.
     """
     return parse_attachment(RunCost, data, name, _COMMAND)
 
 
 def read_cost(run: Run) -> RunCost | None:
-    """The cost stored in a run's folder; None if it was not measured.
+    """Return the cost stored in a run's folder; None if it was not measured.
 
     Raises:
-        RunError: the file is damaged, or belongs to another run.
+        RunError: the file is damaged, or belongs to a different run.
     """
     return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
 def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
-    """Check that a model of this identity is the run's, apart from its weights and how it is executed.
+    """Check that a model has the identity of a run's model, ignoring weights and execution settings.
 
     Raises:
-        UsageError: it is a different model, or has different settings.
+        UsageError: the model or its settings differ.
     """
     ran = run.manifest.identity.model.settings
     for key in sorted((ran.keys() | model.keys()) - _FREE):
@@ -100,7 +100,7 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
 
 
 _FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "torch", "tile", "overlap", "sigma"}
-"""Parts of a model's identity that its cost does not depend on."""
+"""Parts of a model's identity that do not affect its cost."""
 
 
 def write_cost(run: Run, cost: RunCost) -> Path:

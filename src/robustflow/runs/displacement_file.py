@@ -1,4 +1,4 @@
-"""The histogram of flow amplitudes, stored with a run's rows so that its pages can draw it."""
+"""Store the histogram of flow magnitudes with a run's rows, for its pages."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 DISPLACEMENT = "displacement.json"
 GROUND_TRUTH = "ground truth"
-"""The source of a histogram that was not made from a model's flow."""
+"""The source of a histogram of ground truth."""
 _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 
 
 class DisplacementFile(RunAttachment):
-    """`RUN/displacement.json`.
+    """The contents of `RUN/displacement.json`.
 
     Attributes:
-        version, run: see `RunAttachment`.
+        version, run: fields of `RunAttachment`.
         samples: number of measured samples.
-        source: "ground truth", or the model whose flow it was.
-        low: lower edges of the bins in pixels, from 0; the last bin is open.
-        pixels: count of each bin.
+        source: "ground truth", or the name of the model that predicted the flow.
+        low: lower edges of the bins in pixels, starting at 0; the last bin is open.
+        pixels: number of pixels in each bin.
     """
 
     samples: Annotated[int, Field(ge=1)]
@@ -48,24 +48,26 @@ class DisplacementFile(RunAttachment):
 
     @property
     def table(self) -> pl.DataFrame:
-        """Columns `low`, `high` (pixels, the last infinite) and `share` (of all counted pixels)."""
+        """Return a table with the columns `low`, `high` (pixels, the last infinite) and `share` (of all counted
+        pixels)."""
         total = max(1, sum(self.pixels))
         share = [count / total for count in self.pixels]
         return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
 
 
 def read_displacement(run: Run) -> DisplacementFile | None:
-    """The histogram stored in a run's folder; None if there is none, or if the run now has other samples.
+    """Return the histogram stored in a run's folder; None if it does not exist, or if the run now has different
+    samples.
 
     Raises:
-        RunError: the file is damaged, or belongs to another run.
+        RunError: the file is damaged, or belongs to a different run.
     """
     displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
     return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 
 
 def write_displacement(run: Run, table: pl.DataFrame) -> Path:
-    """Store the table of `displacement_histogram`, measured on a run's samples, in its folder.
+    """Store the table of `displacement_histogram` for a run's samples in the run's folder.
 
     Raises:
         DataError: the folder cannot be written.
@@ -83,5 +85,5 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
 
 
 def clean_digests(run: Run) -> dict[str, str]:
-    """Sample -> digest of its clean frames, for every sample that a run has measured."""
+    """Map every sample that a run has measured to the digest of its clean frames."""
     return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())

@@ -1,4 +1,4 @@
-"""The environment of a run, for its manifest."""
+"""Describe the environment of a run, for its manifest."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _PACKAGES = (
 
 
 class Machine(Untrusted):
-    """The machine; a record holds only its kind, without the version of the system."""
+    """The machine; a record contains only its kind, without the version of the operating system."""
 
     system: str
     processor: str
@@ -38,7 +38,7 @@ class Machine(Untrusted):
 
 
 class Environment(Untrusted):
-    """Versions of everything that can change a number, the machine, and the command line, which a record leaves out."""
+    """Versions of all software that can change results, the machine, and the command line, which a record omits."""
 
     python: str
     packages: Annotated[dict[Text, Text], Field(max_length=100)]
@@ -48,7 +48,7 @@ class Environment(Untrusted):
 
 @cache
 def _versions() -> dict[str, str]:
-    """Versions of the installed packages: a tenth of a second of parsing, and the same for every run of a process."""
+    """Return the versions of the installed packages. Parsing takes a tenth of a second, so the result is cached."""
     versions = {}
     for name in _PACKAGES:
         try:
@@ -59,7 +59,7 @@ def _versions() -> dict[str, str]:
 
 
 def environment() -> Environment:
-    """The environment of this process."""
+    """Return the environment of this process."""
     return Environment(
         python=platform.python_version(),
         packages=_versions(),

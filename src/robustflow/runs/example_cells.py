@@ -1,7 +1,7 @@
-"""Which cells of a run are drawn: the worst cell of the worst sample, and the median cell of the median sample.
+"""Choose which cells of a run to draw: the worst cell of the worst sample, and the median cell of the median sample.
 
-A sample's score is its CRE over all corruptions of the run; if the run has no ground truth at all, its RCRE. Everything
-is computed from rows, so the choice is the same on every machine.
+A sample's score is its CRE over all corruptions of the run; if the run has no ground truth, its RCRE. The scores are
+computed from rows, so the choice is the same on every machine.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 @dataclass(frozen=True)
 class CellScores:
-    """The scores of one cell, in pixels; None without ground truth; RCRE is None if no pixel is left."""
+    """The scores of one cell, in pixels. EPE and CRE are None without ground truth; RCRE is None if no pixel can be
+    compared."""
 
     epe: float | None
     cre: float | None
@@ -33,7 +34,7 @@ class CellScores:
 
 @dataclass(frozen=True)
 class ExampleCell:
-    """A cell to be drawn, and why."""
+    """A cell to draw, with the reason."""
 
     kind: Kind
     key: str
@@ -43,10 +44,10 @@ class ExampleCell:
 
 
 def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
-    """The worst cell of the worst sample and the median cell of the median sample, of a run's rows.
+    """Find the worst cell of the worst sample and the median cell of the median sample in a run's rows.
 
-    The median of an even number is the lower one. Ties go to the first in the order of keys, corruptions, severities.
-    Empty if nothing was measured.
+    For an even number of samples, the lower median is used. Ties are resolved by the order of keys, corruptions and
+    severities. The result is empty if nothing was measured.
     """
     columns = ("sample", "corruption", "severity", "epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
     clean, cells = {}, {}
@@ -73,7 +74,7 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
 
 
 def cell_scores(row: dict[str, Any], clean: dict[str, Any] | None) -> CellScores:
-    """EPE, CRE and RCRE of one row and its sample's clean row."""
+    """Compute EPE, CRE and RCRE of one row from the row and its sample's clean row."""
     epe = _mean(row["epe_sum"], row["n_valid"])
     before = _mean(clean["epe_sum"], clean["n_valid"]) if clean else None
     rcre = (
@@ -87,7 +88,7 @@ def _mean(total: float | None, count: int | None) -> float | None:
 
 
 def _over_corruptions(values: dict[str, list[float]]) -> float:
-    """The paper's order of means: over severities, then over corruptions."""
+    """Average as in the paper: over severities, then over corruptions."""
     return _fmean([_fmean(each) for each in values.values()])
 
 

@@ -1,4 +1,4 @@
-"""`examples.json`: which example pictures a run's folder holds and what they show.
+"""Read and write `examples.json`: which example pictures a run's folder contains and what they show.
 
 RUN/examples/examples.json   with the run's own numbers
 RUN/examples/*.jpg           the folder is complete or absent
@@ -26,7 +26,7 @@ FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
 
 
 def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
-    """The content of `examples.json`, from the rows; None if nothing was measured."""
+    """Return the content of `examples.json`, computed from the rows; None if nothing was measured."""
     cells = example_cells(rows)
     if not cells:
         return None
@@ -59,7 +59,7 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
 
 
 def _plain_name(corruption: str, index: int) -> str:
-    """A file name for a corruption: its name, or a number for a stack, whose name contains "+" and ":"."""
+    """Return a file name for a corruption: its name, or a number for a stack, whose name contains "+" and ":"."""
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
@@ -69,7 +69,7 @@ def example_files(listed: dict[str, Any]) -> list[str]:
 
 
 def are_current(result: Run) -> bool:
-    """Whether the pictures in a run's folder match its rows."""
+    """Return whether the pictures in a run's folder match its rows."""
     listed = example_list(result.rows)
     home = result.path / FOLDER
     try:
@@ -80,9 +80,9 @@ def are_current(result: Run) -> bool:
 
 
 def drop_examples(run: Path) -> None:
-    """Remove a run's pictures: their numbers are out of date."""
+    """Remove a run's pictures, whose numbers are out of date."""
     home = run / FOLDER
     if home.is_dir():
-        gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # so that no reader finds only some of them
+        gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder
         home.rename(gone)
         shutil.rmtree(gone, ignore_errors=True)

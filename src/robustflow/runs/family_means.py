@@ -1,4 +1,4 @@
-"""Means of what was measured over families of corruptions."""
+"""Average values over families of corruptions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ T = TypeVar("T")
 
 
 def grouped_by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
-    """The values of each family's corruptions, in the paper's order; families without any are left out, as are
-    corruptions without a family.
+    """Group values by family of corruptions, in the paper's order, without empty families and without corruptions that
+    have no family.
 
     >>> grouped_by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
     {'weather': [1, 2]}
@@ -23,7 +23,7 @@ def grouped_by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
 
 
 def family_means(values: Mapping[str, float]) -> dict[str, float]:
-    """Mean over the corruptions of each family that were measured.
+    """Average each family over its measured corruptions.
 
     >>> family_means({"snow": 2.0, "fog": 1.0})
     {'weather': 1.5}

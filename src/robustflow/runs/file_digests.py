@@ -1,10 +1,9 @@
-"""A digest of every file that a run's samples are read from, so that a later change of a single byte is noticed.
+"""Compute a digest of every file from which a run's samples are read, to detect any later change.
 
-Many formats (BMP, PPM, uncompressed TIFF, .flo) cannot detect a changed byte themselves, and JPEG and WebP hardly.
-
-A data set may have a list of its files' digests in its folder, `digests.b2sum`, which `robustflow prepare digests`
-writes and `b2sum --check` reads as well. A run compares every file that it reads with the nearest list above it, so
-a copied data set is checked where it is used, at no further cost.
+Many formats (BMP, PPM, uncompressed TIFF, .flo) have no checksum, and JPEG and WebP detect few errors. A data set's
+folder may contain a list of digests, `digests.b2sum`, written by `robustflow prepare digests` and also readable by
+`b2sum --check`. A run compares every file that it reads with the nearest list in a parent folder, so a copied data set
+is checked when it is used, at no extra cost.
 """
 
 from __future__ import annotations
@@ -22,22 +21,22 @@ from ..errors import DataError, RunError
 from ..text import counted, plain
 
 DIGEST_LIST = "digests.b2sum"
-"""Name of the list of digests in a data set's folder."""
+"""File name of the list of digests in a data set's folder."""
 
 _THREADS = 4
-"""Hashing releases the interpreter's lock, and disks serve several requests at a time faster than one by one."""
+"""Number of threads that read files: hashing releases the GIL, and disks are faster with several requests at a time."""
 _LARGEST_LIST = 2**30
 _LINE = re.compile(r"([0-9a-f]{16})  ([^\\\n]+)")
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
-    """For each sample, the digests of its files in order, 16 hexadecimal digits each; each file is read once.
+    """Return the digests of each sample's files in order, 16 hexadecimal digits each; each file is read once.
 
     Args:
-        files: the files of each sample.
+        files: files of each sample, by key.
 
     Raises:
-        RunError: one cannot be read, or is not a file.
+        RunError: a path cannot be read, or is not a file.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "a.flo"
@@ -51,13 +50,13 @@ def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
 
 
 def check_listed(files: Mapping[Path, str | None]) -> None:
-    """Compare files with the digests in the nearest `DIGEST_LIST` above each; files without a list pass.
+    """Compare files with the digests in the nearest `DIGEST_LIST` in a parent folder; files without a list pass.
 
     Args:
-        files: the digest of each file; None for one that has not been read yet, and is read only if it is listed.
+        files: digest of each file; None for a file not read yet, which is read only if it is listed.
 
     Raises:
-        DataError: a file is not the listed one, or a list is damaged.
+        DataError: a file differs from its listed digest, or a list is damaged.
         RunError: a file cannot be read.
     """
     nearest: dict[Path, Path | None] = {}
@@ -95,17 +94,17 @@ def check_listed(files: Mapping[Path, str | None]) -> None:
 
 
 def is_under_a_list(folder: Path) -> bool:
-    """Whether a folder, or one above it, has a `DIGEST_LIST`."""
+    """Return whether a folder or one of its parents contains a `DIGEST_LIST`."""
     return _nearest_list(folder.absolute(), {}) is not None
 
 
 def digests_in(folder: Path) -> Iterator[tuple[str, str]]:
-    """Name, relative to `folder`, and digest of every file in it and below it, by name; hidden ones and the list itself
-    are left out.
+    """Return the relative name and digest of every file in a folder and its subfolders, sorted by name, without hidden
+    files and the list itself.
 
     Raises:
         RunError: a file cannot be read.
-        DataError: a file's name has a line break or a backslash.
+        DataError: a file name contains a line break or a backslash.
     """
     names = {path: path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))}
     for name in names.values():
@@ -122,10 +121,10 @@ def write_list(folder: Path, digests: Mapping[str, str]) -> Path:
 
 
 def read_list(folder: Path) -> dict[str, str]:
-    """The digests in the `DIGEST_LIST` of a folder, by the files' names.
+    """Read the digests in the `DIGEST_LIST` of a folder, by file name.
 
     Raises:
-        DataError: it cannot be read, or is not such a list.
+        DataError: the file cannot be read, or is not a list of digests.
     """
     path = folder / DIGEST_LIST
     try:
@@ -144,7 +143,7 @@ def read_list(folder: Path) -> dict[str, str]:
 
 
 def _nearest_list(folder: Path, known: dict[Path, Path | None]) -> Path | None:
-    """The nearest folder with a `DIGEST_LIST`, this one or one above it; `known` caches the answers."""
+    """Return the nearest folder with a `DIGEST_LIST`, among a folder and its parents; `known` caches the results."""
     if folder not in known:
         above = folder.parent
         here = (folder / DIGEST_LIST).is_file()
@@ -153,7 +152,7 @@ def _nearest_list(folder: Path, known: dict[Path, Path | None]) -> Path | None:
 
 
 def _files_below(folder: Path, passed: set[str]) -> Iterator[Path]:
-    """The files that a list covers; a folder that is reached twice by links is passed once."""
+    """Yield the files that a list covers; a folder reached twice through links is visited once."""
     if (real := os.path.realpath(folder)) in passed:
         return
     passed.add(real)
@@ -167,7 +166,7 @@ def _files_below(folder: Path, passed: set[str]) -> Iterator[Path]:
 
 
 def _digests(paths: Iterable[Path]) -> Iterator[tuple[Path, str]]:
-    """Each file with its digest; a file is read once."""
+    """Return each file with its digest; each file is read once."""
     once = list(dict.fromkeys(paths))
     with ThreadPoolExecutor(_THREADS) as pool:
         yield from zip(once, pool.map(_digest, once), strict=True)

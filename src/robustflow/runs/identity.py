@@ -1,7 +1,7 @@
-"""What decides the numbers of a run, in three parts: frames, model and measuring.
+"""Define everything that determines the results of a run, in three parts: frames, model and measurement.
 
-These classes are the only definition. A plan makes an `Identity`, manifests and records store it; resuming, comparing,
-grouping and setting up a run again use it. A new field of `FrameIdentity` takes effect in all of them.
+These classes are the only definition. A plan makes an `Identity`; manifests and records store it; it is used to resume,
+compare, group and repeat runs. A new field of `FrameIdentity` takes effect in all of these.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..validated import Untrusted
 IDENTITY_VERSION = 2
 
 LONGEST_NAME = 80
-"""The most characters that a model's name in tables and figures may have."""
+"""Maximum length of a model's name in tables and figures."""
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -28,30 +28,31 @@ _ADDED = {"corruption": "your corruption", "attack": "the attack"}
 
 
 class _IdentityPart(Untrusted):
-    """A field with its default value is not written, so that a new field leaves earlier digests as they are."""
+    """Fields with their default values are not written, so that a new field does not change existing digests."""
 
     def record(self) -> dict[str, Any]:
-        """The part as in a manifest: only values that JSON has."""
+        """Return this part as stored in a manifest, with JSON types only."""
         return self.model_dump(mode="json", exclude_defaults=True)
 
 
 class FrameIdentity(_IdentityPart):
-    """What decides the frames that a model is given and the ground truth, apart from the choice of samples, corruptions
-    and severities.
+    """Everything that determines the frames and the ground truth, except the choice of samples, corruptions and
+    severities.
 
     Attributes:
-        benchmark, dataset: names.
+        benchmark, dataset: names of the benchmark and its data set.
         protocol: everything else that determines which frames and ground truth are read.
-        seed: of every random draw.
-        variant: of the corruptions.
+        seed: seed of all random draws.
+        variant: variant of the corruptions.
         streams: version of the random streams.
         attacks: version of the attacks.
-        severity_scale: the calibrated scale and its digest; None for the paper's.
+        severity_scale: calibrated scale and its digest; None for the paper's scale.
         common_draws: whether the severities of a pair share one draw.
-        psf: the user's lenses; None for the package's.
-        depth: the digest of the user's depth maps and focal length; None for the data set's own depth.
-        corruptions: the user's, and those of installed packages: name -> digest of the source.
-        attack_sources: attack -> digest of what decides its frames besides its name, such as another model.
+        psf: point spread functions of the user's lenses; None for those of the package.
+        depth: digest of the user's depth maps and focal length; None for the data set's depth.
+        corruptions: digests of the source of the user's corruptions and those of installed packages, by name.
+        attack_sources: digests, by attack, of everything besides its name that determines its frames, such as a second
+            model.
     """
 
     benchmark: Text
@@ -70,13 +71,13 @@ class FrameIdentity(_IdentityPart):
 
     @property
     def scale(self) -> str:
-        """The severity scale by name: "paper" or "calibrated"."""
+        """Return the name of the severity scale: "paper" or "calibrated"."""
         return (self.severity_scale or "paper").partition(" ")[0]
 
 
 class ModelIdentity(_IdentityPart):
-    """The model as it describes itself (`robustflow.models.base.model_identity`), and the window of frames around a
-    pair that it is given; None for a model of two frames."""
+    """The model's description of itself (`robustflow.models.base.model_identity`), and the window of frames around a
+    pair that the model takes; None for a two-frame model."""
 
     settings: dict[str, JsonValue]
     window: dict[str, JsonValue] | None = None
@@ -84,7 +85,7 @@ class ModelIdentity(_IdentityPart):
 
 class Measuring(_IdentityPart):
     """Versions of identity and rows, whether predictions may be NaN or infinite, the confidence that is measured
-    (`robustflow.models.confidence`), and how often each corruption is drawn."""
+    (`robustflow.models.confidence`), and the number of draws of each corruption."""
 
     version: int
     rows: int
@@ -94,19 +95,19 @@ class Measuring(_IdentityPart):
 
 
 class Identity(_IdentityPart):
-    """Everything that changes a row's numbers, and nothing else: neither the number of workers nor which samples were
-    chosen. Two runs with equal identities may share a folder."""
+    """Exactly the settings that change the numbers in a row; the number of workers and the choice of samples are not
+    included. Two runs with equal identities may share a folder."""
 
     frames: FrameIdentity
     model: ModelIdentity
     measuring: Measuring
 
     def digest(self) -> str:
-        """A stable hash of 16 hexadecimal digits, the same for a plan and for the manifest it was written to."""
+        """Return a stable hash of 16 hexadecimal digits, the same for a plan and for its manifest."""
         return digest_of_value(self.record())
 
     def difference(self, before: Identity) -> str:
-        """Describe how this identity differs from an earlier one; the user's own corruptions are named."""
+        """Describe how this identity differs from an earlier one, naming the user's corruptions."""
         parts = differing_fields(self, before)
         kind = {"corruptions": "corruption", "attack_sources": "attack"}.get(parts)
         if kind is None:
@@ -119,7 +120,8 @@ class Identity(_IdentityPart):
         return f"it was begun with the {kind} {', '.join(recorded)} as well"
 
     def edited_corruptions(self, before: Identity) -> list[str]:
-        """The user's corruptions whose source differs between two identities; none if anything else differs as well."""
+        """Return the user's corruptions whose source differs between two identities; empty if anything else differs
+        too."""
         mine, recorded = self.frames.corruptions, before.frames.corruptions
         if differing_fields(self, before) != "corruptions":
             return []
@@ -127,8 +129,8 @@ class Identity(_IdentityPart):
 
 
 def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:
-    """The names of the fields in which two identities, or two parts of them, differ; the settings of a model count as
-    one field, "model".
+    """Return the names of the fields in which two identities, or two of their parts, differ; the settings of a model
+    count as one field, "model".
 
     >>> differing_fields({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
     'seed'
@@ -145,7 +147,7 @@ def _fields(part: _IdentityPart | Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def checked_name(name: str) -> str:
-    """A name for a model in tables and figures, without spaces around it.
+    """Check a model's name for tables and figures, and remove surrounding spaces.
 
     >>> checked_name(" My model ")
     'My model'

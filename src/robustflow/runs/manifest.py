@@ -1,6 +1,7 @@
-"""`manifest.json`, what ran: of a run's folder and of a record, written and read by the same classes.
+"""Read and write `manifest.json`, which describes a run, in a run's folder and in a record.
 
-The file also has the version of these classes and a digest of its content; it is read only if all of it fits.
+The file also contains the version of these classes and a digest of its content; it is rejected if either does not
+match.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
 class Selection(Untrusted):
-    """Requested corruptions, attacks and severities; `subset` is "quick" where these are a benchmark's quick subset, so
-    that the means are estimates."""
+    """Requested corruptions, attacks and severities; `subset` is "quick" for a benchmark's quick subset, whose means
+    are estimates."""
 
     corruptions: tuple[Text, ...] = ()
     attacks: tuple[Text, ...] = ()
@@ -50,19 +51,19 @@ class Clip(Untrusted):
 
 
 class Manifest(Untrusted):
-    """What ran.
+    """The description of a run.
 
     Attributes:
         identity: everything that changes a row's numbers.
-        identity_digest: of the identity.
-        samples: key -> name and size of each file.
-        file_digests: key -> digest of each file.
-        provenance: what the model was trained on.
+        identity_digest: digest of the identity.
+        samples: name and size in bytes of each file, by sample key.
+        file_digests: digest of each file, by sample key.
+        provenance: training data of the model.
         selection: requested corruptions, attacks and severities.
-        left_out: requested severities that the severity scale lacks, by corruption.
-        name: the model's in tables and figures, if one was given.
-        started, finished: times in UTC; None until the run is finished.
-        seconds: by kind of work.
+        left_out: requested severities that do not exist on the severity scale, by corruption.
+        name: name of the model in tables and figures, if one was given.
+        started, finished: start and end times in UTC; `finished` is None until the run is finished.
+        seconds: time in seconds, by kind of work.
         environment: versions and machine.
         places: number of units that each machine of a cluster computed; not in a record.
         clips: effects of the video corruptions on each clip.
@@ -85,23 +86,24 @@ class Manifest(Untrusted):
 
     @classmethod
     def read(cls, content: dict[str, Any]) -> Manifest:
-        """The manifest in the content of a file. The caller has to check the schema and the digest of the identity.
+        """Parse a manifest from the content of a file. The caller has to check the schema and the digest of the
+        identity.
 
         Raises:
-            ValidationError: it has another shape.
+            ValidationError: the content has missing or invalid fields.
         """
         body = {name: value for name, value in content.items() if name not in ("schema", "digest")}
         return cls.model_validate_json(json.dumps(body))
 
     def record(self) -> dict[str, Any]:
-        """The content of the file, without the digest that `manifest_file` adds and without fields that have their
-        default values."""
+        """Return the content of the file, without the digest that `manifest_file` adds and without fields that have
+        their default values."""
         written = self.model_dump(mode="json", exclude_defaults=True)
         return {**written, "schema": MANIFEST_SCHEMA}
 
     def shareable(self) -> Manifest:
-        """The manifest for a record: without the user's own attacks, the command line, the machines of a cluster, and
-        anything about the machine but its kind."""
+        """Return the manifest for a record: without the user's attacks, the command line, the machines of a cluster,
+        and all facts about the machine except its kind."""
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})
@@ -110,13 +112,13 @@ class Manifest(Untrusted):
         return self.model_copy(update={"environment": environment, "places": {}, "selection": selection})
 
     def without(self, keys: Collection[str]) -> Manifest:
-        """The manifest without some of the samples."""
+        """Return the manifest without some of the samples."""
         samples = {key: files for key, files in self.samples.items() if key not in keys}
         digests = {key: each for key, each in self.file_digests.items() if key not in keys}
         return self.model_copy(update={"samples": samples, "file_digests": digests})
 
     def judged(self) -> Manifest:
-        """The manifest with the provenance that follows from all samples of the run, including those of a later
+        """Return the manifest with its provenance updated for all samples of the run, including those of a later
         call."""
         frames = self.identity.frames
         provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
@@ -124,12 +126,12 @@ class Manifest(Untrusted):
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
-    """What a data set of clips records about them (`robustflow.datasets.base.FromClips.clip_records`)."""
+    """Return the records of a data set about its clips (`robustflow.datasets.base.FromClips.clip_records`)."""
     return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)
 
 
 def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
-    """The file of a manifest: its content with the schema and a digest of both.
+    """Return the content of the manifest file, with the schema and a digest of both.
 
     >>> manifest_file({"seed": 1}) == manifest_file(manifest_file({"seed": 1}))
     True
@@ -138,10 +140,10 @@ def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_manifest(path: Path) -> Manifest | None:
-    """The manifest in a file; None if there is no such file.
+    """Read the manifest in a file; None if there is no such file.
 
     Raises:
-        RunError: it cannot be read, is of another schema, or has another shape. Nothing is repaired.
+        RunError: the file cannot be read, has a different schema, or has invalid fields. Nothing is repaired.
     """
     try:
         with open(path, encoding="utf-8", opener=not_a_link) as file:
@@ -193,7 +195,7 @@ def _damaged(path: Path, why: str) -> RunError:
 
 
 def _too_deep(value: Any) -> bool:
-    """Whether lists and objects are nested more deeply than in any manifest that a run writes."""
+    """Return whether lists and objects are nested more deeply than in any manifest that a run writes."""
     level = [value]
     for _ in range(_DEEPEST):
         level = [part for each in level if isinstance(each, dict | list) for part in _parts(each)]

@@ -1,4 +1,4 @@
-"""Means over images, and means of these, computed exactly in any order: `math.fsum(...) / count`."""
+"""Compute means over images, and means of these, exactly and independently of the order: `math.fsum(...) / count`."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ WHOLE = {
     "coverage": ("n_covered", "n_wanted", 1.0),
     "spread": ("spread_sum", "n_spread", 1.0),
 }
-"""Metric: (column of its sum, column of its count, factor)."""
+"""For each metric: (column of its sum, column of its count, factor)."""
 
 MetricColumns = dict[str, tuple[str, str, float]]
 Places = np.ndarray[Any, np.dtype[np.int32]]
-"""Row numbers."""
+"""Indices of rows."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class RowPlaces:
     """The row numbers of each sample and condition.
 
     Attributes:
-        samples: the samples, sorted.
-        sample_of: number of each row's sample.
-        places: (corruption, severity) -> its rows; the clean ones under ("clean", 0).
+        samples: keys of the samples, sorted.
+        sample_of: index of each row's sample in `samples`.
+        places: row numbers by (corruption, severity); clean rows under ("clean", 0).
     """
 
     samples: list[str]
@@ -48,7 +48,7 @@ class RowPlaces:
 
     @classmethod
     def of(cls, rows: pl.LazyFrame) -> RowPlaces:
-        """Places of rows with a sample, a corruption and a severity; one column is read at a time."""
+        """Find the row numbers of each sample, corruption and severity; one column is read at a time."""
         samples, sample_of = _numbered(rows, "sample")
         corruptions, corruption_of = _numbered(rows, "corruption")
         severities = rows.select(pl.col("severity").cast(pl.Int8)).collect().to_series().to_numpy()
@@ -63,7 +63,7 @@ class RowPlaces:
         return cls(samples, sample_of, out)
 
     def present(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
-        """The numbers of the samples and of the conditions, and how many rows each sample has under each condition."""
+        """Return the numbers of samples and conditions, and the number of rows of each sample under each condition."""
         count = np.zeros((len(self.samples), len(self.places)), np.int32)
         for number, mine in enumerate(self.places.values()):
             count[:, number] = np.bincount(self.sample_of[mine], minlength=len(self.samples))
@@ -72,7 +72,7 @@ class RowPlaces:
 
 
 def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
-    """The distinct names in a column, sorted, and for each row the number of its name."""
+    """Return the distinct names in a column, sorted, and for each row the index of its name."""
     known = rows.select(pl.col(column).unique().sort()).collect().to_series().to_list()
     numbers = rows.select(pl.col(column).cast(pl.Enum(known)).to_physical().cast(pl.Int32)).collect()
     return known, numbers.to_series().to_numpy()
@@ -81,15 +81,15 @@ def _numbered(rows: pl.LazyFrame, column: str) -> tuple[list[str], Places]:
 def scores_by_condition(
     rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, columns: MetricColumns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
-    """Scores on the clean frames, and at each (corruption, severity).
+    """Compute the scores on the clean frames, and at each (corruption, severity).
 
-    A column is read at a time: a run of a million rows would not fit into memory as Python's numbers.
+    One column is read at a time: a run of a million rows would not fit into memory as Python floats.
 
     Args:
-        rows: in the same order whenever they are read.
-        where: of the same rows.
-        columns: of each metric; "epe" has to be among them.
-        averaging: as for `summarize`.
+        rows: rows, always read in the same order.
+        where: row numbers for the same rows.
+        columns: columns of each metric; must include "epe".
+        averaging: averaging as for `summarize`.
     """
     means = {metric: _means(rows, where.places, sums, averaging) for metric, sums in columns.items()}
     total, count, factor = columns["epe"]
@@ -114,21 +114,21 @@ def _means(
     columns: tuple[str, str, float],
     averaging: Averaging,
 ) -> dict[tuple[str, int], float | None]:
-    """The mean of one metric at each condition; only its two columns are in memory."""
+    """Return the mean of one metric at each condition; only its two columns are in memory."""
     total, count, factor = columns
     sums, counts = _array(rows, total), _array(rows, count)
     return {at: _mean_over(sums[mine], counts[mine], factor, averaging) for at, mine in places.items()}
 
 
 def _array(rows: pl.DataFrame | pl.LazyFrame, column: str) -> np.ndarray:
-    """A column of all rows; 0 where there is no value."""
+    """Return a column of all rows, with 0 for missing values."""
     if isinstance(rows, pl.DataFrame):
         return rows[column].fill_null(0).to_numpy()
     return rows.select(pl.col(column).fill_null(0)).collect().to_series().to_numpy()
 
 
 def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: Averaging) -> float | None:
-    """The mean of a metric over images; images without a pixel to measure are left out."""
+    """Return the mean of a metric over images, without images that have no pixel to measure."""
     sums, counts = sums[counts > 0], counts[counts > 0]
     if not counts.size:
         return None
@@ -138,7 +138,8 @@ def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: A
 
 
 def clean_flow_length(rows: pl.DataFrame | pl.LazyFrame, averaging: Averaging) -> float | None:
-    """Mean length of the predicted flow on the clean frames, pixels, over all predicted pixels; None without any."""
+    """Return the mean length of the predicted flow on the clean frames, in pixels, over all predicted pixels; None if
+    there are none."""
     clean = rows.lazy().filter(corruption=CLEAN)
     return _mean_over(_array(clean, "pred_magnitude_sum"), _array(clean, "n_all"), 1.0, averaging)
 
@@ -149,6 +150,6 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def mean_scores(parts: Sequence[Scores], clean: Scores) -> Scores:
-    """Mean of each metric over severities or corruptions; CREr is the ratio of the means."""
+    """Return the mean of each metric over severities or corruptions; CREr is the ratio of the means."""
     means = {metric: _mean([getattr(part, metric) for part in parts]) for metric in METRICS}
     return Scores(**means | {"crer": crer(means["cre"], clean.epe)})
