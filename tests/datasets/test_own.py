@@ -166,7 +166,7 @@ def test_an_edited_source_never_continues_a_run(module):
     assert rf.evaluate(ZeroFlow(), data="own_noise:Noise", **chosen).rows.equals(first.rows)
     sys.modules.pop("own_noise")
     module.write_text(MODULE.replace("SHIFT = 1", "SHIFT = 0 # other frames"))
-    with pytest.raises(RunError, match=r"differs in: protocol|holds another run"):
+    with pytest.raises(RunError, match=r"differs in: protocol|contains a different run"):
         rf.evaluate(ZeroFlow(), data="own_noise:Noise", **chosen)
 
 

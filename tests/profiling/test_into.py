@@ -53,7 +53,7 @@ def test_the_cost_of_a_run(profile, tmp_path):
     assert (cost.height, cost.width, cost.seconds) == (128, 192, None)
     code, _, err = profile("upflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
     assert code == 2
-    assert "ran another model" in err
+    assert "has a different model" in err
     assert read_cost(run) == cost
     assert profile("--paper", "--into", run.path)[0] == 2
 

@@ -181,7 +181,7 @@ def test_changed_frames_around_a_pair_are_noticed(clip_folder, tmp_path):
     chosen = {"corruptions": ["contrast"], "severities": [1], "limit": 1}
     run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
     write_image(frames / "2.png", np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(RunError, match="made from other files for sample '1'"):
+    with pytest.raises(RunError, match="made from different files for sample '1'"):
         run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
 
 

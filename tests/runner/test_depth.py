@@ -206,7 +206,7 @@ def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps
     assert set(both.summary.corruptions) == {"contrast", "fog_3d"}
     run(tmp_path / "run", data=module, benchmark="demo", corruptions=["contrast"], options=options)
     (tmp_path / "0.depth").write_bytes(b"2")
-    with pytest.raises(RunError, match="made from other files for sample '0'"):
+    with pytest.raises(RunError, match="made from different files for sample '0'"):
         run(tmp_path / "run", data=module, benchmark="demo", corruptions=["fog_3d"], options=options)
 
 

@@ -129,7 +129,7 @@ def test_held_by_another_run(tmp_path):
     held = RunFolder(tmp_path / "run")
     held.lock()
     try:
-        with pytest.raises(RunError, match="held by another run"):
+        with pytest.raises(RunError, match="locked by another run"):
             _run(tmp_path / "run")
     finally:
         held.unlock()
@@ -150,7 +150,7 @@ def test_other_files_under_the_same_names_are_noticed(whole, tmp_path):
     other = RunFolder(tmp_path / "run")
     (tmp_path / "run").mkdir()
     other.write_manifest(changed)
-    with pytest.raises(RunError, match="other files for sample 'motorcycle'"):
+    with pytest.raises(RunError, match="different files for sample 'motorcycle'"):
         _run(tmp_path / "run")
 
 

@@ -134,9 +134,7 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
             self.calls += 1
             return np.full((*frame1.shape[:2], 2), self.calls, np.float32)
 
-    with pytest.warns(
-        UserWarning, match="no example pictures: the model predicts a different flow than in the run"
-    ):
+    with pytest.warns(UserWarning, match="no example pictures: the model predicts a different flow than in the run"):
         run = rf.evaluate(Drifts(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[1])
     assert not (run.path / "examples").exists()
     assert run.summary.complete

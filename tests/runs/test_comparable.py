@@ -148,7 +148,7 @@ def test_common_rows_leave_out_what_differs_entirely():
     assert set(one["corruption"]) == {CLEAN, "snow"}
     assert one.height == 18
     assert remark == (
-        "Only what both measured is compared: 18 rows (a pair, clean or corrupted) of the 30 of A and the 30 of B. "
+        "Only rows that both measured are compared: 18 rows (a pair, clean or corrupted) of the 30 of A and the 30 of B. "
         "Left out, because the frames or the ground truth differ: 1 corruption (fog)."
     )
     other = edited("truth_digest", pl.col("sample") == "3")
@@ -277,7 +277,7 @@ def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_record
     write_json(dry.path / "manifest.json", manifest_file(content))
     dry, wet = Run(dry.path), evaluate(ZeroFlow(), output=tmp_path / "wet", **chosen)
     assert "weather dry" in dict(recipe_in_words(dry)).values()
-    with pytest.raises(RunError, match=r"holds another run \(it differs in: weather\)"):
+    with pytest.raises(RunError, match=r"contains a different run \(it differs in: weather\)"):
         evaluate(ZeroFlow(), output=dry.path, **chosen)
     assert sample_set(dry) != sample_set(wet)
     assert differences({"A": dry, "B": wet}) == "A has weather dry; B has weather wet"

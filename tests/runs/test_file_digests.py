@@ -44,7 +44,7 @@ def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
     assert [len(digest) for digest in result.manifest.file_digests["0"]] == [16, 16]
     assert rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN).rows.equals(result.rows)
     flip(frames / "1.bmp")
-    with pytest.raises(RunError, match="made from other files for sample '0'"):
+    with pytest.raises(RunError, match="made from different files for sample '0'"):
         rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
 
 
@@ -62,9 +62,9 @@ def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     assert list(first.manifest.samples) == ["1"]
     assert list(second.manifest.samples) == ["4"]  # without a common sample, the data do not conflict
     assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
-    with pytest.raises(RunError, match="made from other files for sample '1'"):
+    with pytest.raises(RunError, match="made from different files for sample '1'"):
         rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)
-    with pytest.raises(RunError, match="made from other frames, with a sample '4'"):
+    with pytest.raises(RunError, match="made from different frames, with a sample '4'"):
         rf.evaluate("dis", "folder", short, second.path, limit=1, **CHOSEN)
     assert list(rf.evaluate("dis", "folder", short, limit=2, **CHOSEN).manifest.samples) == ["0", "1"]
 
@@ -126,7 +126,7 @@ def test_a_run_compares_its_files_with_the_list_beside_the_data(frames, tmp_path
     rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     flip(frames / "1.bmp")
     with pytest.raises(
-        DataError, match=r"1\.bmp is not the file that digests\.b2sum in .* lists \(1 of 2 files differ\)"
+        DataError, match=r"1\.bmp has a different digest than digests\.b2sum in .* lists \(1 of 2 files differ\)"
     ):
         rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "elsewhere", **CHOSEN)
     checked = _digests("--data", frames)
@@ -164,7 +164,7 @@ def test_corrupted_frames_that_come_with_the_data_are_compared_too(shared, tmp_p
     assert _digests("--data", tmp_path / "fc").exit_code == 0
     (frame, _) = sorted((tmp_path / "fc" / "contrast_1").rglob("*.png"))
     flip(frame)
-    with pytest.raises(DataError, match="is not the file that"):
+    with pytest.raises(DataError, match="has a different digest than"):
         rf.evaluate(ZeroFlow(), "kitti-fc", tmp_path / "fc", tmp_path / "run")
 
 

@@ -39,7 +39,7 @@ def folder(tmp_path):
 
 
 def test_a_folder_that_another_run_holds_is_refused_at_once(folder):
-    with pytest.raises(RunError, match="is held by another run"):
+    with pytest.raises(RunError, match="is locked by another run"):
         RunFolder(folder.path).lock()
 
 
@@ -163,9 +163,9 @@ def test_two_shards_that_contradict_each_other_are_named(folder):
     (kept,) = list_shards(folder.rows_folder)
     other = _row("a", "fog", 2) | {"epe_sum": 17.0}
     folder.write_rows(Unit("a", "fog", (2, 3)), [other, _row("a", "fog", 3)])
-    with pytest.raises(RunError, match=rf"{kept.name} .*hold different rows of sample 'a', fog severity 2"):
+    with pytest.raises(RunError, match=rf"{kept.name} .*contain different rows of sample 'a', fog severity 2"):
         folder.rows()
-    with pytest.raises(RunError, match="hold different rows"):
+    with pytest.raises(RunError, match="contain different rows"):
         folder.tidy()
 
 

@@ -110,7 +110,7 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
     known = rows.collect_schema().names()
     absent = [name for name in ROW_SCHEMA if name not in known]
     if absent:
-        raise RunError(f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again")
+        raise RunError(f"rows lack the column '{absent[0]}': they have a different schema; run the benchmark again")
     where = RowPlaces.of(rows)
     samples, conditions, count = where.present()
     if (count > 1).any():
@@ -127,8 +127,8 @@ def _checked(rows: pl.LazyFrame) -> RowPlaces:
         damaged = rows.filter(pl.any_horizontal(lacking)).select(ROW_KEY).sort(ROW_KEY).head(1).collect()
         sample, corruption, severity = damaged.row(0)
         raise RunError(
-            f"the row of sample '{sample}', {corruption} severity {severity} counts pixels, but lacks what was "
-            "measured on them: the rows were damaged or changed; run the benchmark again"
+            f"the row of sample '{sample}', {corruption} severity {severity} counts pixels, but lacks their "
+            "measurements: the rows were damaged or changed; run the benchmark again"
         )
     return where
 

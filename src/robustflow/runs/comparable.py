@@ -103,7 +103,8 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
         counts = joined([f"the {one.height} of {name}" for name, one in zip(names, rows, strict=True)])
         measured = "both" if len(rows) == 2 else "all"
         remark = (
-            f"Only what {measured} measured is compared: {cells.height} rows (a pair, clean or corrupted) of {counts}."
+            f"Only rows that {measured} measured are compared: {cells.height} rows (a pair, clean or corrupted) of "
+            f"{counts}."
         )
     for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
         if left_out:

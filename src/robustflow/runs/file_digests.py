@@ -80,14 +80,14 @@ def check_listed(files: Mapping[Path, str | None]) -> None:
     if differing:
         folder = nearest[differing[0].absolute().parent]
         raise DataError(
-            f"{differing[0]} is not the file that {DIGEST_LIST} in {folder} lists ({len(differing)} of "
-            f"{counted(len(wanted), 'file')} differ); copy the data again, or, if the change is meant, write the list "
-            f"again with robustflow prepare digests --data {folder} --overwrite"
+            f"{differing[0]} has a different digest than {DIGEST_LIST} in {folder} lists ({len(differing)} of "
+            f"{counted(len(wanted), 'file')} differ); copy the data again, or, if the change is intended, write the "
+            f"list again with robustflow prepare digests --data {folder} --overwrite"
         )
     for folder, paths in unlisted.items():
         warnings.warn(
             f"{folder / DIGEST_LIST} does not list {counted(len(paths), 'file')} that the run reads ({paths[0].name}, "
-            f"...), so nothing is known of them; write it again with robustflow prepare digests --data {folder} "
+            f"...), so they cannot be checked; write it again with robustflow prepare digests --data {folder} "
             "--overwrite",
             stacklevel=2,
         )
@@ -129,7 +129,9 @@ def read_list(folder: Path) -> dict[str, str]:
     path = folder / DIGEST_LIST
     try:
         if path.stat().st_size > _LARGEST_LIST:
-            raise DataError(f"{path}: larger than {_LARGEST_LIST >> 20} MiB, which no list of digests is; delete it")
+            raise DataError(
+                f"{path}: larger than {_LARGEST_LIST >> 20} MiB, too large for a list of digests; delete it"
+            )
         lines = path.read_bytes().decode(errors="surrogateescape").removesuffix("\n").split("\n")
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error

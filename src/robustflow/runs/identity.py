@@ -23,7 +23,7 @@ LONGEST_NAME = 80
 Text = Annotated[str, Field(min_length=1)]
 
 
-_EDITED = {"corruption": "the source of the corruption", "attack": "what decides the attack"}
+_EDITED = {"corruption": "the source of the corruption", "attack": "the definition of the attack"}
 _ADDED = {"corruption": "your corruption", "attack": "the attack"}
 
 
@@ -116,8 +116,8 @@ class Identity(_IdentityPart):
         if edited := [name for name in mine if name in recorded and mine[name] != recorded[name]]:
             return f"{_EDITED[kind]} {', '.join(edited)} has changed since"
         if added := [name for name in mine if name not in recorded]:
-            return f"it was begun without {_ADDED[kind]} {', '.join(added)}"
-        return f"it was begun with the {kind} {', '.join(recorded)} as well"
+            return f"it was started without {_ADDED[kind]} {', '.join(added)}"
+        return f"it was also started with the {kind} {', '.join(recorded)}"
 
     def edited_corruptions(self, before: Identity) -> list[str]:
         """Return the user's corruptions whose source differs between two identities; empty if anything else differs

@@ -1,4 +1,4 @@
-"""The manifest of a run that begins or continues: the existing one, updated with the request."""
+"""Open the manifest of a new or continued run: the existing manifest, updated with the request."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from .store import RunFolder
 
 
 def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
-    """The folder's manifest, updated with this plan; raises a RunError if the two do not belong together.
+    """Return the folder's manifest, updated with a plan; raise a RunError if they do not match.
 
-    A manifest left by a run that ended before its first row is ignored.
+    A manifest is ignored if its run ended before the first row.
     """
     identity = plan.identity()
     old = folder.manifest()
@@ -34,7 +34,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
         old = None
     if old and old.identity != identity:
         raise RunError(
-            f"{folder.path} holds another run ({identity.difference(old.identity)}); "
+            f"{folder.path} contains a different run ({identity.difference(old.identity)}); "
             "choose another folder with --output"
         )
     depths = _depths_read(plan, old)
@@ -66,7 +66,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     )
     if changed:
         raise RunError(
-            f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
+            f"{folder.path} was made from different files for sample '{changed[0]}' ({len(changed)} differ); "
             "choose another folder with --output"
         )
     return old.model_copy(
@@ -103,11 +103,11 @@ def _selection(
 
 
 def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
-    """The samples that a run has and that are not planned now, for data that only their files tell apart: any two clips
-    have frames of the same names.
+    """Return the samples of a run that are not in the plan, for data that only their files distinguish: any two clips
+    have the same frame names.
 
     Raises:
-        RunError: the data have no such sample.
+        RunError: the data do not contain one of these samples.
     """
     if old is None or moving_name(plan.benchmark.name) != OWN_FRAMES:
         return []
@@ -115,14 +115,15 @@ def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> li
     for key in old.samples:
         if key not in known:
             raise RunError(
-                f"{folder.path} was made from other frames, with a sample '{key}'; choose another folder with --output"
+                f"{folder.path} was made from different frames, with a sample '{key}'; choose another folder with "
+                "--output"
             )
     return [key for key in old.samples if key not in plan.benchmark.keys]
 
 
 def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[str, tuple[str, ...]]) -> None:
-    """Compare the files that a run reads, including corrupted frames, with the list of digests beside its data, if
-    there is one."""
+    """Compare the files that a run reads, including corrupted frames, with the list of digests next to its data, if
+    available."""
     known: dict[Path, str | None] = {}
     for key, paths in files.items():
         known |= zip(paths, digests[key], strict=True)
@@ -138,7 +139,7 @@ def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[s
 
 
 def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[str, Path]:
-    """The first file of each sample that has changed since the manifest was made."""
+    """Return, for each sample, the first file that has changed since the manifest was written."""
     depths = _depths_read(plan, manifest)
     files = {key: _files(plan, key, depths)[: len(manifest.file_digests[key])] for key in keys}
     before, now = manifest.file_digests, file_digests(files)
@@ -148,12 +149,13 @@ def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[s
 
 
 def _provenance(before: Provenance, given: Provenance) -> Provenance:
-    """Keep what was declared before if nothing is declared now."""
+    """Return the new provenance, or the earlier one if nothing is declared now."""
     return before if given.basis == "undeclared" else given
 
 
 def last_changed(plan: Plan, keys: Iterable[str]) -> str:
-    """The sample whose files changed last, by the file system's own clock, which a copied date does not reset."""
+    """Return the sample with the most recently changed files, by the file system's change time, which copying dates
+    does not reset."""
     return max(
         keys,
         key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key, _depths_read(plan)))), default=0),
@@ -165,7 +167,7 @@ def _files(plan: Plan, key: str, depths: Depths | None) -> list[Path]:
 
 
 def _depths_read(plan: Plan, manifest: Manifest | None = None) -> Depths | None:
-    """Where the depth comes from that a plan reads, or the run did that it continues; None if neither reads any."""
+    """Return the source of the depth that a plan, or the run that it continues, reads; None if neither reads depth."""
     earlier = manifest.selection.corruptions if manifest is not None else ()
     return plan.benchmark.depths if any(map(needs_depth, (*earlier, *plan.benchmark.corruptions))) else None
 
@@ -182,5 +184,5 @@ def _stats(files: Sequence[Path]) -> list[tuple[str, os.stat_result]]:
 
 
 def now() -> str:
-    """The time in UTC, to the second."""
+    """Return the time in UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,4 +1,4 @@
-"""What has to run: samples, corruptions and severities, and the identity of the resulting numbers."""
+"""Define what has to run: samples, corruptions and severities, and the identity of the results."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .manifest import Manifest
 from .provenance import UNDECLARED, Provenance
 
 Cell = tuple[str, str, int]
-"""(sample key, corruption, severity) of a row."""
+"""The sample key, corruption and severity of a row."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """The smallest piece of work that is computed and written at once: one corruption of one sample, at the severities
-    still missing."""
+    """The smallest unit of work that is computed and written: one corruption of one sample, at all missing
+    severities."""
 
     key: str
     corruption: str
@@ -43,47 +43,47 @@ class Unit:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What changes the numbers besides benchmark and model, and what to do with predictions that are NaN or
-    infinite."""
+    """Options that change the results, besides benchmark and model, and the handling of NaN or infinite predictions."""
 
     seed: int = 0
     variant: str = "default"
     allow_invalid: bool = False
     severity_scale: str = "paper"
     sources: Mapping[str, Any] = field(default_factory=dict)
-    """Keys of the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
+    """Keys of the user's files that affect corrupted frames (see `corruptions.sources`)."""
     window: Window | None = None
-    """The frames around each pair that a multi-frame model is given; None for a model that is given pairs."""
+    """The frames around each pair that a multi-frame model takes; None for a two-frame model."""
     common_draws: bool = False
     """Whether the five severities of a pair share one draw."""
     own: tuple[Any, ...] = ()
-    """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
+    """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     """See `Benchmark.classes`."""
     attacks: tuple[str, ...] = ()
     """The conditions that are attacks on the model; the others are corruptions."""
     own_attacks: tuple[Any, ...] = ()
-    """The user's own attacks, like `own` (see `attacks.own`)."""
+    """The user's attacks, like `own` (see `attacks.own`)."""
     learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
-    """What trained attacks have learned, by attack and severity."""
+    """Trained perturbations by attack and severity."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
-    """Anything that decides attacks besides their names: name to digest."""
+    """Digests, by attack, of everything besides its name that affects it."""
     confidence: str | None = None
-    """What the model predicts in addition to its flow (see `models.confidence`)."""
+    """The confidence that the model predicts in addition to its flow (see `models.confidence`)."""
     depth: Depths | None = None
-    """Where the depth of samples comes from, for corruptions that need it; None where nothing has it."""
+    """The source of depth for corruptions that need it; None if there is no depth."""
     draws: int = 1
-    """How often each corruption is drawn, with `seed` and the following ones, for the spread of the flow."""
+    """The number of draws of each corruption, with `seed` and the following seeds, for the spread of the flow."""
     pictures: Path | None = None
-    """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
+    """The folder in which workers store small pictures of corrupted frames; None for none. It does not affect
+    results."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A benchmark, the options of the run, and the identity of the model it is for.
+    """A benchmark, the options of the run, and the identity of the model.
 
-    `provenance` is what the manifest states about the model's training. It changes no number, so it is not part of the
-    identity: a run can continue when its model's training sets are declared later.
+    `provenance` is the manifest's information about the model's training. It does not affect results, so it is not part
+    of the identity: a run can continue when its model's training sets are declared later.
     """
 
     benchmark: Benchmark
@@ -91,14 +91,14 @@ class Plan:
     model_identity: dict[str, Any]
     provenance: Provenance = UNDECLARED
     name: str | None = None
-    """The model's name in tables and figures; it does not change any number either."""
+    """The model's name in tables and figures; it does not affect results."""
 
     def units(self) -> list[Unit]:
-        """Everything that a complete run consists of; each sample's clean unit first."""
+        """Return all units of a complete run, with each sample's clean unit first."""
         return list(self._each())
 
     def count(self) -> int:
-        """Number of units in a complete run."""
+        """Return the number of units in a complete run."""
         return len(self.benchmark.keys) * (1 + sum(1 for levels in self._levels().values() if levels))
 
     def _each(self) -> Iterator[Unit]:
@@ -106,7 +106,7 @@ class Plan:
         return (Unit(key, name, levels) for key in self.benchmark.keys for name, levels in conditions)
 
     def left_out(self) -> dict[str, list[int]]:
-        """Requested severities that do not exist on the severity scale, by corruption."""
+        """Return the requested severities that do not exist on the severity scale, by corruption."""
         asked = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
         levels_here = self._levels()
         gone = {name: sorted(set(levels) - set(levels_here[name])) for name, levels in asked.items()}
@@ -118,7 +118,7 @@ class Plan:
         return corruptions | dict.fromkeys(self.benchmark.attacks, severities)
 
     def missing(self, existing: Iterable[Cell]) -> list[Unit]:
-        """The planned units without those already done."""
+        """Return the planned units that are not done yet."""
         done = existing if isinstance(existing, AbstractSet) else set(existing)
         left = []
         for unit in self._each():
@@ -128,7 +128,7 @@ class Plan:
         return left
 
     def identity(self) -> Identity:
-        """The identity of the run's rows."""
+        """Return the identity of the run's rows."""
         options = self.options
         return Identity(
             frames=FrameIdentity(
@@ -159,12 +159,13 @@ class Plan:
         )
 
     def digest(self) -> str:
-        """The identity as 16 hexadecimal digits."""
+        """Return the digest of the identity, 16 hexadecimal digits."""
         return self.identity().digest()
 
 
 def planned_cells(manifest: Manifest) -> Iterator[Cell]:
-    """Every (sample, corruption, severity) of a complete run, without attacks; clean rows as (sample, "clean", 0)."""
+    """Return every (sample, corruption, severity) of a complete run, without attacks; clean rows as (sample, "clean",
+    0)."""
     selection = manifest.selection
     conditions = [(CLEAN, 0)]
     for name in selection.corruptions:
@@ -174,19 +175,19 @@ def planned_cells(manifest: Manifest) -> Iterator[Cell]:
 
 
 def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
-    """The samples for which a run lacks a row, of an attack or of anything else."""
+    """Return the samples for which a run lacks a row, including rows of attacks."""
     return {cell[0] for cell in chain(planned_cells(manifest), planned_attacks(manifest)) if cell not in cells}
 
 
 def planned_attacks(manifest: Manifest) -> Iterator[Cell]:
-    """Every (sample, attack, severity) of a complete run."""
+    """Return every (sample, attack, severity) of a complete run."""
     selection = manifest.selection
     conditions = [(name, level) for name in selection.attacks for level in selection.severities]
     return ((key, name, level) for key in manifest.samples for name, level in conditions)
 
 
 def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
-    """Describe which severities a run leaves out.
+    """Describe which severities a run omits.
 
     >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
     'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'
@@ -196,6 +197,7 @@ def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
 
 
 def _as_json(value: Mapping[str, Any]) -> dict[str, Any]:
-    """Values in the form in which a manifest is read: lists for tuples, texts for what JSON lacks."""
+    """Convert values to the form in which they are read from a manifest: lists for tuples, strings for types that JSON
+    lacks."""
     out: dict[str, Any] = json.loads(json.dumps(dict(value), default=str))
     return out

@@ -1,4 +1,4 @@
-"""What a manifest states about a model's training, and what that means for the run."""
+"""Describe a model's training data, and what they mean for a run."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .identity import Text
 
 
 class Provenance(Untrusted):
-    """What a model was trained on.
+    """The training data of a model.
 
     Attributes:
-        setting: what that means for the numbers, see `robustflow.benchmarks.setting.setting_of`.
+        setting: relation of the training data to the benchmark, see `robustflow.benchmarks.setting.setting_of`.
         trained_on: names of training sets; None if unknown.
-        basis: how that is known.
-        note: what is uncertain.
+        basis: source of this information.
+        note: remark about uncertainties.
     """
 
     setting: Setting
@@ -36,7 +36,7 @@ class Provenance(Untrusted):
         keys: Collection[str] | None = None,
         protocol: Mapping[str, Any] | None = None,
     ) -> Provenance:
-        """The provenance of a model on a benchmark; arguments as for `setting_of`.
+        """Return the provenance of a model on a benchmark; arguments as for `setting_of`.
 
         >>> mine = Training(("flyingchairs", "kitti2015:train"), "declared")
         >>> Provenance.of(mine, "kitti-fc").setting, Provenance.of(mine, "kitti-fc", ["000002"]).setting
@@ -47,11 +47,11 @@ class Provenance(Untrusted):
         return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note)
 
     def on(self, benchmark: str, keys: Collection[str], protocol: Mapping[str, Any]) -> Provenance:
-        """The provenance of the same training on a benchmark and these samples."""
+        """Return the provenance of the same training for a benchmark and the given samples."""
         own = "; ".join(part for part in self.note.split("; ") if not part.startswith(PAIRS_NOTE))
         training = Training(self.trained_on, self.basis, own, trained=self.basis not in (RANDOM, KNOWLEDGE))
         return Provenance.of(training, benchmark, keys, protocol)
 
 
 UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
-"""The provenance of a model about which nothing is known."""
+"""Return the provenance of a model with unknown training data."""

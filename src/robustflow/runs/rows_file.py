@@ -15,15 +15,15 @@ ROWS_FORMATS = ("csv", "parquet")
 
 
 def rows_bytes(run: Run, format: str) -> bytes:
-    """The rows of a run, sorted by sample, corruption and severity, as a file.
+    """Return the rows of a run, sorted by sample, corruption and severity, as a file.
 
     Args:
-        run: any.
-        format: "csv" (UTF-8, with a header, empty for null; an apostrophe is put before a text that a spreadsheet would
-            evaluate) or "parquet" (its metadata name the run and the version of the columns).
+        run: a run.
+        format: "csv" (UTF-8, with a header, empty for null; text that a spreadsheet would evaluate is prefixed with an
+            apostrophe) or "parquet" (the metadata contain the run and the version of the columns).
 
     Raises:
-        UsageError: another format.
+        UsageError: the format is unknown.
     """
     rows = run.rows.sort("sample", "corruption", "severity")
     out = io.BytesIO()

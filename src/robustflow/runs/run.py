@@ -1,4 +1,4 @@
-"""`Run`: the contents of a run folder."""
+"""The class `Run`: the contents of a run folder."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Run:
     """The results of a run, finished or not.
 
     Args:
-        folder: the run's folder.
+        folder: path of the run's folder.
 
     Raises:
-        RunError: no run in it, or one that this version cannot read.
+        RunError: the folder contains no run, or a run that this version cannot read.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -53,85 +53,86 @@ class Run:
 
     @cached_property
     def rows(self) -> pl.DataFrame:
-        """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`. Rows of
-        attacks are in `attack_rows`, so that no mean over corruptions includes them."""
+        """Return one row per (sample, corruption, severity), with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        Rows of attacks are in `attack_rows`, so that no mean over corruptions includes them."""
         rows = self._every_row()
         return rows.filter(~pl.col("corruption").is_in(self.attacks)) if self.attacks else rows
 
     @property
     def attack_rows(self) -> pl.DataFrame:
-        """One row per (sample, attack, severity), with the attack in the column `corruption`, and the clean rows."""
+        """Return one row per (sample, attack, severity), with the attack in the column `corruption`, and the clean
+        rows."""
         return self._every_row().filter(pl.col("corruption").is_in([CLEAN, *self.attacks]))
 
     @property
     def attacks(self) -> list[str]:
-        """The attacks of this run, controls first."""
+        """Return the attacks of this run, controls first."""
         return list(self.manifest.selection.attacks)
 
     def _every_row(self) -> pl.DataFrame:
         _ = (
             self.rows_digest
-        )  # before the rows are read: rows that arrive in between must not count as those of the digest
+        )  # computed before the rows are read, so that rows written in between do not match the digest
         return self._folder.rows()
 
     @cached_property
     def rows_digest(self) -> str:
-        """A hash of the rows as they were on disk when they were first read."""
+        """Return a hash of the rows on disk at the time of the first read."""
         return self._folder.digest()
 
     def release_rows(self) -> None:
-        """Free the memory of the rows; they are read again when needed."""
+        """Free the memory of the rows; the rows are read again when needed."""
         self.__dict__.pop("rows", None)
 
     @cached_property
     def summary(self) -> Summary:
-        """Means over the corruptions of this run, the paper's means, and where they are incomplete.
+        """Return the means over the corruptions of this run, the paper's means, and the missing cells.
 
-        Read from `summary.json` if that was made from these rows, otherwise computed.
+        The summary is read from `summary.json` if that file was made from these rows, and otherwise computed.
         """
         return self._stored_means() or self._means
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
-        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
+        """Return means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
         paper = benchmark_facts(self.benchmark).paper_corruptions
         if "rows" not in self.__dict__:
-            _ = self.rows_digest  # before the rows are read, as in `_every_row`
+            _ = self.rows_digest  # computed before the rows are read, as in `_every_row`
             try:
                 rows = self._folder.scan().filter(~pl.col("corruption").is_in(self.attacks))
                 return summarize(rows, averaging, planned_cells(self.manifest), paper=paper)
             except (RobustFlowError, FileNotFoundError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
-                pass  # merged meanwhile, left twice by a crash, or damaged: `rows` says which
+                pass  # merged in the meantime, duplicated by a crash, or damaged: reading `rows` reports the cause
         return summarize(self.rows, averaging, planned_cells(self.manifest), paper=paper)
 
     @property
     def epe_clean(self) -> float | None:
-        """Mean end-point error on the clean frames, pixels; None without ground truth."""
+        """Return the mean end-point error on the clean frames, in pixels; None without ground truth."""
         return self.summary.epe_clean
 
     @property
     def epe(self) -> float | None:
-        """Mean end-point error over severities and corruptions, pixels; None without ground truth."""
+        """Return the mean end-point error over severities and corruptions, in pixels; None without ground truth."""
         return self.summary.epe
 
     @property
     def cre(self) -> float | None:
-        """Corruption Robustness Error, pixels (paper Eq. 1); None without ground truth."""
+        """Return the Corruption Robustness Error in pixels (paper Eq. 1); None without ground truth."""
         return self.summary.cre
 
     @property
     def crer(self) -> float | None:
-        """Corruption Robustness Error ratio, CRE / clean EPE (paper Eq. 2); None without ground truth."""
+        """Return the Corruption Robustness Error ratio, CRE / clean EPE (paper Eq. 2); None without ground truth."""
         return self.summary.crer
 
     @property
     def rcre(self) -> float | None:
-        """Relative Corruption Robustness Error, pixels (paper Eq. 3)."""
+        """Return the Relative Corruption Robustness Error in pixels (paper Eq. 3)."""
         return self.summary.rcre
 
     @property
     def name(self) -> str:
-        """The model's name, for headings, tables and figures; never blank: `--name`, else a registered method's as
-        `list models` has it ("DIS" for `dis`), else what the model calls itself."""
+        """Return the model's name for headings, tables and figures: `--name` if given, else the name of a registered
+        method as in `list models` ("DIS" for `dis`), else the name that the model gives itself. Never blank."""
         model = self.manifest.identity.model.settings
         given = self.manifest.name.strip()
         method = None if {"spec", "object"} & model.keys() else methods().get(str(model.get("name")))
@@ -140,31 +141,32 @@ class Run:
 
     @property
     def benchmark(self) -> str:
-        """The benchmark's name."""
+        """Return the benchmark's name."""
         return self.manifest.identity.frames.benchmark
 
     @property
     def setting(self) -> str:
-        """What the model's training means for the benchmark: "OOD", "ID", "LEAKED", ...
+        """Return the relation of the model's training data to the benchmark: "OOD", "ID", "LEAKED", ...
         (`robustflow.benchmarks.setting`)."""
         return self.provenance.setting
 
     @cached_property
     def provenance(self) -> Provenance:
-        """The facts about the model's training, and what they mean for the run."""
+        """Return the model's training data, and what they mean for the run."""
         return self.manifest.judged().provenance
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
-        """One metric, corruption x severity, in the paper's order."""
+        """Return a table of one metric, corruption x severity, in the paper's order."""
         return self.summary.table(metric)
 
     @property
     def left_out(self) -> dict[str, tuple[int, ...]]:
-        """Requested severities that do not exist on the run's severity scale, by corruption; no mean includes them."""
+        """Return the requested severities that do not exist on the run's severity scale, by corruption; no mean
+        includes them."""
         return self.manifest.left_out
 
     def document(self) -> dict[str, Any]:
-        """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
+        """Return the content of `summary.json`: means by the paper's averaging, pooled means, the run, and its setting.
         Always computed from the rows."""
         return {
             **self._means.model_dump(),
@@ -174,7 +176,7 @@ class Run:
         }
 
     def __str__(self) -> str:
-        """The results in a few lines, for `print(result)`."""
+        """Return the results in a few lines, for `print(result)`."""
         return "\n".join(_lines(self))
 
     def write_means(self) -> None:
@@ -184,27 +186,28 @@ class Run:
             note_made(self.path, SUMMARY, self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """A value that follows from the rows and is costly to compute: stored for exactly these rows, or computed now.
+        """Return a value that is costly to compute from the rows: from the cache for exactly these rows, or computed
+        now.
 
         Args:
-            name: of the value.
-            kind: its type, one that JSON holds.
-            make: computes it.
+            name: name of the value.
+            kind: type of the value, which JSON must support.
+            make: function that computes the value.
         """
         return self._cached.get(name, kind, make)
 
     def has_cached_value(self, name: str) -> bool:
-        """Whether such a value is known already."""
+        """Return whether such a value is already cached."""
         return name in self._cached
 
     def keep(self) -> None:
         """Store the means and the values computed so far with the run, if its folder can be written; a page of many
-        runs then reads no rows."""
+        runs then does not need to read rows."""
         try:
             self.write_means()
             self._cached.write()
         except RobustFlowError:
-            pass  # The folder is read-only: the next page computes them again.
+            pass  # The folder is read-only, so the next page computes the values again.
 
     @cached_property
     def _cached(self) -> CachedValues:
@@ -228,12 +231,12 @@ class Run:
             return None
 
     def planned(self) -> list[Cell]:
-        """Every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
+        """Return every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
         return list(planned_cells(self.manifest))
 
 
 def _lines(run: Run) -> list[str]:
-    """Which run, its means, and what is missing."""
+    """Describe the run, its means, and the missing cells."""
     title = benchmark_facts(run.benchmark).title
     samples = len(run.manifest.samples)
     truth = truth_remark(run.manifest.identity.frames.protocol)

@@ -1,4 +1,4 @@
-"""Which files a sample is read from: its own, those of the frames around it, and those of its depth."""
+"""List the files from which a sample is read: those of the pair, of the frames around it, and of its depth."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ..models.window import Window
 
 
 def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: Depths | None) -> list[Path]:
-    """The files that a sample is read from; those of its depth, and of nothing else, come last.
+    """Return the files from which a sample is read; files used only for depth come last.
 
     Args:
-        dataset: where the sample is.
-        key: the sample.
-        window: of a model that is given more frames than the pair.
-        depths: where the depth comes from; None if it is not read.
+        dataset: data set that contains the sample.
+        key: key of the sample.
+        window: window of frames that a multi-frame model takes; None for a two-frame model.
+        depths: source of the depth; None if depth is not read.
     """
     files = dataset.files(key)
     if window is not None:

@@ -1,6 +1,8 @@
-"""Shards: rows in Parquet files, each with the digest of its bytes in its name, so that damage is always noticed.
+"""Store rows in shards: Parquet files, each with the digest of its bytes in its name, so that damage is always
+detected.
 
-NAME.DIGEST.parquet, DIGEST being 32 hexadecimal digits of BLAKE2b over the file. The name says what is inside:
+A shard is named NAME.DIGEST.parquet, where DIGEST is the BLAKE2b hash of the file, 32 hexadecimal digits. NAME
+describes the content:
 
 SAMPLE.CORRUPTION.SEVERITIES   one unit, as it was finished
 SAMPLE                         all units of a sample
@@ -25,17 +27,17 @@ from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
 from .plan import Cell
 
 PACK = "pack"
-"""Name of a shard of many samples; no sample's name, for those end in a hyphen and eight digits."""
+"""Name of a shard of many samples; differs from every sample's name, which ends in a hyphen and eight digits."""
 
 _SUFFIX = ".parquet"
 _DIGEST = re.compile(r"\.([0-9a-f]{32})$")
 
 
 def list_shards(folder: Path) -> list[Path]:
-    """The shards of a folder, by name.
+    """Return the shards of a folder, by name.
 
-    Another process that merges shards puts the merged one in place before it removes the parts; a listing at the wrong
-    moment may see neither. So the folder is listed until two listings agree.
+    A process that merges shards writes the merged one before it removes the parts; a listing taken in between may miss
+    both. So the folder is listed until two listings agree.
     """
     before: list[Path] | None = None
     for _ in range(20):
@@ -47,7 +49,7 @@ def list_shards(folder: Path) -> list[Path]:
 
 
 def shard_name(path: Path) -> str:
-    """What a shard holds: its file name without digest and suffix.
+    """Return the name of a shard's content: its file name without digest and suffix.
 
     >>> shard_name(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet"))
     'a-0011.fog-2233.13'
@@ -69,13 +71,13 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
     """Read the rows of one shard, or some of their columns.
 
     Raises:
-        RunError: damaged, or with other columns than this version writes.
-        FileNotFoundError: gone, because it was merged.
+        RunError: the shard is damaged, or its columns differ from those that this version writes.
+        FileNotFoundError: the shard was removed because it was merged.
     """
     data = _checked_bytes(path)
     try:
         rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))
-    except (Exception, pl.exceptions.PanicException) as error:  # the latter is not an Exception
+    except (Exception, pl.exceptions.PanicException) as error:  # PanicException is not an Exception
         raise _damaged(path, type(error).__name__) from error
     _check_schema(path, rows.schema, columns)
     return rows
@@ -94,22 +96,22 @@ def _checked_bytes(path: Path) -> bytes:
 def _check_schema(path: Path, schema: Mapping[str, Any], columns: Sequence[str] | None = None) -> None:
     wanted = ROW_SCHEMA if columns is None else {name: ROW_SCHEMA[name] for name in columns}
     if pl.Schema(schema) != pl.Schema(wanted):
-        raise RunError(f"{path} has other columns than this version writes; choose another folder with --output")
+        raise RunError(f"{path} has different columns than this version writes; choose another folder with --output")
 
 
 def read_shards(
     paths: Iterable[Path], columns: Sequence[str] | None = None, corruption: str | None = None
 ) -> pl.DataFrame:
-    """The rows of some shards, each once, in the order of their keys.
+    """Read the rows of some shards, each once, in the order of their keys.
 
     Args:
-        paths: of the shards; rows that are in two of them, as after a crash between merging and clearing, count once.
-        columns: to read, including those of `ROW_KEY`; all by default.
-        corruption: read only its rows; those of all by default. The others are discarded shard by shard.
+        paths: paths of the shards; rows that occur in two of them, as after a crash during merging, count once.
+        columns: columns to read, including those of `ROW_KEY`; all by default.
+        corruption: corruption whose rows are read; all by default. Rows of the others are discarded shard by shard.
 
     Raises:
-        RunError: a shard that cannot be read, or two that hold different rows of the same cell.
-        FileNotFoundError: a shard was merged meanwhile.
+        RunError: a shard cannot be read, or two shards contain different rows of the same cell.
+        FileNotFoundError: a shard was removed because it was merged.
     """
     paths = list(paths)
     parts = []
@@ -126,13 +128,13 @@ def read_shards(
 
 
 def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
-    """The rows of some shards, read when they are asked for, some columns at a time. Rows that are in two shards occur
-    twice; the order is that of the shards.
+    """Scan the rows of some shards lazily, a few columns at a time. Rows that are in two shards occur twice; the order
+    is that of the shards.
 
     Raises:
-        RunError: a shard that cannot be read, or of another schema. Damage that the digest does not show raises a
+        RunError: a shard cannot be read, or has a different schema. Damage that the digest does not show raises a
             polars error when the rows are read.
-        FileNotFoundError: a shard was merged meanwhile.
+        FileNotFoundError: a shard was removed because it was merged.
     """
     for path in paths:
         _check_schema(path, pl.read_parquet_schema(io.BytesIO(_checked_bytes(path))))
@@ -140,11 +142,11 @@ def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
 
 
 def shards_digest(paths: Iterable[Path]) -> str:
-    """A hash of the bytes of some shards, in the order given.
+    """Return a hash of the bytes of some shards, in the given order.
 
     Raises:
         RunError: a shard cannot be read.
-        FileNotFoundError: a shard was merged meanwhile.
+        FileNotFoundError: a shard was removed because it was merged.
     """
     return digest_of_value([digest_of_bytes(_bytes(path)) for path in paths], size=16)
 
@@ -160,8 +162,8 @@ def _bytes(path: Path) -> bytes:
 
 
 def merge_shards(paths: Sequence[Path], name: str) -> Path:
-    """Merge shards into one, which is durable before the others are removed, so that no row is lost to a reader or in a
-    crash."""
+    """Merge shards into one, which is durably written before the others are removed, so that no row is lost in a crash
+    or for a concurrent reader."""
     merged = write_shard(paths[0].parent, name, read_shards(paths))
     for path in paths:
         if path != merged:
@@ -170,17 +172,16 @@ def merge_shards(paths: Sequence[Path], name: str) -> Path:
 
 
 def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
-    """The cells of some shards, and the shards that share a cell with another one, left by a crash between merging and
-    removing the parts.
+    """Return the cells of some shards, and the shards that share a cell with another one after a crash during merging.
 
     Raises:
-        RunError: a shard that cannot be read.
+        RunError: a shard cannot be read.
     """
     if not paths:
         return set(), []
     keys = [read_shard(path, ROW_KEY) for path in paths]
     rows = pl.concat(keys)
-    same: dict[str, str] = {}  # one object per text: a large run has millions of rows
+    same: dict[str, str] = {}  # one object per distinct string: a large run has millions of rows
     cells: set[Cell] = {(same.setdefault(k, k), same.setdefault(c, c), s) for k, c, s in rows.iter_rows()}
     if len(cells) == rows.height:
         return cells, []
@@ -200,7 +201,7 @@ def _refuse_contradictions(rows: pl.DataFrame, paths: list[Path], parts: list[pl
     key = dict(zip(ROW_KEY, twice.select(ROW_KEY).row(0), strict=True))
     files = [str(path) for path, part in zip(paths, parts, strict=True) if not part.filter(**key).is_empty()]
     raise RunError(
-        f"{' and '.join(files)} hold different rows of sample '{key['sample']}', {key['corruption']} severity "
+        f"{' and '.join(files)} contain different rows of sample '{key['sample']}', {key['corruption']} severity "
         f"{key['severity']}: the shards of two runs were mixed; delete the one that does not belong here"
     )
 

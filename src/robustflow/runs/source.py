@@ -1,11 +1,11 @@
-"""Where a run's model and data were: `robustflow examples` needs it to compute cells of a finished run again.
+"""Store the location of a run's model and data, which `robustflow examples` needs to repeat cells of a finished run.
 
-Stored next to the manifest, not in it: paths on one machine are not part of a result, and are not passed on with it.
+The file is stored next to the manifest, not in it: paths on one machine are not part of a result and are not shared
+with it.
 
-A run's folder may come from anyone, so this file can only cause models to be loaded that its author cannot have
-written: those registered by this package or by an installed one (an entry point), and those of ptlflow. Code
-(`module:attribute`) and files (exported networks, folders of flows, checkpoints by path) have to be named again by the
-user.
+A run's folder is untrusted, so this file can only load models that its author cannot have written: models registered by
+this package or by an installed one (an entry point), and those of ptlflow. Code (`module:attribute`) and files
+(exported networks, folders of flows, checkpoints by path) have to be named again by the user.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ FILE = "source.json"
 
 @dataclass(frozen=True)
 class RunSource:
-    """How a run can be set up again.
+    """The model and data needed to set up a run again.
 
     Attributes:
-        model: its name and options; None for a Python object, which has no name.
-        data: of the data set; None where it needs none.
+        model: name and options of the model; None for a Python object, which has no name.
+        data: path of the data set; None if it needs none.
         data_options: options of the data set.
     """
 
@@ -43,7 +43,7 @@ class RunSource:
     data_options: dict[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        """Write it into a run's folder."""
+        """Write the source into a run's folder."""
         model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
         data = None if self.data is None else str(self.data.expanduser().absolute())
         options = {
@@ -53,7 +53,7 @@ class RunSource:
 
     @classmethod
     def read(cls, folder: Path) -> RunSource:
-        """Read it; an empty source if there is none.
+        """Read the source of a run; return an empty source if there is no file.
 
         Raises:
             RunError: the file is damaged.
@@ -69,10 +69,11 @@ class RunSource:
             raise RunError(f"{folder / FILE} is damaged; delete it, and name --model and --data instead") from error
 
     def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
-        """The recorded model with the options that the user gives now; None for a Python object, which has no name.
+        """Return the recorded model with the options that the user gives now; None for a Python object, which has no
+        name.
 
         Raises:
-            RunError: the file names code or a file, which the user has to name.
+            RunError: the source names code or a file, which the user has to name.
         """
         if self.model is None:
             return None
@@ -80,19 +81,19 @@ class RunSource:
         if self.model.name in _OF_FILES or not _registered(self.model.name):
             raise RunError(
                 f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file; "
-                "nothing is loaded because a run's folder names it: give --model yourself if you trust it"
+                "code named in a run's folder is never loaded: give --model yourself if you trust it"
             )
         for key, value in kept.items():
             if isinstance(value, str) and _LIKE_A_PATH.search(value):
                 raise RunError(
-                    f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; no file is "
-                    f"opened because a run's folder names it: give {_option(key)} yourself if you trust it"
+                    f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; files "
+                    f"named in a run's folder are never opened: give {_option(key)} yourself if you trust it"
                 )
         return ModelSpec(self.model.name, tuple((kept | dict(given)).items()))
 
 
 _OF_FILES = ("precomputed", "onnx", "torchscript", "torch_export")
-"""Registered models that consist only of the files they are given."""
+"""Registered models that are defined only by the user's files."""
 _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
 
 
@@ -105,7 +106,7 @@ def _option(key: str) -> str:
 
 
 def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Convert options to JSON's types; a Python object, which only `evaluate` can be given, becomes its text.
+    """Convert options to JSON types; a Python object, possible only with `evaluate`, is converted to a string.
 
     >>> _plain([("step", 2), ("root", Path("a")), ("limit", float("inf"))])
     {'step': 2, 'root': 'a', 'limit': 'inf'}

@@ -1,9 +1,9 @@
-"""Keep what was made from a run's rows as long as it is up to date: `summary.json`, `report.html`, and the values that
-pages use.
+"""Track whether files made from a run's rows are up to date: `summary.json`, `report.html`, and the values that pages
+use.
 
-A hidden file in the folder holds, for each of them, its digest and a digest of everything that decides it: the bytes of
-the shards, the manifest, the other files of the folder, and the code that makes it. If any of these differs, the file
-is made again; so is a file that was changed by hand. An unchanged run can be shown without decoding a row.
+A hidden file in the folder contains, for each file, its digest and a digest of everything it depends on: the bytes of
+the shards, the manifest, the other files of the folder, and the code. If any of these differs, or the file was edited,
+it is made again. An unchanged run can be shown without decoding a row.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ _LARGEST = 2**28
 
 
 def source_digest(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> str:
-    """A hash of everything that a file of a run is made from.
+    """Return a hash of everything from which a file of a run is made.
 
     Args:
-        folder: of the run.
-        rows: the hash of its shards, `RunFolder.digest`.
-        manifest: of the run.
-        beside: whether it also shows files stored with the rows: pictures, costs, displacements.
+        folder: folder of the run.
+        rows: hash of the shards, from `RunFolder.digest`.
+        manifest: manifest of the run.
+        beside: whether the file also shows data stored with the rows: pictures, costs, displacements.
     """
     files = list(_files(folder)) if beside else []
     return digest_of_value([rows, digest_of_value(manifest.record(), size=16), files, code_digest()], size=16)
 
 
 def is_current(folder: Path, name: str, source: str) -> bool:
-    """Whether a file of a run exists, is unchanged, and was made from the same source."""
+    """Return whether a file of a run exists, is unchanged, and was made from the same source."""
     entry = _entries(folder).get(name)
     if not isinstance(entry, dict) or entry.get("source") != source:
         return False
@@ -50,7 +50,7 @@ def is_current(folder: Path, name: str, source: str) -> bool:
 
 
 def note_made(folder: Path, name: str, source: str) -> None:
-    """Record what a file of a run, just written, was made from."""
+    """Record the source of a file of a run that was just written."""
     data = _read(folder / name)
     if data is not None:
         entry = {"source": source, "digest": digest_of_bytes(data)}
@@ -75,8 +75,8 @@ def _read(path: Path) -> bytes | None:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
-    """Name, size and modification time of everything in a run's folder except rows, clean flows and what is made from
-    them."""
+    """Return name, size and modification time of everything in a run's folder except rows, clean flows and files made
+    from them."""
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inside.parts)
@@ -86,7 +86,7 @@ def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
 
 @cache
 def code_digest() -> str:
-    """A hash of this package as installed: name, size and modification time of its files."""
+    """Return a hash of the installed package: name, size and modification time of its files."""
     package = Path(__file__).parents[1]
     stats = [
         (str(path.relative_to(package)), stat)
@@ -97,7 +97,8 @@ def code_digest() -> str:
 
 
 def _stat(path: Path) -> os.stat_result | None:
-    """Size and modification time of a file; None for anything else, and for a file that disappears in the meantime."""
+    """Return size and modification time of a file; None for anything else, and for a file that disappears in the
+    meantime."""
     try:
         stat = path.stat()
     except OSError:

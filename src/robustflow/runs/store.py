@@ -1,4 +1,4 @@
-"""A run folder: its rows on disk, the lock for writing them, and which of them exist.
+"""A run folder: its rows on disk, the lock for writing, and the list of existing rows.
 
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
@@ -44,16 +44,16 @@ from .shards import (
 _MANY_SHARDS = 64
 """Number of small shards that are merged into one."""
 _SMALL_SHARD = 2**20
-"""Bytes below which a shard is merged with others: about 10,000 rows."""
+"""Size in bytes below which shards are merged: about 10,000 rows."""
 _INSIDE = ("rows", "clean", "examples")
-"""Folders in a run's folder."""
+"""Subfolders of a run's folder."""
 _CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
 _RETRIES = 1000
-"""How often a reader lists the shards again while another process writes."""
+"""Maximum number of times that a reader lists the shards again while a different process writes."""
 
 
 class RunFolder:
-    """One run's folder. `lock()` before writing; reading needs no lock."""
+    """The folder of one run. Call `lock()` before writing; reading needs no lock."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path).expanduser()
@@ -68,22 +68,22 @@ class RunFolder:
         return self.path / "manifest.json"
 
     def lock(self) -> None:
-        """Create the folder and lock it until this process ends, however it ends; remove what a killed run left
-        half-written.
+        """Create the folder and lock it until this process ends, even if it is killed; remove half-written files of a
+        killed run.
 
         Raises:
-            RunError: another process holds it, it cannot be written, or it holds a link.
+            RunError: the folder is locked by a different process, cannot be written, or contains a link.
         """
         refuse_links(self.path, *_INSIDE)
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
-        # The operating system releases this lock; a mere lock file would outlive a killed run.
+        # The operating system releases this lock; a simple lock file would remain after a killed run.
         lock = FileLock(self.path / ".lock", fallback_to_soft=False)
         try:
             lock.acquire(blocking=False)
         except Timeout:
             raise RunError(
-                f"{self.path} is held by another run; wait for it to end, or choose another folder with --output"
+                f"{self.path} is locked by another run; wait for it to end, or choose another folder with --output"
             ) from None
         except OSError as error:
             raise RunError(
@@ -104,10 +104,11 @@ class RunFolder:
             self._lock = None
 
     def manifest(self) -> Manifest | None:
-        """The manifest, or None in a folder that has none yet.
+        """Read the manifest; None if the folder has no manifest yet.
 
         Raises:
-            RunError: it is not a run's, is damaged or has another schema; or the folder holds a link.
+            RunError: the file is not the manifest of a run, is damaged or has a different schema, or the folder
+                contains a link.
         """
         if os.path.lexists(self.manifest_path):
             refuse_links(self.path, *_INSIDE)
@@ -124,7 +125,8 @@ class RunFolder:
     def finish_sample(self, key: str) -> None:
         """Merge the shards of a finished sample into one, and delete its clean flow.
 
-        One file per unit is slow to read and takes much memory, and so is one per sample; `pack` merges those.
+        One file per unit is slow to read and takes much memory. One file per sample is also too many for large runs;
+        `pack` merges those.
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)
@@ -147,7 +149,7 @@ class RunFolder:
             self.clean_path(key).unlink(missing_ok=True)
 
     def pack(self, at_least: int = 2) -> None:
-        """Merge small shards of finished samples into one, if there are `at_least` so many."""
+        """Merge small shards of finished samples into one, if there are `at_least` of them."""
         small = [
             path
             for path in list_shards(self.rows_folder)
@@ -157,11 +159,11 @@ class RunFolder:
             merge_shards(small, PACK)
 
     def tidy(self) -> set[Cell]:
-        """The cells that already exist. Removes rows that occur twice because a run was killed between merging shards
-        and removing the parts.
+        """Return the existing cells. Remove rows that occur twice because a run was killed between merging shards and
+        removing the parts.
 
         Raises:
-            RunError: a shard that cannot be read, or two that contradict each other.
+            RunError: a shard cannot be read, or two shards contradict each other.
         """
         shards = list_shards(self.rows_folder)
         cells, twice = cells_of(shards)
@@ -170,13 +172,13 @@ class RunFolder:
         return cells
 
     def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
-        """Finish what a killed run left: merge the shards of finished samples and remove clean flows that are no longer
+        """Clean up after a killed run: merge the shards of finished samples and remove clean flows that are no longer
         needed.
 
         Args:
-            samples: the keys of all samples of the run.
-            unfinished: those with missing rows.
-            cells: the existing rows.
+            samples: keys of all samples of the run.
+            unfinished: keys of the samples with missing rows.
+            cells: cells of the existing rows.
         """
         in_parts = {
             shard_name(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in shard_name(path)
@@ -187,35 +189,37 @@ class RunFolder:
         self.keep_clean([key for key in unfinished if (key, CLEAN, 0) in cells])
 
     def keep_clean(self, keys: Iterable[str]) -> None:
-        """Remove all clean flows except those of these samples; other files stay."""
+        """Remove all clean flows except those of the given samples; keep other files."""
         kept = {self.clean_path(key) for key in keys}
         for path in (self.path / "clean").iterdir():
             if _CLEAN_FLOW.fullmatch(path.name) and path not in kept:
                 path.unlink(missing_ok=True)
 
     def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:
-        """All rows, sorted by sample, corruption and severity; empty where nothing is finished.
+        """Read all rows, sorted by sample, corruption and severity; empty if no unit is finished.
 
         Args:
-            columns: to read, including sample, corruption and severity; all by default.
-            corruption: read only its rows; those of all by default.
+            columns: columns to read, including sample, corruption and severity; all by default.
+            corruption: corruption whose rows are read; all by default.
 
         Raises:
-            RunError: a shard is damaged, or of another schema.
+            RunError: a shard is damaged, or has a different schema.
         """
         for _ in range(_RETRIES):
             try:
                 return read_shards(list_shards(self.rows_folder), columns, corruption)
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but missing; run the command again when nothing else writes to its folder")
+        raise RunError(
+            f"{gone} is listed but missing; run the command again when no other process writes to its folder"
+        )
 
     def scan(self) -> pl.LazyFrame:
-        """All rows, read when they are asked for; see `scan_shards`."""
+        """Scan all rows lazily; see `scan_shards`."""
         return scan_shards(list_shards(self.rows_folder))
 
     def digest(self) -> str:
-        """A hash of the shards on disk: equal digests mean equal rows. No row is decoded.
+        """Return a hash of the shards on disk: equal digests mean equal rows. No row is decoded.
 
         Raises:
             RunError: a shard cannot be read.
@@ -225,18 +229,20 @@ class RunFolder:
                 return shards_digest(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but missing; run the command again when nothing else writes to its folder")
+        raise RunError(
+            f"{gone} is listed but missing; run the command again when no other process writes to its folder"
+        )
 
     def cells(self) -> set[Cell]:
-        """The cells whose rows exist."""
+        """Return the cells whose rows exist."""
         return set(self.rows(ROW_KEY).iter_rows())
 
     def clean_path(self, key: str) -> Path:
-        """Where the clean flow of a sample is stored until the sample is finished."""
+        """Return the path at which the clean flow of a sample is stored until the sample is finished."""
         return self.path / "clean" / f"{_slug(key)}.npy"
 
     def pattern_path(self, attack: str, severity: int) -> Path:
-        """Where the perturbation that an attack was trained to make is stored."""
+        """Return the path at which the perturbation of a trained attack is stored."""
         return self.path / "attacks" / f"{_slug(attack)}.{severity}.npy"
 
 
@@ -246,5 +252,5 @@ def _unit_name(unit: Unit) -> str:
 
 
 def _slug(text: str) -> str:
-    """A readable file name for any text, different for different texts."""
+    """Return a readable file name for any text, different for different texts."""
     return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest_of_bytes(text.encode(), size=4)}"

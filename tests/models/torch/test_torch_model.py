@@ -260,7 +260,7 @@ def test_the_manifest_says_how_it_was_executed(tmp_path):
     said = evaluate(model, output=tmp_path / "run", **run).manifest.identity.model.settings
     assert (said["precision"], said["compile"], said["device"]) == ("bf16", False, "cpu")
     other = network("arflow", seeded(ARFlow), convention, {}, device="cpu")
-    with pytest.raises(RunError, match="holds another run"):
+    with pytest.raises(RunError, match="contains a different run"):
         evaluate(other, output=tmp_path / "run", **run)
 
 
