@@ -148,8 +148,8 @@ def test_common_rows_leave_out_what_differs_entirely():
     assert set(one["corruption"]) == {CLEAN, "snow"}
     assert one.height == 18
     assert remark == (
-        "Only rows that both measured are compared: 18 rows (a pair, clean or corrupted) of the 30 of A and the 30 of B. "
-        "Left out, because the frames or the ground truth differ: 1 corruption (fog)."
+        "Only rows that both measured are compared: 18 rows (a pair, clean or corrupted) of the 30 of A and the 30 of "
+        "B. Left out, because the frames or the ground truth differ: 1 corruption (fog)."
     )
     other = edited("truth_digest", pl.col("sample") == "3")
     (one, _), remark = common_rows([rows(), other], ["A", "B"])
