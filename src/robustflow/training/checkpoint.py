@@ -1,9 +1,9 @@
-"""Checkpoints of a training: everything needed to continue, in a file that `run --checkpoint` can also read.
+"""Save checkpoints of a training run: everything needed to continue, in a file that `run --checkpoint` can also read.
 
-`last.pth` holds weights, optimiser, loss scaling and the number of updates; random numbers have no state, because every
-draw is a function of the seed and the step. Files with weights only (`best.pth`, `update-N.pth`) hold the same entries
-without the rest. Each holds a digest of its entries, and is read with the checks of any checkpoint, which may come from
-anyone.
+`last.pth` contains weights, optimiser, loss scaling and the number of updates; random numbers have no state, because
+every draw is a function of the seed and the step. Files with weights only (`best.pth`, `update-N.pth`) contain the
+entries needed for prediction. Each file contains a digest of its entries, and is checked on reading like any untrusted
+checkpoint.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _STATE = ("model", "optimizer", "scaler")
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """How far a training has come.
+    """The progress of a training run.
 
     Attributes:
-        updates: number made so far.
-        identity: what determines the weights: recipe, seed, data.
-        best: the smallest validation error so far, pixels; None before the first validation.
+        updates: number of updates so far.
+        identity: everything that determines the weights: recipe, seed and data.
+        best: smallest validation error so far, in pixels; None before the first validation.
     """
 
     updates: int
@@ -61,17 +61,17 @@ def save_training(
     optimizer: torch.optim.Optimizer,
     scaler: torch.amp.GradScaler,
 ) -> None:
-    """Likewise, with everything needed to continue."""
+    """Write a checkpoint with everything needed to continue."""
     state = {"optimizer": optimizer.state_dict(), "scaler": scaler.state_dict()}
     write_with(path, lambda file: _save({**_content(weights, about, trained_on), **state}, file))
 
 
 def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
-    """Read what `save_training` wrote: the complete content, and the progress.
+    """Read a file of `save_training`; return the complete content and the progress.
 
     Raises:
-        RunError: no such file, or one that no training wrote.
-        ModelError: it is damaged.
+        RunError: the file does not exist, or was not written by a training run.
+        ModelError: the file is damaged.
     """
     if not path.exists():
         raise RunError(f"{path.parent}: no training to resume (no {path.name}); start one without --resume")
@@ -97,7 +97,7 @@ def _save(content: dict[str, Any], file: BinaryIO) -> None:
     try:
         torch.save({**content, _DIGEST: _digest(content)}, file)
     except RuntimeError as error:
-        # Where the disk is full torch fails twice: on a write, and again when it closes the archive that was cut short.
+        # On a full disk, torch fails twice: on a write, and again when it closes the incomplete archive.
         if isinstance(error.__context__, OSError):
             raise error.__context__ from None
         raise
@@ -108,10 +108,10 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _spelled(value: Any) -> Iterator[bytes | memoryview]:
-    """Encode a value as bytes that no other value has.
+    """Encode a value as unique bytes.
 
     Raises:
-        TypeError: a part is of a type that a training does not store.
+        TypeError: a part has a type that checkpoints do not store.
     """
     if isinstance(value, Tensor):
         yield f"{value.dtype}{tuple(value.shape)}".encode()
@@ -133,8 +133,8 @@ def _spelled(value: Any) -> Iterator[bytes | memoryview]:
 
 
 def _refuse_views(content: Any, size: int) -> None:
-    """Raise if the tensors have more bytes than their file: a view of few values can have any shape, and would take its
-    whole size in memory once it is copied."""
+    """Raise if the tensors are larger than their file: a view of a few values can have any shape, and a copy of it
+    would take the full size in memory."""
     if sum(tensor.numel() * tensor.element_size() for tensor in _tensors(content)) > size:
         raise ValueError("its tensors are larger than the file")
 

@@ -1,4 +1,4 @@
-"""BrightFlow's brightness corrector, a network needed only for its training (Marsal et al., WACV 2023)."""
+"""BrightFlow's brightness corrector, a network used only during training (Marsal et al., WACV 2023)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ _FEATURES = 128
 
 
 class Corrector(ResidualEncoder):
-    """Predicts offsets of an image's colours from it, the other image warped to it by the flow, and its visibility.
+    """Predict offsets of an image's colours from the image, the second image warped to it by the flow, and its
+    visibility.
 
-    The encoder of the flow network on seven channels, a head of three channels at 1/8, and convex upsampling. Keys are
-    those of the authors' files after `corrector.`: the encoder's, `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
+    The network consists of the flow network's encoder on seven channels, a head of three channels at 1/8 resolution,
+    and convex upsampling. Parameter names match the authors' files after `corrector.`: those of the encoder, then
+    `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
     """
 
     def __init__(self) -> None:
@@ -26,10 +28,11 @@ class Corrector(ResidualEncoder):
         self.mask = mask_layers(_FEATURES)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Offsets (N, 3, H, W) in -1..1 of the image's range.
+        """Return colour offsets (N, 3, H, W), -1..1 as fractions of the image's range.
 
         Args:
-            image: (N, 7, H, W): the image and the warped one in -1..1, and 1 where the pixel is visible in it.
+            image: input, float (N, 7, H, W): the image and the warped image, both in -1..1, and a mask that is 1 where
+                the pixel is visible in the warped image.
         """
         features = super().forward(image)
         offsets = torch.tanh(self.offset_head["conv2"](torch.relu(self.offset_head["conv1"](features))))

@@ -1,4 +1,4 @@
-"""The random numbers of a step besides its pairs, as functions of the seed, the step and the position."""
+"""Draw the random numbers of a step, except those of its pairs, as functions of the seed, the step and the position."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from .data.loader import Batch
 from .recipe import Recipe
 
 DENOISING_STEPS = 1000
-"""Steps of FlowDiffuser's noise schedule."""
+"""Number of steps of FlowDiffuser's noise schedule."""
 
 
 def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """Add what the recipe draws for a batch.
+    """Add the random draws of a recipe to a batch.
 
     Args:
         batch: pairs of one step, or a process's share of them.
-        recipe: says whether frames are noisy, and whether the loss denoises.
-        seed: of the training.
-        step: counted from 0.
-        positions: of the batch's pairs, see `Share`.
+        recipe: recipe, which determines whether noise is added to frames and whether the loss denoises.
+        seed: seed of the training run.
+        step: index of the step, from 0.
+        positions: positions of the batch's pairs, see `Share`.
     """
     return _with_denoising(_noisy(batch, recipe, seed, step, positions), recipe, seed, step, positions)
 
 
 def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """Noise on both frames: one standard deviation, uniform from 0 to the recipe's, for all pairs of a step
-    (FlowFormer)."""
+    """Add noise to both frames, with one standard deviation for all pairs of a step, uniform from 0 to the recipe's
+    maximum (FlowFormer)."""
     if not recipe.noise:
         return batch
     deviation = Rng.of(seed, "noise", step).uniform(0.0, recipe.noise)
@@ -42,7 +42,8 @@ def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[i
 
 
 def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """The time from which the truth is to be denoised, one for all pairs of a step, and the noise (FlowDiffuser)."""
+    """Draw the noise step from which ground truth is denoised, one for all pairs of a step, and the noise
+    (FlowDiffuser)."""
     if recipe.loss != "denoising":
         return batch
     time = Rng.of(seed, "denoising", step).integer(0, DENOISING_STEPS)
@@ -52,6 +53,6 @@ def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, position
 
 
 def normal(key: int, shape: tuple[int, ...]) -> Tensor:
-    """Standard normal numbers on the CPU, the same for the same key."""
+    """Draw standard normal numbers on the CPU, always the same for the same key."""
     generator = torch.Generator().manual_seed(key % 2**63)
     return torch.randn(shape, generator=generator)

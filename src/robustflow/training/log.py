@@ -1,4 +1,4 @@
-"""The log of a training: one line of JSON per update, and TensorBoard's files if it is installed."""
+"""Write the log of a training run: one line of JSON per update, and TensorBoard files if TensorBoard is installed."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ METRICS_FILE = "metrics.jsonl"
 
 
 class MetricsLog:
-    """Appends to `metrics.jsonl`. A context manager.
+    """A context manager that appends to `metrics.jsonl`.
 
     Args:
-        folder: of the training.
-        first: the update that comes next; lines of later ones, which a killed training wrote after its last
-            checkpoint, are removed.
+        folder: folder of the training run.
+        first: number of the next update; lines of later updates, which a killed run wrote after its last checkpoint,
+            are removed.
     """
 
     def __init__(self, folder: Path, first: int) -> None:
@@ -66,7 +66,7 @@ class MetricsLog:
 
 
 def _update(line: str) -> float:
-    """The update of a line; a line that was cut while it was written counts as the last."""
+    """Return the update of a line; an incomplete line counts as the last."""
     try:
         return int(json.loads(line)["update"])
     except (ValueError, KeyError, TypeError):

@@ -1,7 +1,7 @@
-"""The loop: from the next update to the last, with checkpoints from which it can continue exactly.
+"""The training loop: from the next update to the last, with checkpoints from which it can continue exactly.
 
-Plain PyTorch: what a library would do (launching, precision, clipping) is a few lines here, while the order of the
-data, the random numbers and the checkpoint, on which exact resuming rests, would have to be taken away from it.
+The loop uses plain PyTorch: the features of a training library (launching, precision, clipping) need only a few lines,
+while exact resuming requires control over the order of the data, the random numbers and the checkpoints.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from .unsupervised.objective import TrainingStep
 
 @dataclass(frozen=True)
 class TrainingSetup:
-    """What the loop needs besides the state that changes.
+    """Everything that the loop needs besides its changing state.
 
     Attributes:
-        request: the user's.
-        folder: where checkpoints and the log go.
-        trained_on: what the weights will have been trained on; None if unknown.
-        pairs: the data.
-        validate: the error of the network as it is after so many updates, `epe` in pixels, and more for the log; None
-            for no validation.
-        stop: called after each update; True ends the training there.
+        request: the user's request.
+        folder: folder for checkpoints and the log.
+        trained_on: names of all training sets of the final weights; None if unknown.
+        pairs: training pairs.
+        validate: function from the number of updates to the network's scores, with `epe` in pixels; None for no
+            validation.
+        stop: function called after each update; training stops if it returns True.
     """
 
     request: Request
@@ -71,14 +71,14 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
 
     Raises:
         ModelError: loss or gradients are not finite; the last checkpoint is kept.
-        RunError: a process that reads pairs was killed.
+        RunError: a process that reads training pairs was killed.
         DataError: a pair cannot be read, or a file cannot be written.
     """
     request, network = training.request, state.network
     recipe, checkpoints = request.recipe, request.checkpoints
     called: nn.Module = NetworkWithLoss(network, recipe)
     if process.world > 1:
-        called = DistributedDataParallel(called, find_unused_parameters=True)  # GMA has some
+        called = DistributedDataParallel(called, find_unused_parameters=True)  # GMA has unused parameters
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)
@@ -113,7 +113,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
 def _update(
     called: nn.Module, state: TrainingState, stream: Iterator[Batch], training: TrainingSetup, share: Share, update: int
 ) -> dict[str, float]:
-    """Make one update of the weights, and return its numbers for the log."""
+    """Update the weights once, and return the values for the log."""
     recipe, seed, device = training.request.recipe, training.request.seed, next(called.parameters()).device
     state.optimizer.zero_grad(set_to_none=True)
     total: dict[str, float] = {}
@@ -134,7 +134,7 @@ def _update(
     state.scaler.unscale_(state.optimizer)
     clip = recipe.optimizer.clip
     norm = nn.utils.clip_grad_norm_(learning_parameters(state.network), clip if clip is not None else math.inf)
-    if not state.scaler.is_enabled():  # with loss scaling an overflow is expected, and the update is skipped
+    if not state.scaler.is_enabled():  # with loss scaling, overflows are expected; the update is skipped
         _check_finite("gradient", norm.item(), update, batch)
     state.scaler.step(state.optimizer)
     state.scaler.update()

@@ -1,4 +1,4 @@
-"""The loss of one batch under a recipe."""
+"""Compute the loss of one batch under a recipe."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from .networks import TrainedNetwork
 from .recipe import Recipe
 
 DTYPES = {"bf16": torch.bfloat16, "fp16": torch.float16}
-"""The data type of each mixed precision."""
+"""The data type of each mixed-precision mode."""
 
 
 def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tuple[Tensor, dict[str, float]]:
-    """The loss to be minimised, and numbers for the log (EPE in pixels of the last prediction).
+    """Return the loss to be minimised, and values for the log (EPE of the last prediction, in pixels).
 
     Args:
-        network: the one being trained; if it defines a method `loss`, that is used.
-        batch: on the network's device.
-        recipe: defines precision and loss.
+        network: network being trained; its method `loss` is used if defined.
+        batch: batch on the network's device.
+        recipe: recipe, which defines precision and loss.
 
     Raises:
-        UsageError: a loss that this network does not support.
+        UsageError: the network does not support the loss.
     """
     matching: Tensor | None = None
     device = batch.image1.device.type

@@ -1,4 +1,4 @@
-"""How much memory a training needs: modelled from a count of what autograd keeps (`bench/training_memory.py`)."""
+"""Estimate the memory of a training run from a count of the values that autograd keeps (`bench/training_memory.py`)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from .recipe import Recipe
 
 TABLE = "memory.csv"
 _COPIES = 4
-"""Values per trained weight: itself, its gradient and AdamW's two moments."""
+"""Number of values per trained weight: the weight, its gradient and AdamW's two moments."""
 _BYTES = 4
 
 
 def expected_memory(recipe: Recipe) -> float | None:
-    """GiB for weights, gradients, moments and what is kept for the backward pass, with the whole batch on one device
-    and in single precision; None for a network that was not measured.
+    """Return the memory, in GiB, for weights, gradients, moments and the values kept for the backward pass, with the
+    whole batch on one device in single precision; None for a network that was not measured.
 
-    Mixed precision needs less; the workspaces of convolutions and the memory of a device's libraries are not included.
+    Mixed precision needs less. The workspaces of convolutions and the memory of GPU libraries are not included.
 
     >>> from robustflow.training.recipe import load_recipe
     >>> recipe = load_recipe("raft", "ood")

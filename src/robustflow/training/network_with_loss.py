@@ -1,4 +1,4 @@
-"""A network with the loss of its recipe, as one module."""
+"""Combine a network with the loss of its recipe in one module."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .unsupervised.objective import TrainingStep
 
 
 class NetworkWithLoss(nn.Module):
-    """The loss as a function of the weights; `DistributedDataParallel` wraps this module, and so supports any loss.
+    """A module that computes the loss. `DistributedDataParallel` wraps this module, so it supports any loss.
 
     Args:
-        network: to be trained.
-        recipe: gives precision and loss.
+        network: network to train.
+        recipe: recipe, which defines precision and loss.
 
     Raises:
-        UsageError: a crop that a method without labels cannot take.
+        UsageError: a method without labels does not support the crop.
     """
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe) -> None:
@@ -33,8 +33,8 @@ class NetworkWithLoss(nn.Module):
         self._objective = None if recipe.objective is None else build_objective(network, recipe)
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, float]]:
-        """See `loss_of_batch`, and for a recipe without labels `LabelFree`, which logs EPE where the data have ground
-        truth."""
+        """Compute the loss with `loss_of_batch`, or with `LabelFree` for a recipe without labels, which logs EPE if the
+        data have ground truth."""
         if self._objective is None:
             return loss_of_batch(self.network, batch, self._recipe)
         loss, terms = self._objective(batch, step)

@@ -1,4 +1,4 @@
-"""The network of a method, from the registry that `run` uses, ready for training."""
+"""Prepare the network of a method, from the registry that `run` uses, for training."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ _NEEDED = {
     "sequence+matching": ("matched_predictions", "the flow of every iteration, and how sure it is of its matches"),
     "denoising": ("denoised_predictions", "the flows that it denoises from the truth"),
 }
-"""What a network must have for each loss."""
+"""Method that a network needs for each loss, with a description."""
 _CORRECTOR = "corrector."
-"""Prefix of the names of BrightFlow's corrector, also in its authors' files."""
+"""Prefix of the parameter names of BrightFlow's corrector, also in its authors' files."""
 
 
 class TrainedNetwork(nn.Module):
-    """A network as the loop calls it: RGB images 0..255 in, the flow after every iteration out.
+    """A network in the form used by the loop: it maps RGB images in 0..255 to the flow after every iteration.
 
     Args:
-        model: whose network is trained; it predicts with the same weights that are being trained.
-        recipe: defines how its normalisation layers behave.
-        seed: of the random weights of BrightFlow's corrector, which no checkpoint of `run` holds.
+        model: model whose network is trained; it always predicts with the current weights.
+        recipe: recipe, which defines the mode of the normalisation layers.
+        seed: seed of the random weights of BrightFlow's corrector, which checkpoints of `run` do not contain.
 
     Raises:
-        UsageError: a network without the method that the recipe's loss needs.
+        UsageError: the network lacks the method that the recipe's loss needs.
     """
 
     def __init__(self, model: NetworkModel, recipe: Recipe, seed: int = 0) -> None:
@@ -76,9 +76,9 @@ class TrainedNetwork(nn.Module):
             self.corrector = _seeded_corrector(seed).to(model.device)
 
     def train(self, mode: bool = True) -> TrainedNetwork:
-        """Choose training or evaluation mode; norms that the recipe freezes stay in evaluation mode."""
+        """Set training or evaluation mode; normalisation layers frozen by the recipe remain in evaluation mode."""
         super().train(mode)
-        self._inner.train(mode)  # a user's module, whose mode its wrapper does not set
+        self._inner.train(mode)  # a user's module, whose mode is not set by its wrapper
         if self._norms == "batchnorm":
             freeze_batchnorm(self.net)
         elif self._norms == "all":
@@ -86,46 +86,50 @@ class TrainedNetwork(nn.Module):
         return self
 
     def forward(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Flows of float (N, 2, H, W) in pixels, the last one final, from RGB images float (N, 3, H, W) in 0..255."""
+        """Predict flows, each float (N, 2, H, W) in pixels, the last one final, from RGB images, float (N, 3, H, W),
+        0..255."""
         height, width = image1.shape[2:]
         first, second = (fitted_values(image, self.convention) for image in (image1, image2))
         flows = self.net.predictions(first, second)
         return [unfitted_flow(flow, self.convention, height, width) for flow in flows]
 
     def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Flows as in `forward`, and how sure the network is of the matches from which the first flow came: (N, P, P)
-        for the P pixels at 1/8."""
+        """Predict flows as in `forward`, and the confidence of the matches from which the first flow is computed, (N,
+        P, P) for the P pixels at 1/8 resolution."""
         first, second = self._exact(image1, image2)
         flows, confidence = self.net.matched_predictions(first, second)
         return flows, confidence
 
     def denoised(self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor) -> list[Tensor]:
-        """Flows denoised from the truth with the noise of a given time; see `FlowDiffuser.denoised_predictions`."""
+        """Predict flows denoised from ground truth with the noise of a given step; see
+        `FlowDiffuser.denoised_predictions`."""
         first, second = self._exact(image1, image2)
         flows: list[Tensor] = self.net.denoised_predictions(first, second, truth, time, noise)
         return flows
 
     @property
     def has_own_loss(self) -> bool:
-        """Whether the user's own module has a method `loss(batch)`."""
+        """Return whether the user's module has a method `loss(batch)`."""
         return isinstance(self.net, ModuleNet) and callable(getattr(self.net.module, "loss", None))
 
     def own_loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
-        """The loss that the user's own module returns.
+        """Return the loss computed by the user's module.
 
         Args:
-            batch: the module gets a dictionary: `image1` and `image2` float (N, 3, H, W) as it declares that it takes
-                images, `flow` (N, 2, H, W) in pixels, `valid` (N, H, W), 1 where the flow is known.
+            batch: batch, passed to the module as a dictionary: `image1` and `image2`, float (N, 3, H, W) in the
+                module's declared image format, `flow` (N, 2, H, W) in pixels, and `valid` (N, H, W), 1 where the flow
+                is known.
 
         Raises:
-            UsageError: it returned no loss, or cannot take this crop.
+            UsageError: the module returned no loss, or does not support this crop.
         """
         first, second = self._exact(batch.image1, batch.image2)
         module: Any = self._inner
         return checked_loss(module.loss({"image1": first, "image2": second, "flow": batch.flow, "valid": batch.valid}))
 
     def _exact(self, image1: Tensor, image2: Tensor) -> tuple[Tensor, Tensor]:
-        """The images as the network takes them; refused if they would be padded, because the ground truth is not."""
+        """Convert images to the network's input format; raise if they would be padded, because the ground truth is not
+        padded."""
         first, second = (fitted_values(image, self.convention) for image in (image1, image2))
         if first.shape != image1.shape:
             height, width = first.shape[2:]
@@ -136,14 +140,14 @@ class TrainedNetwork(nn.Module):
         return first, second
 
     def weights(self) -> dict[str, Tensor]:
-        """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
+        """Return the network's state under the names of its authors' files, which `run --checkpoint` reads."""
         state = self._inner.state_dict()
         if self.corrector is not None:
             state |= {f"{_CORRECTOR}{name}": value for name, value in self.corrector.state_dict().items()}
         return {name: value.detach().cpu() for name, value in state.items()}
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:
-        """Load what `weights` returned."""
+        """Load a state returned by `weights`."""
         own = {name: value for name, value in weights.items() if not name.startswith(_CORRECTOR)}
         self._inner.load_state_dict(own)
         if self.corrector is not None:
@@ -171,28 +175,28 @@ def load_network(
     options: Mapping[str, Any] | None = None,
     seed: int = 0,
 ) -> tuple[NetworkModel, TrainedNetwork]:
-    """The model of a recipe with the weights it starts from, and its network ready to learn.
+    """Return the model of a recipe with its initial weights, and its network ready for training.
 
     Args:
-        recipe: names the method and its iterations.
-        start: a checkpoint as for `run --checkpoint`, or "random".
-        device: as for `run --device`.
+        recipe: recipe, which defines the method and its iterations.
+        start: checkpoint as for `run --checkpoint`, or "random".
+        device: device as for `run --device`.
         options: further options of the model.
-        seed: of random weights.
+        seed: seed of random weights.
 
     Raises:
-        ModelError: no such checkpoint, or one of another network.
-        UsageError: a model that cannot be trained.
+        ModelError: the checkpoint does not exist, or belongs to a different network.
+        UsageError: the model cannot be trained.
     """
     given = {**(options or {}), "device": device}
     own = ":" in recipe.method and not recipe.method.startswith(PTLFLOW)
     if recipe.iterations is not None and not own and _takes_iterations(recipe.method):
         given["iterations"] = recipe.iterations
-    if not (own and str(start) == RANDOM):  # a user's module keeps the weights that it was made with
+    if not (own and str(start) == RANDOM):  # a user's module keeps its initial weights
         given["checkpoint"] = str(start)
     with torch.random.fork_rng(devices=[]), weights_seeded(seed), warnings.catch_warnings():
         torch.default_generator.manual_seed(seed)  # of a user's module
-        if str(start) == RANDOM:  # which measures nothing yet
+        if str(start) == RANDOM:  # no forward pass is needed yet
             warnings.simplefilter("ignore", ConventionWarning)
         model = load_model(recipe.method, **given)
     while isinstance(model, TiledModel):
@@ -205,7 +209,8 @@ def load_network(
 
 
 def kaiming(network: nn.Module, seed: int = 0) -> None:
-    """The initial weights of ARFlow and UPFlow: He et al.'s normal ones, no biases; the same for the same seed."""
+    """Set the initial weights of ARFlow and UPFlow: He et al.'s normal initialisation and zero biases; reproducible
+    with the same seed."""
     generator = torch.Generator().manual_seed(seed)
     for module in network.modules():
         if isinstance(module, nn.Conv2d):
@@ -218,7 +223,7 @@ def kaiming(network: nn.Module, seed: int = 0) -> None:
 
 
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
-    """The parameters that are trained."""
+    """Return the parameters that are trained."""
     return [value for value in network.parameters() if value.requires_grad]
 
 

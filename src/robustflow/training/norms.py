@@ -1,4 +1,4 @@
-"""BatchNorm in training as in the originals: frozen, or over the share of a batch that one of their GPUs had."""
+"""BatchNorm during training as in the original code: frozen, or over the part of a batch that one GPU had."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from torch.nn import functional as F
 
 
 def freeze_batchnorm(network: nn.Module) -> None:
-    """Make every BatchNorm use its running statistics without updating them, as RAFT's `freeze_bn`; scale and shift are
-    still trained. Call it again after each `network.train()`."""
+    """Make every BatchNorm use its running statistics without updating them, like RAFT's `freeze_bn`; scale and shift
+    are still trained. Call it again after each `network.train()`."""
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.eval()
@@ -23,11 +23,11 @@ def freeze_all_norms(network: nn.Module) -> None:
 
 
 def group_batchnorm(network: nn.Module, groups: int) -> None:
-    """Make every BatchNorm of a network work on `groups` equal parts of a batch, as `DataParallel` over as many GPUs
-    did (see `GroupedBatchNorm2d`). One group changes nothing."""
+    """Make every BatchNorm of a network work on `groups` equal parts of a batch, like `DataParallel` with this number
+    of GPUs (see `GroupedBatchNorm2d`). One group has no effect."""
     if groups == 1:
         return
-    made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT has one norm under two names
+    made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT has the same norm under two names
     for parent in list(network.modules()):
         for name, child in list(parent.named_children()):
             if isinstance(child, nn.BatchNorm2d):
@@ -35,11 +35,12 @@ def group_batchnorm(network: nn.Module, groups: int) -> None:
 
 
 class GroupedBatchNorm2d(nn.BatchNorm2d):
-    """Normalises each of `groups` parts of a batch separately; only the first part updates the running statistics.
+    """BatchNorm that normalises each of `groups` parts of a batch separately; only the first part updates the running
+    statistics.
 
     Args:
-        norm: whose weights, statistics and settings it takes over.
-        groups: parts of a batch; fewer if it cannot be split into as many.
+        norm: layer from which weights, statistics and settings are copied.
+        groups: number of parts of a batch; fewer if the batch cannot be split evenly.
     """
 
     def __init__(self, norm: nn.BatchNorm2d, groups: int) -> None:

@@ -1,7 +1,6 @@
-"""What a method that learns without labels minimises, as tables of its recipe.
+"""The objectives of methods that learn without labels, as tables of their recipes.
 
-Anything that starts in the middle of a training is given as a fraction of its updates, so that a shorter training
-passes through all of it.
+Start times are given as fractions of the training run, so that a shorter run includes all phases.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ Range = tuple[float, float]
 
 
 class Appearance(Frozen):
-    """How ARFlow changes the colours of both frames for the second pass, in this order.
+    """Changes of colour in both frames for ARFlow's second pass, in this order.
 
     Attributes:
         brightness, contrast, saturation: factors from 1 - x to 1 + x, in random order.
         blur: largest radius of a Gaussian blur in pixels, uniform from 0, with probability 1/2.
-        gamma: range of an exponent; None for none.
+        gamma: range of the gamma exponent; None for no gamma correction.
     """
 
     brightness: float = Field(default=0.5, ge=0)
@@ -32,15 +31,15 @@ class Appearance(Frozen):
 
 
 class Spatial(Frozen):
-    """How ARFlow moves the frames for the second pass. `relative_*` moves the second frame in addition.
+    """Motion of the frames for ARFlow's second pass. `relative_*` is additional motion of the second frame.
 
     Attributes:
-        translation: share of the frame's side.
-        zoom, squeeze: factors; a squeeze stretches x by the factor by which it shrinks y.
-        rotation: radians.
-        constant_rotation: the relative rotation is always the lower bound, as in the original (a slip).
-        horizontal, vertical: flips, with probability 1/2 each.
-        noise: largest standard deviation of the noise that is added, of values 0..1.
+        translation: range of the translation, as a fraction of the frame size.
+        zoom, squeeze: ranges of factors; a squeeze stretches x by the factor by which it shrinks y.
+        rotation: range of the rotation in radians.
+        constant_rotation: whether the relative rotation is always the lower bound, as in the original code (a bug).
+        horizontal, vertical: whether to flip, with probability 1/2 each.
+        noise: largest standard deviation of the added noise, for values in 0..1.
     """
 
     translation: float = Field(default=0.04, ge=0)
@@ -58,15 +57,15 @@ class Spatial(Frozen):
 
 
 class ArflowObjective(Frozen):
-    """ARFlow's (Liu et al., CVPR 2020).
+    """ARFlow's objective (Liu et al., CVPR 2020).
 
     Attributes:
-        census_from: share of the training after which the ternary census and the forward-backward check take the place
-            of L1, SSIM and the check by splatting.
+        census_from: fraction of the training run after which the ternary census and the forward-backward check replace
+            L1, SSIM and the splatting check.
         smooth: weight of the smoothness.
-        second_order: smoothness of second differences (KITTI), else of first ones (Sintel).
+        second_order: whether the smoothness uses second differences (KITTI) instead of first differences (Sintel).
         self_supervision: weight of the second, transformed pass; 0 for none.
-        appearance, spatial: its transforms.
+        appearance, spatial: transforms of the second pass.
     """
 
     kind: Literal["arflow"]
@@ -79,12 +78,12 @@ class ArflowObjective(Frozen):
 
 
 class UpflowObjective(Frozen):
-    """UPFlow's (Luo et al., CVPR 2021).
+    """UPFlow's objective (Luo et al., CVPR 2021).
 
     Attributes:
-        photometric, census, smooth, distillation: weights.
-        exponent: of the robust function (|x| + 0.01)^q.
-        radius: of the census' window, pixels.
+        photometric, census, smooth, distillation: weights of the terms.
+        exponent: exponent q of the robust penalty (|x| + 0.01)^q.
+        radius: radius of the census window, in pixels.
     """
 
     kind: Literal["upflow"]
@@ -97,19 +96,21 @@ class UpflowObjective(Frozen):
 
 
 class BrightflowObjective(Frozen):
-    """BrightFlow's (Marsal et al., WACV 2023).
+    """BrightFlow's objective (Marsal et al., WACV 2023).
 
     Attributes:
         census: weight of the census, over 7x7 windows.
         smooth: weight of the smoothness.
-        second_order: smoothness of second differences (KITTI), else of first ones (Sintel, Chairs).
+        second_order: whether the smoothness uses second differences (KITTI) instead of first differences (Sintel,
+            Chairs).
         occlusion: "brox", the forward-backward check, or "wang", splatting.
-        self_supervision: weight at its end.
-        self_supervision_from, self_supervision_to: shares of the training between which it rises from 0.
-        border: pixels that the student of the self-supervision does not see, on each side.
-        corrector: weight of the brightness corrector's own loss.
-        corrector_from: share of the training after which the corrector learns.
-        corrected_from: share after which the photometric loss uses it.
+        self_supervision: final weight of the self-supervision.
+        self_supervision_from, self_supervision_to: fractions of the training run between which this weight rises from
+            0.
+        border: width of the border removed from the student's frames on each side, in pixels.
+        corrector: weight of the brightness corrector's loss.
+        corrector_from: fraction of the training run after which the corrector is trained.
+        corrected_from: fraction of the training run after which the photometric loss uses the corrector.
     """
 
     kind: Literal["brightflow"]

@@ -11,9 +11,9 @@ from .recipe import Recipe
 
 
 def build_optimizer(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
-    """The recipe's optimiser over all trained parameters.
+    """Create the recipe's optimiser for all trained parameters.
 
-    AdamW of the RAFT family decays every parameter, including norms and biases; a recipe with `decay_biases = false`
+    In the RAFT family, AdamW decays every parameter, including norms and biases; a recipe with `decay_biases = false`
     (ARFlow) does not decay biases.
     """
     settings = recipe.optimizer
@@ -31,7 +31,7 @@ def build_optimizer(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer
 
 
 def set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
-    """Give every group of parameters a learning rate."""
+    """Set the learning rate of every parameter group."""
     for group in optimizer.param_groups:
         group["lr"] = rate
 

@@ -1,4 +1,4 @@
-"""Describe what a training would do, before anything runs."""
+"""Describe a training run before it starts."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from .request import DataPlan
 
 
 def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) -> str:
-    """The recipe, which data are there and which are missing, what each contributes, how long it takes, and what it
-    deviates from.
+    """Describe the recipe, the available and missing data and their shares, the length of the run, and deviations from
+    the original recipe.
 
     Args:
-        recipe: with the user's changes.
-        data: what it reads.
-        original: the recipe without them; None if there are none.
+        recipe: recipe with the user's changes.
+        data: data to read.
+        original: recipe without the user's changes; None if there are no changes.
 
     Raises:
-        UsageError: unknown corruptions, or an invalid probability.
+        UsageError: a corruption is unknown, or the probability is invalid.
     """
     lines = [
         f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})",
@@ -57,7 +57,7 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
 
 
 def _changes(recipe: Recipe, original: Recipe) -> list[str]:
-    """One line for each of the user's changes."""
+    """Return one line for each of the user's changes."""
     pairs = ((name, getattr(original, name), getattr(recipe, name)) for name in Recipe.model_fields)
     return [
         f"changed: {name.replace('_', ' ')} {_written(value)} instead of {_written(before)}"

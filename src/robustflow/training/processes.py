@@ -1,4 +1,4 @@
-"""The processes of one training: a single one, or one per device, as `torchrun` starts them."""
+"""The processes of one training run: a single process, or one per device, started by `torchrun`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..models.torch.model import find_device
 
 @dataclass(frozen=True)
 class Process:
-    """This process among those of a training.
+    """The place of this process among the processes of a training run.
 
     Attributes:
-        rank: its number; process 0 writes files and shows progress.
-        world: how many there are.
-        device: where its copy of the network is.
+        rank: rank of the process; process 0 writes files and shows progress.
+        world: number of processes.
+        device: device of this process's copy of the network.
     """
 
     rank: int
@@ -29,7 +29,7 @@ class Process:
     device: torch.device
 
     def any(self, mine: bool) -> bool:
-        """Whether it is true in any process; all of them have to ask."""
+        """Return whether a value is true in any process; all processes have to call this method."""
         if self.world == 1:
             return mine
         answer = torch.tensor(int(mine), device=self.device)
@@ -39,13 +39,13 @@ class Process:
 
 @contextmanager
 def this_process(device: str) -> Iterator[Process]:
-    """Join the other processes of a training, if `torchrun` started several.
+    """Join the other processes of a training run, if `torchrun` started several.
 
     Args:
-        device: "cuda" is this process's own GPU where there are several processes; else as `run --device` takes it.
+        device: device as for `run --device`; with several processes, "cuda" is the GPU of this process.
 
     Raises:
-        UsageError, ModelError: see `find_device`.
+        UsageError, ModelError: same as for `find_device`.
     """
     world, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
     if world == 1:

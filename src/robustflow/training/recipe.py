@@ -1,7 +1,7 @@
-"""A recipe: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
+"""Define recipes: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
 
-Each field has the value of its source; `unverified` lists what could not be verified, `differs` where the paper and the
-original differ.
+Each field has the value of its source; `unverified` lists values that could not be verified, `differs` lists
+differences between the paper and the original code.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .objectives import Objective
 
 FOLDER = "recipes"
 MIXES = "mixes"
-"""Name of the file that holds the mixes of data; the others are methods."""
+"""Name of the file with the mixes of data; the other files are methods."""
 
 
 _NONE = BeforeValidator(lambda value: None if value == "none" else value)
-"""A TOML file has no None and says "none"."""
+"""TOML has no null value, so None is written as "none"."""
 
 
 class Optimizer(Frozen):
-    """The optimiser's settings, besides the learning rate."""
+    """The optimiser's settings, except the learning rate."""
 
     name: Literal["adamw", "adam"] = "adamw"
     weight_decay: float = Field(ge=0)
@@ -39,23 +39,23 @@ class Optimizer(Frozen):
     betas: tuple[float, float] = (0.9, 0.999)
     amsgrad: bool = False
     clip: Annotated[float | None, _NONE] = Field(1.0, gt=0)
-    """Largest norm of all gradients together; None, in a file "none", for no clipping."""
+    """Largest norm of all gradients together; None ("none" in a file) for no clipping."""
 
 
 class Part(Frozen):
     """A data set's part in a mix.
 
     Attributes:
-        data: the data set, by its registered name.
-        options: of the data set.
-        keys: "all", or "training" for those that the project's split leaves for training.
-        times: how often each pair occurs in an epoch.
+        data: registered name of the data set.
+        options: options of the data set.
+        keys: "all", or "training" for the training part of the project's split.
+        times: number of times that each pair occurs in an epoch.
         augmentation: "dense" or "sparse" (see `augmentation/`); for training without labels also "stretched" to the
-            crop's size, or "cropped", in both with half of the pairs exchanged.
-        log2_scale: range of the power of two by which frames are scaled; not for the last two.
+            crop's size, or "cropped", both with the frames of half of the pairs swapped.
+        log2_scale: range of the base-2 logarithm of the scale, for "dense" and "sparse".
         flip: whether frames are flipped.
         eraser: whether rectangles of the second frame are erased; for "dense" and "sparse".
-        margin: pixels of a "cropped" frame's border that no crop reaches.
+        margin: width of the border excluded from "cropped" frames, in pixels.
     """
 
     data: str
@@ -73,34 +73,32 @@ class Recipe(Frozen):
     """One stage of one method.
 
     Attributes:
-        method: the model's registered name.
-        stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper; "unsupervised" and
-            others of methods that learn without labels.
-        start: which weights it starts from: "random", or a stage.
-        mix: of `recipes/mixes.toml`, or a file like it.
+        method: registered name of the model.
+        stage: "chairs", "things", "sintel" or "kitti" of the original code, "ood" or "id" of the paper; "unsupervised"
+            and further stages of methods that learn without labels.
+        start: source of the initial weights: "random", or a stage.
+        mix: name of a mix in `recipes/mixes.toml`, or a file in the same format.
         steps: number of batches, as counted by the source.
-        extra_update: whether the original makes one more update than `steps`.
-        batch: pairs per step, over all devices.
-        accumulate: steps for one update of the weights.
-        devices: over how many the original's batch was spread, which determines the share that a BatchNorm normalises
-            over.
-        schedule_ahead: updates by which the schedule is ahead of the training: 1 where the first update has the rate of
-            the schedule's second.
-        crop: (H, W), pixels.
-        iterations: of a recurrent network; None, in a file "none", for one without.
+        extra_update: whether the original code makes one more update than `steps`.
+        batch: number of pairs per step, over all devices.
+        accumulate: number of steps for one update of the weights.
+        devices: number of devices in the original training, which determines the part of a batch that BatchNorm uses.
+        schedule_ahead: number of updates by which the schedule is ahead of training; 1 if the first update uses the
+            second rate of the schedule.
+        crop: size (H, W) of the crop, in pixels.
+        iterations: number of iterations of a recurrent network; None ("none" in a file) for other networks.
         loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
             of flows that are denoised from the truth (FlowDiffuser).
-        gamma: of the sequence loss.
-        objective: what is minimised by a method that learns without labels, instead of the sequence loss.
-        noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
-        frozen_norms: "none", "batchnorm" (running statistics stay) or "all".
-        frozen: parts of the network, by the beginning of their parameters' names, that do not learn.
-        unused: parts, likewise, that the network has but never computes with, also in the original: they get no
-            gradient.
+        gamma: factor between the weights of successive predictions in the sequence loss.
+        objective: objective of a method that learns without labels, in place of the sequence loss.
+        noise: largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
+        frozen_norms: "none", "batchnorm" (running statistics are fixed) or "all".
+        frozen: prefixes of the names of parameters that are not trained.
+        unused: prefixes of the names of parameters that are never used, also in the original code, and get no gradient.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
-        source: where this comes from.
-        unverified: what could not be checked.
-        differs: where the paper, the original and this recipe differ, and which is followed.
+        source: source of the recipe.
+        unverified: values that could not be verified.
+        differs: differences between the paper, the original code and this recipe, and which one is followed.
     """
 
     method: str
@@ -132,26 +130,26 @@ class Recipe(Frozen):
 
     @property
     def updates(self) -> int:
-        """The number of updates of the weights."""
+        """Return the number of updates of the weights."""
         return self.steps // self.accumulate + self.extra_update
 
     @property
     def pairs(self) -> int:
-        """The number of pairs that one update is computed from."""
+        """Return the number of pairs from which one update is computed."""
         return self.batch * self.accumulate
 
     def digest(self) -> str:
-        """A hash, 32 hexadecimal digits, of everything that determines the weights."""
+        """Return a hash, 32 hexadecimal digits, of everything that determines the weights."""
         words = {"source", "unverified", "differs", "unused"}
         return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
 
     def changed(self, **changes: Any) -> Recipe:
-        """Replace values of this recipe and check it again; those that are None stay.
+        """Replace values of this recipe and check it again; values of None are ignored.
 
-        Different `steps` drop the original's extra update.
+        If `steps` changes, the original's extra update is omitted.
 
         Raises:
-            UsageError: an invalid value.
+            UsageError: a value is invalid.
         """
         given = {key: value for key, value in changes.items() if value is not None}
         if "steps" in given:
@@ -160,10 +158,10 @@ class Recipe(Frozen):
 
 
 def load_recipe(method: str, stage: str) -> Recipe:
-    """The recipe of a method's stage.
+    """Return the recipe of a method's stage.
 
     Raises:
-        UsageError: no recipe for the method, or no such stage.
+        UsageError: there is no recipe for the method, or no such stage.
 
     >>> recipe = load_recipe("raft", "ood")
     >>> recipe.steps, recipe.batch, recipe.crop, recipe.updates
@@ -177,11 +175,11 @@ def load_recipe(method: str, stage: str) -> Recipe:
 
 @cache
 def recipes_of(method: str) -> dict[str, Recipe]:
-    """Every stage of a method, in the order of its file. The file may name the model (`method`), or another method that
-    has the same stages (`same_as`).
+    """Return every stage of a method, in the order of its file. The file may name the model (`method`), or a different
+    method with the same stages (`same_as`).
 
     Raises:
-        UsageError: no recipe for the method.
+        UsageError: there is no recipe for the method.
     """
     if method not in trained_methods():
         raise unknown_name("method with a recipe", method, trained_methods())
@@ -197,16 +195,16 @@ def recipes_of(method: str) -> dict[str, Recipe]:
 
 @cache
 def trained_methods() -> list[str]:
-    """The methods that have recipes."""
+    """Return the methods that have recipes."""
     names = (entry.name for entry in files(__package__).joinpath(FOLDER).iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml") and name != f"{MIXES}.toml")
 
 
 def mix_parts(name: str) -> tuple[Part, ...]:
-    """The parts of a mix: by its name, or from a user's TOML file that holds `parts` as `recipes/mixes.toml` does.
+    """Return the parts of a mix, by name, or from a user's TOML file with `parts` as in `recipes/mixes.toml`.
 
     Raises:
-        UsageError: no such mix, or a file that cannot be read as one.
+        UsageError: there is no such mix, or the file is not a valid mix.
 
     >>> [(part.data, part.times) for part in mix_parts("ood")]
     [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
@@ -239,7 +237,7 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """Merge `own` over `common`, tables within them too, and keep all remarks of both."""
+    """Merge `own` over `common`, including nested tables, and keep all remarks of both."""
     tables = {key: {**common[key], **own[key]} for key in common if isinstance(common[key], dict) and key in own}
     remarks = {key: _remarks(common.get(key, ())) + _remarks(own.get(key, ())) for key in ("unverified", "differs")}
     return {**common, **own, **tables, **remarks}

@@ -1,4 +1,4 @@
-"""A user's request for a training: recipe, data, checkpoints and validation."""
+"""A user's request for a training run: recipe, data, checkpoints and validation."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ PAIRS_OF_VALIDATION = 20
 
 @dataclass(frozen=True)
 class DataPlan:
-    """What a training reads, and how.
+    """The data of a training run, and how they are read.
 
     Attributes:
-        sources: folders, see `open_part`.
-        corruptions: applied to training frames.
-        probability: that a pair is corrupted.
-        skip_bad: see `TrainingPairs`.
-        loaders: processes that prepare batches in advance.
+        sources: folders of data, see `open_part`.
+        corruptions: names of corruptions applied to training frames.
+        probability: probability that a pair is corrupted, 0..1.
+        skip_bad: whether to replace unreadable pairs, see `TrainingPairs`.
+        loaders: number of processes that prepare batches in advance.
     """
 
     sources: Sequence[str | Path] = ()
@@ -32,10 +32,10 @@ class DataPlan:
     loaders: int = 1
 
     def corruption(self, seed: int) -> CorruptionTransform | None:
-        """What corrupts the training frames; None for nothing.
+        """Return the corruption of the training frames; None for none.
 
         Raises:
-            UsageError: unknown corruptions, or an invalid probability.
+            UsageError: a corruption is unknown, or the probability is invalid.
         """
         if not self.corruptions:
             return None
@@ -44,11 +44,11 @@ class DataPlan:
 
 @dataclass(frozen=True)
 class Checkpoints:
-    """How often the weights are saved.
+    """The intervals at which weights are saved.
 
     Attributes:
-        every: updates between checkpoints, each of which replaces the last.
-        keep_every: updates between files of weights that are kept; None to keep none.
+        every: number of updates between checkpoints, each of which replaces the previous one.
+        keep_every: number of updates between files of weights that are kept; None to keep none.
     """
 
     every: int = 1000
@@ -57,14 +57,14 @@ class Checkpoints:
 
 @dataclass(frozen=True)
 class Validation:
-    """What the network is measured on while it is trained.
+    """The evaluation of the network during training.
 
     Attributes:
-        benchmark: its name.
-        data: its data, see `robustflow.evaluate`.
-        every: updates between validations; None for one at each checkpoint.
-        corruptions: besides the clean frames.
-        limit: use only so many of its pairs, spread evenly.
+        benchmark: name of the benchmark.
+        data: data of the benchmark, see `robustflow.evaluate`.
+        every: number of updates between validations; None for one at each checkpoint.
+        corruptions: corruptions to evaluate in addition to the clean frames.
+        limit: number of pairs to use, spread evenly; None for all.
     """
 
     benchmark: str
@@ -76,20 +76,20 @@ class Validation:
 
 @dataclass(frozen=True)
 class Request:
-    """A training as the user requests it.
+    """A training run requested by the user.
 
     Attributes:
-        recipe: with the user's changes.
-        data: what is read.
-        output: the training's folder.
-        start: a checkpoint to start from, or "random"; None for what the recipe starts from.
-        start_trained_on: what those weights were trained on, if their file does not say.
-        resume: continue from `last.pth`.
-        seed: of every draw.
-        device: as for `run --device`.
-        options: of the model.
-        checkpoints: when the weights are saved.
-        validation: what is measured on the way; None for nothing.
+        recipe: recipe with the user's changes.
+        data: data to read.
+        output: output folder of the training run.
+        start: checkpoint to start from, or "random"; None for the recipe's default.
+        start_trained_on: training sets of the initial weights, if their file does not contain this information.
+        resume: whether to continue from `last.pth`.
+        seed: seed of all random draws.
+        device: device as for `run --device`.
+        options: options of the model.
+        checkpoints: intervals at which weights are saved.
+        validation: validation during training; None for none.
     """
 
     recipe: Recipe
@@ -106,5 +106,5 @@ class Request:
 
     @property
     def validate_every(self) -> int | None:
-        """Updates between validations; None for none."""
+        """Return the number of updates between validations; None for no validation."""
         return None if self.validation is None else self.validation.every or self.checkpoints.every

@@ -1,4 +1,4 @@
-"""Set up a training from a user's request, and carry it out."""
+"""Set up and run training from a user's request."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from .validate import validator
 
 
 def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> Path:
-    """Train, from the start or from the last checkpoint, and return the path of the last checkpoint.
+    """Train from the start or from the last checkpoint, and return the path of the new last checkpoint.
 
     Args:
-        request: what to train.
-        stop: called after each update; True ends the training there, with a checkpoint.
+        request: request that describes the training run.
+        stop: function called after each update; training stops with a checkpoint if it returns True.
 
     Raises:
-        UsageError: parts that do not fit together, or a folder that holds another training.
-        DataError: data that are missing or cannot be read, or a folder that cannot be written.
-        ModelError: weights that cannot be loaded, or a loss that is not finite.
-        RunError: nothing to resume, or a different training.
+        UsageError: the options contradict each other, or the folder contains a different training run.
+        DataError: data are missing or cannot be read, or the folder cannot be written.
+        ModelError: weights cannot be loaded, or the loss is not finite.
+        RunError: there is no training run to resume, or it is a different one.
     """
     recipe, folder = request.recipe, user_path(request.output)
     parts = [open_part(part, request.data.sources) for part in mix_parts(recipe.mix)]
@@ -60,7 +60,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
     with this_process(request.device) as process:
         _check_process(recipe, process)
         start = RANDOM if request.resume else _start(request)
-        # Each process is one of the original's devices already.
+        # Each process already corresponds to one device of the original training.
         share = recipe.changed(devices=max(1, recipe.devices // process.world))
         model, network = load_network(share, start, str(process.device), dict(request.options), request.seed)
         identity = _identity(request, parts)
@@ -87,7 +87,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
 
 
 def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, TrainingProgress | None]:
-    """The last checkpoint's content if a training is resumed."""
+    """Return the last checkpoint's content if training is resumed."""
     refuse_links(folder, "validation", "tensorboard")
     if request.resume:
         return read_progress(folder / LAST)
@@ -106,7 +106,7 @@ def _load_state(
     """Load the last checkpoint's content.
 
     Raises:
-        ModelError: it does not fit the network or the optimiser.
+        ModelError: the content does not match the network or the optimiser.
     """
     try:
         network.load_weights(content["model"])
@@ -130,8 +130,7 @@ def _start(request: Request) -> str:
 
 
 def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
-    """The weights that a training starts from, and what they were trained on: names of training sets, None if
-    unknown."""
+    """Return the initial weights, and the names of their training sets, or None if unknown."""
     checkpoint = str(model.identity()["checkpoint"])
     if _start(request) == RANDOM and request.start_trained_on is None:
         return {"start": checkpoint, "start_trained_on": []}
@@ -140,7 +139,7 @@ def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
 
 
 def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None:
-    """What the weights will have been trained on, in the form of `--trained-on`; None if part of it is unknown."""
+    """Return all training sets of the final weights, in the form of `--trained-on`; None if some are unknown."""
     sets = list(seen or [])
     for part in parts:
         name = dataset_facts(part.dataset.name).training_set
@@ -152,7 +151,7 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
 
 
 def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
-    """What determines the weights, besides the initial ones."""
+    """Return everything that determines the weights, except the initial weights."""
     keys = ("\x1f".join((part.dataset.name, part.part.model_dump_json(), *part.keys)).encode() for part in parts)
     return {
         "recipe": request.recipe.digest(),

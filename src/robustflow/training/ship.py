@@ -1,4 +1,4 @@
-"""Write the weights of a training as the file that the package ships: `python -m robustflow.training.ship`."""
+"""Convert trained weights to a file for distribution with the package: `python -m robustflow.training.ship`."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .checkpoint import read_progress
 
 
 def ship_weights(checkpoint: Path, target: Path, command: str, commit: str) -> None:
-    """Write weights as safetensors, with what determined them.
+    """Write weights as safetensors, with the settings that determine them.
 
     Args:
-        checkpoint: `last.pth` of a training.
-        target: to write.
-        command: that made the training.
-        commit: of this project's code that the training ran with.
+        checkpoint: file `last.pth` of a training run.
+        target: path of the file to write.
+        command: command of the training run.
+        commit: commit of this project with which the weights were trained.
 
     Raises:
-        RunError, ModelError: no training there, or a damaged one.
+        RunError, ModelError: the checkpoint is missing or damaged.
     """
     content, about = read_progress(checkpoint)
     record = {

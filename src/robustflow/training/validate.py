@@ -1,4 +1,4 @@
-"""Validation during training: the project's own evaluation of the current network."""
+"""Validation during training: evaluate the current network with `robustflow.evaluate`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .request import Validation
 
 @dataclass(frozen=True)
 class _AtUpdate:
-    """The model in its current state; satisfies `FlowModel`."""
+    """The model in its current state; implements `FlowModel`."""
 
     model: NetworkModel
     updates: int
@@ -36,14 +36,14 @@ class _AtUpdate:
 
 
 def validator(model: NetworkModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:
-    """A function that measures the model on a benchmark after so many updates: `epe` on clean frames, and where
-    corruptions are named `cre` and `rcre`, in pixels.
+    """Return a function from the number of updates to the model's scores on a benchmark: `epe` on clean frames, and
+    `cre` and `rcre` if corruptions are given, in pixels.
 
-    Each validation is a separate run, `validation/update-N` in the folder of the training; an interrupted one starts
+    Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation starts
     again.
 
     Raises:
-        UsageError, DataError: see `robustflow.evaluate`.
+        UsageError, DataError: same as for `robustflow.evaluate`.
     """
     corruptions, limit = validation.corruptions, validation.limit
     chosen = open_benchmark(validation.benchmark, validation.data)

@@ -1,1 +1,1 @@
-"""Augmentation of training pairs, dense and sparse, as in RAFT: first drawn, then applied."""
+"""Augment training pairs, dense and sparse, as in RAFT: parameters are drawn first, then applied."""

@@ -1,7 +1,7 @@
-"""ARFlow's geometric transforms of a pair whose flow it has already predicted: both frames are moved, the second one a
-little further (Liu et al., CVPR 2020, Sec. 3.3; the transform is that of Hur and Roth, IRR, CVPR 2019).
+"""Apply ARFlow's geometric transforms to a pair with predicted flow: both frames are moved, the second one slightly
+further (Liu et al., CVPR 2020, Sec. 3.3, with the transform of Hur and Roth, IRR, CVPR 2019).
 
-A move is a 3x3 matrix over coordinates -1..1, from a frame's place to its place in the moved frame.
+A move is a 3x3 matrix that maps coordinates of a frame, -1..1, to coordinates of the moved frame.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ _ATTEMPTS = 10_000
 
 
 class Moves(NamedTuple):
-    """One draw: what happens to frame 1 and to frame 2."""
+    """One draw: the transforms of frame 1 and frame 2."""
 
     first: Matrix
     second: Matrix
 
 
 def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
-    """Draw both moves so that the moved frames of `shape` (H, W) have no pixel from outside.
+    """Draw both moves so that the moved frames of `shape` (H, W) contain no pixels from outside the frames.
 
     Raises:
-        UsageError: settings that almost never allow that.
+        UsageError: the settings almost never allow such a move.
     """
     of_both = (settings.translation, settings.zoom, settings.squeeze, settings.rotation)
     rotation = settings.relative_rotation
@@ -55,7 +55,7 @@ def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
 
 
 def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
-    """Move each map of (N, C, H, W), sampled bilinearly, 0 where it comes from outside."""
+    """Move each map (N, C, H, W) with bilinear sampling; pixels from outside are 0."""
     height, width = maps.shape[2:]
     back = _tensor([np.linalg.inv(move) for move in moves], maps)
     grid = F.affine_grid(back, [len(moves), 1, height, width], align_corners=True)
@@ -65,7 +65,7 @@ def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
 
 
 def moved_flow(flow: Tensor, moves: list[Moves]) -> Tensor:
-    """The flow (N, 2, H, W), in pixels, between the moved frames.
+    """Return the flow between the moved frames, (N, 2, H, W), in pixels.
 
     >>> flow = torch.full((1, 2, 4, 6), 0.5)
     >>> mirrored = np.diag([-1.0, 1.0, 1.0])
@@ -87,7 +87,7 @@ def _inside(
     rotation: Range,
     shape: tuple[int, int],
 ) -> Matrix:
-    """`before` and a move drawn after it, drawn again until the corners of the result come from within the frame."""
+    """Draw a move and apply it after `before`, until the corners of the result come from inside the frame."""
     for _ in range(_ATTEMPTS):
         larger, wider = rng.uniform(*zoom), rng.uniform(*squeeze)
         x, y = (rng.uniform(-translation / 2, translation / 2) for _ in range(2))
@@ -105,7 +105,7 @@ def _inside(
 
 
 def _applied(moves: Tensor, points: Tensor) -> Tensor:
-    """Points (N, 2, H, W) in pixels, moved by (N, 2, 3)."""
+    """Move points (N, 2, H, W), in pixels, by matrices (N, 2, 3)."""
     height, width = points.shape[2:]
     half = points.new_tensor([(width - 1) / 2, (height - 1) / 2]).view(1, 2, 1, 1)
     turned = torch.einsum("nij,njhw->nihw", moves[:, :, :2], points / half - 1) + moves[:, :, 2, None, None]

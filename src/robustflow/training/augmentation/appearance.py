@@ -1,4 +1,4 @@
-"""Changed colours and blur for ARFlow's second pass, drawn and applied (Liu et al., CVPR 2020)."""
+"""Draw and apply colour changes and blur for ARFlow's second pass (Liu et al., CVPR 2020)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _BLURRED = 0.5
 
 
 class Look(NamedTuple):
-    """One draw, for both frames.
+    """One draw for both frames.
 
     Attributes:
-        jitter: of the colours; operations without strength are left out of its order.
-        blur: radius in pixels, 0 for none.
-        gamma: exponent of values 0..1.
+        jitter: colour jitter; operations with zero strength are omitted from its order.
+        blur: radius in pixels; 0 for none.
+        gamma: exponent applied to values in 0..1.
     """
 
     jitter: Jitter
@@ -31,7 +31,7 @@ class Look(NamedTuple):
 
 
 def draw_look(rng: Rng, settings: Appearance) -> Look:
-    """Draw the change as ARFlow does.
+    """Draw the change as in ARFlow.
 
     >>> draw_look(Rng.of("example"), Appearance()).jitter.order
     ('brightness',)
@@ -44,7 +44,7 @@ def draw_look(rng: Rng, settings: Appearance) -> Look:
 
 
 def apply_look(frame: Frame, look: Look) -> Frame:
-    """The changed frame; RGB uint8 (H, W, 3), a new array. The blur is Pillow's, as in the original."""
+    """Return the changed frame, RGB uint8 (H, W, 3), as a new array. The blur is Pillow's, as in the original."""
     changed = apply_jitter(frame, look.jitter)
     if look.blur > 0:
         changed = np.array(Image.fromarray(changed).filter(ImageFilter.GaussianBlur(look.blur)))

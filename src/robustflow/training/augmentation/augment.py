@@ -1,4 +1,4 @@
-"""A training pair, augmented: everything is drawn first, from one stream, and then applied."""
+"""Augment a training pair: all parameters are drawn first, from one random stream, and then applied."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .jitter import DENSE, SPARSE, Jitter, apply_jitter, draw_jitter
 _ASYMMETRIC = 0.2
 """Probability of a separate jitter for each frame of a dense pair."""
 _EVEN = 0.5
-"""Probability of a flip, and of an exchange of the frames, where there are no labels."""
+"""Probability of a flip, and of swapping the frames, for training without labels."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class Augmentation:
     """One draw.
 
     Attributes:
-        jitters: one for both frames, or one for each; none for frames whose colours stay.
-        rectangles: erased from the second frame.
-        geometry: scale, flips, crop.
-        crop: (H, W).
-        sparse: how the flow is scaled.
-        swapped: the frames are exchanged at the end, and the truth is lost.
+        jitters: one jitter for both frames, or one for each; empty for unchanged colours.
+        rectangles: rectangles erased from the second frame.
+        geometry: scale, flips and crop position.
+        crop: size (H, W) of the crop, in pixels.
+        sparse: whether the flow is scaled as sparse ground truth.
+        swapped: whether the frames are swapped at the end, without ground truth.
     """
 
     jitters: tuple[Jitter, ...]
@@ -42,10 +42,10 @@ class Augmentation:
 
 
 def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """Draw the augmentation of a pair in this part of a mix; `shape` and `crop` are (H, W).
+    """Draw the augmentation of a pair for a part of a mix; `shape` and `crop` are (H, W), in pixels.
 
     Raises:
-        DataError: frames smaller than a crop that is cut out of them.
+        DataError: the frames are smaller than the crop.
     """
     if part.augmentation in ("stretched", "cropped"):
         return _draw_plain(rng, part, shape, crop)
@@ -62,7 +62,7 @@ def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[
 
 
 def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """Stretched to the crop's size, or cropped anywhere; flipped and exchanged (ARFlow, UPFlow)."""
+    """Draw stretching to the crop's size or a random crop, flips, and a swap of the frames (ARFlow, UPFlow)."""
     scale, top, left = None, 0, 0
     if part.augmentation == "stretched":
         scale = (crop[1] / shape[1], crop[0] / shape[0])
@@ -82,16 +82,16 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
 def apply_augmentation(
     frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
 ) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Augment a pair with labels for the network.
+    """Augment a labelled pair for the network.
 
     Args:
-        frames: RGB uint8 (H, W, 3).
-        flow: float32 (H, W, 2), pixels.
-        valid: bool (H, W).
-        drawn: from `draw_augmentation`, for frames of this size.
+        frames: RGB frames, each uint8 (H, W, 3).
+        flow: ground truth, float32 (H, W, 2), in pixels.
+        valid: mask of valid pixels, bool (H, W).
+        drawn: augmentation from `draw_augmentation`, for frames of this size.
 
     Returns:
-        Frames, flow and mask of the crop's size; new arrays.
+        Frames, flow and mask of the crop's size, as new arrays.
     """
     first, second = _jittered(frames, drawn.jitters)
     second = erase(second, drawn.rectangles)
@@ -105,7 +105,7 @@ def apply_augmentation(
 
 
 def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[Frame, Frame]:
-    """Augment the frames of a pair without cropping them: the crop starts at the geometry's top and left."""
+    """Augment the frames of a pair without cropping; the crop starts at `top` and `left` of the geometry."""
     first, second = _jittered(frames, drawn.jitters)
     second = erase(second, drawn.rectangles)
     shape = first.shape[:2]
@@ -118,7 +118,7 @@ def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[F
 
 
 def augmented_truth(flow: Flow, valid: Mask, drawn: Augmentation) -> tuple[Flow, Mask]:
-    """Flow and mask of the crop; without a valid pixel where the frames were exchanged."""
+    """Return flow and mask of the crop; no pixel is valid if the frames were swapped."""
     warp = warp_sparse if drawn.sparse else warp_dense
     flow, valid = warp(flow, valid, drawn.geometry, drawn.crop)
     return flow, np.zeros_like(valid) if drawn.swapped else valid
@@ -129,6 +129,6 @@ def _jittered(frames: tuple[Frame, Frame], jitters: tuple[Jitter, ...]) -> tuple
         return frames
     if len(jitters) == 2:
         return apply_jitter(frames[0], jitters[0]), apply_jitter(frames[1], jitters[1])
-    both = apply_jitter(np.concatenate(frames), jitters[0])  # stacked: contrast takes the mean of both
+    both = apply_jitter(np.concatenate(frames), jitters[0])  # stacked, because contrast uses the mean of both frames
     height = frames[0].shape[0]
     return both[:height], both[height:]

@@ -1,4 +1,4 @@
-"""The eraser: rectangles of the second frame filled with its mean colour, which simulate occlusion (RAFT)."""
+"""Erase rectangles of the second frame, filling them with its mean colour, to simulate occlusion (RAFT)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ...sample import Frame
 
 _PROBABILITY = 0.5
 _SIDES = (50, 100)
-"""Range of a side in pixels, without the upper end."""
+"""Range of a side in pixels, excluding the upper end."""
 
 
 class Rectangle(NamedTuple):
-    """Pixels; it may end outside the frame."""
+    """A rectangle in pixels; it may extend beyond the frame."""
 
     left: int
     top: int
@@ -24,7 +24,7 @@ class Rectangle(NamedTuple):
 
 
 def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
-    """Draw no rectangle, or with probability 1/2 one or two, anywhere in a frame of `shape` (H, W)."""
+    """Draw one or two rectangles with probability 1/2, and otherwise none, anywhere in a frame of `shape` (H, W)."""
     if rng.uniform() >= _PROBABILITY:
         return ()
     height, width = shape
@@ -35,10 +35,10 @@ def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
 
 
 def erase(frame: Frame, rectangles: tuple[Rectangle, ...]) -> Frame:
-    """The frame with the rectangles filled; the frame itself if there are none."""
+    """Return the frame with the rectangles filled; the frame itself if there are none."""
     if not rectangles:
         return frame
-    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as an assignment to uint8 does
+    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, like an assignment to uint8
     erased = frame.copy()
     for left, top, width, height in rectangles:
         erased[top : top + height, left : left + width] = colour

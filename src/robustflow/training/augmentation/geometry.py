@@ -1,4 +1,4 @@
-"""Scaling, flipping and cropping of a training pair: what is drawn, and how it is applied to dense and sparse truth."""
+"""Scale, flip and crop a training pair: draw the parameters, and apply them to dense and sparse ground truth."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ _SCALED = 0.8
 """Probability of scaling at all."""
 _STRETCHED = 0.8
 _STRETCH = 0.2
-"""Largest stretch of one axis, a power of two."""
+"""Largest stretch of one axis, as a power of two."""
 _FLIPPED = (0.5, 0.1)
 """Probability of flipping left-right and upside down."""
 _MARGIN = {"dense": 8, "sparse": 1}
-"""Pixels by which a scaled frame is at least larger than the crop."""
+"""Minimum difference between the size of a scaled frame and the crop, in pixels."""
 _OVERHANG = (20, 50)
 """Rows and columns by which the crop of a sparse pair may be drawn beyond the frame before it is moved back inside, so
-that the borders are seen more often."""
+that crops include the borders more often."""
 
 
 class Geometry(NamedTuple):
     """One draw.
 
     Attributes:
-        scale: factors (x, y), or None for frames that keep their size.
-        mirrored, upside_down: flips.
-        top, left: of the crop in the scaled, flipped frame.
+        scale: factors (x, y); None to keep the size.
+        mirrored, upside_down: whether the frames are flipped horizontally and vertically.
+        top, left: position of the crop in the scaled and flipped frame, in pixels.
     """
 
     scale: tuple[float, float] | None
@@ -49,17 +49,17 @@ def draw_geometry(
     flip: bool,
     sparse: bool,
 ) -> Geometry:
-    """Draw the geometry as RAFT does for dense and for sparse ground truth.
+    """Draw the geometry as in RAFT, for dense or sparse ground truth.
 
-    Frames smaller than the crop are always scaled; the original fails on them, and has none.
+    Frames smaller than the crop are always scaled; the original code has no such frames and would fail.
 
     Args:
-        rng: the stream.
-        shape: (H, W) of the frames.
-        crop: (H, W) of what the network sees.
-        log2_scale: range of the power of two by which frames are scaled.
-        flip: whether frames are flipped; sparse ones only left-right.
-        sparse: whether the truth is sparse: then no stretch, and crops that reach the borders more often.
+        rng: random number generator.
+        shape: size (H, W) of the frames, in pixels.
+        crop: size (H, W) of the network's input, in pixels.
+        log2_scale: range of the base-2 logarithm of the scale.
+        flip: whether frames are flipped; sparse pairs are only flipped horizontally.
+        sparse: whether the ground truth is sparse; then there is no stretch, and crops reach the borders more often.
     """
     height, width = shape
     margin = _MARGIN["sparse" if sparse else "dense"]
@@ -85,12 +85,13 @@ def draw_geometry(
 
 
 def scaled_size(shape: tuple[int, int], scale: tuple[float, float]) -> tuple[int, int]:
-    """(W, H) of frames of `shape` (H, W) after scaling by (x, y): rounded to even halves, as OpenCV and Python do."""
+    """Return the size (W, H) of frames of `shape` (H, W) after scaling by (x, y), rounded half to even as in OpenCV and
+    Python."""
     return round(shape[1] * scale[0]), round(shape[0] * scale[1])
 
 
 def warp_frame(frame: Frame, geometry: Geometry, crop: tuple[int, int]) -> Frame:
-    """A frame scaled (bilinear, half-pixel centres), flipped and cropped; a new array, RGB uint8 (*crop, 3)."""
+    """Scale (bilinear, half-pixel centres), flip and crop a frame; return a new array, RGB uint8 (*crop, 3)."""
     if geometry.scale is not None:
         x, y = geometry.scale
         frame = cv2.resize(frame, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)
@@ -98,7 +99,8 @@ def warp_frame(frame: Frame, geometry: Geometry, crop: tuple[int, int]) -> Frame
 
 
 def without_border(frame: Frame, border: int) -> Frame:
-    """A frame without `border` pixels on each side, enlarged to its size again as `warp_frame` scales; a new array.
+    """Remove `border` pixels on each side of a frame and enlarge it to its original size, with the scaling of
+    `warp_frame`; return a new array.
 
     >>> without_border(np.arange(8, dtype=np.uint8).repeat(24).reshape(8, 8, 3), 2)[:, 0, 0].tolist()
     [2, 2, 3, 3, 4, 4, 5, 5]
@@ -109,8 +111,8 @@ def without_border(frame: Frame, border: int) -> Frame:
 
 
 def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int]) -> tuple[Flow, Mask]:
-    """Warp dense flow, its vectors scaled and flipped with the frames. A pixel is valid if all four that it is
-    interpolated from are."""
+    """Warp dense flow, scaling and flipping its vectors with the frames. A pixel is valid if all four pixels from which
+    it is interpolated are valid."""
     if geometry.scale is not None:
         x, y = geometry.scale
         flow = cv2.resize(flow, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)
@@ -124,8 +126,8 @@ def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int
 
 
 def warp_sparse(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int]) -> tuple[Flow, Mask]:
-    """Warp sparse flow: each valid point moves to the pixel nearest to its new position; those that land in the first
-    row or column, or outside, are lost, as in the original."""
+    """Warp sparse flow: each valid point moves to the pixel nearest to its new position. Points in the first row or
+    column, or outside the frame, are lost, as in the original."""
     if geometry.scale is not None:
         width, height = scaled_size(flow.shape[:2], geometry.scale)
         flow, valid = _moved(np.ascontiguousarray(flow), valid, *geometry.scale, height, width)
@@ -133,7 +135,7 @@ def warp_sparse(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, in
 
 
 def _placed(array: Any, geometry: Geometry, crop: tuple[int, int]) -> Any:
-    """Flipped and cropped; a view."""
+    """Return a flipped and cropped view."""
     if geometry.mirrored:
         array = array[:, ::-1]
     if geometry.upside_down:
@@ -142,7 +144,7 @@ def _placed(array: Any, geometry: Geometry, crop: tuple[int, int]) -> Any:
 
 
 def _turned(flow: Flow, geometry: Geometry) -> Flow:
-    """The signs of vectors in flipped frames; a new array."""
+    """Flip the signs of vectors in flipped frames; return a new array."""
     signs = [-1 if geometry.mirrored else 1, -1 if geometry.upside_down else 1]
     return np.ascontiguousarray(flow * np.array(signs, np.float32))
 

@@ -1,5 +1,5 @@
-"""Colour jitter: brightness, contrast, saturation and hue in random order, byte for byte as torchvision's `ColorJitter`
-does it on Pillow images, which RAFT and its successors were trained with."""
+"""Colour jitter: brightness, contrast, saturation and hue in random order, byte-identical to torchvision's
+`ColorJitter` on Pillow images, with which RAFT and its successors were trained."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OPERATIONS = ("brightness", "contrast", "saturation", "hue")
 
 
 class Strength(NamedTuple):
-    """How far a jitter may go: factors from 1 - x to 1 + x, the hue by -x to x turns of the colour circle."""
+    """Strength of a jitter: factors from 1 - x to 1 + x, and a hue shift from -x to x turns of the colour circle."""
 
     brightness: float
     contrast: float
@@ -31,7 +31,7 @@ SPARSE = Strength(0.3, 0.3, 0.3, 0.3 / 3.14)
 
 
 class Jitter(NamedTuple):
-    """One draw: the factors, the turn of the hue, and the order of the four operations."""
+    """One draw: the factors, the hue shift, and the order of the four operations."""
 
     brightness: float
     contrast: float
@@ -41,7 +41,7 @@ class Jitter(NamedTuple):
 
 
 def draw_jitter(rng: Rng, strength: Strength) -> Jitter:
-    """Each factor uniform within its strength, every order as likely.
+    """Draw each factor uniformly within its strength, and a uniformly random order.
 
     >>> draw_jitter(Rng.of("example"), DENSE)._fields
     ('brightness', 'contrast', 'saturation', 'hue', 'order')
@@ -56,7 +56,7 @@ def draw_jitter(rng: Rng, strength: Strength) -> Jitter:
 
 
 def apply_jitter(image: Frame, jitter: Jitter) -> Frame:
-    """Change the colours of an image; RGB uint8 (H, W, 3), a new array."""
+    """Change the colours of an image; return a new array, RGB uint8 (H, W, 3)."""
     image = np.ascontiguousarray(image)
     for operation in jitter.order:
         if operation == "brightness":
@@ -71,16 +71,16 @@ def apply_jitter(image: Frame, jitter: Jitter) -> Frame:
 
 
 def _mixed_with(image: Frame, grey: int, factor: float) -> Frame:
-    """Pillow's `blend` of a flat grey and the image."""
+    """Compute Pillow's `blend` of a uniform grey and the image."""
     values = np.arange(256, dtype=np.float32)
     mixed = np.float32(grey) + np.float32(factor) * (values - np.float32(grey))
-    table: npt.NDArray[np.uint8] = np.clip(mixed, 0, 255).astype(np.uint8)  # truncates, as Pillow
+    table: npt.NDArray[np.uint8] = np.clip(mixed, 0, 255).astype(np.uint8)  # truncates like Pillow
     return cv2.LUT(image, table)
 
 
 @njit(cache=True, nogil=True)
 def _grey(red: Any, green: Any, blue: Any) -> Any:
-    """Pillow's luma (ITU-R 601-2) in 16 bits of fraction."""
+    """Compute Pillow's luma (ITU-R 601-2) with 16 fractional bits."""
     return (np.int32(red) * 19595 + np.int32(green) * 38470 + np.int32(blue) * 7471 + 0x8000) >> 16
 
 
@@ -107,7 +107,7 @@ def _saturated(image: Any, factor: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _turned(image: Any, turn: Any, hues: Any, saturations: Any) -> Any:
-    """Convert to HSV in 8 bits as Pillow does, shift the hue by `turn` of 256 steps, and convert back."""
+    """Convert to 8-bit HSV as in Pillow, shift the hue by `turn` of 256 steps, and convert back."""
     out = np.empty_like(image)
     pixels, result = image.reshape(-1, 3), out.reshape(-1, 3)
     for i in range(pixels.shape[0]):
@@ -151,15 +151,15 @@ def _turned(image: Any, turn: Any, hues: Any, saturations: Any) -> Any:
 
 @cache
 def _hues() -> npt.NDArray[np.uint8]:
-    """Pillow's 8-bit hue of a colour, uint8 (6, 256, 256): by the order of the channels, and how far the middle and the
-    smallest are below the largest."""
+    """Return a table of Pillow's 8-bit hue, uint8 (6, 256, 256), indexed by the order of the channels and the
+    differences of the median and the smallest channel from the largest."""
     below, spread = np.meshgrid(np.arange(256, dtype=np.float32), np.arange(256, dtype=np.float32), indexing="ij")
-    spread[:, 0] = 1  # grey has no hue and is never looked up
+    spread[:, 0] = 1  # grey has no hue and is never looked up in the table
     third, one = np.float64(below / spread), 1.0
     tables = [
-        *(one - third, third - one),  # red is largest: blue's distance less green's
-        *(2.0 + one - third, 2.0 + third - one),  # green: 2 + red's less blue's
-        *(4.0 + one - third, 4.0 + third - one),  # blue: 4 + green's less red's
+        *(one - third, third - one),  # red is largest: difference of blue minus difference of green
+        *(2.0 + one - third, 2.0 + third - one),  # green: 2 + difference of red minus difference of blue
+        *(4.0 + one - third, 4.0 + third - one),  # blue: 4 + difference of green minus difference of red
     ]
     hue = np.fmod(np.stack(tables).astype(np.float32).astype(np.float64) / 6.0 + 1.0, 1.0).astype(np.float32)
     return np.clip((hue.astype(np.float64) * 255.0).astype(np.int64), 0, 255).astype(np.uint8)
@@ -167,7 +167,7 @@ def _hues() -> npt.NDArray[np.uint8]:
 
 @cache
 def _saturations() -> npt.NDArray[np.uint8]:
-    """Pillow's 8-bit saturation by spread and largest channel, uint8 (256, 256)."""
+    """Return a table of Pillow's 8-bit saturation, uint8 (256, 256), indexed by range and largest channel."""
     spread, most = np.meshgrid(np.arange(256, dtype=np.float32), np.arange(256, dtype=np.float32), indexing="ij")
     most[:, 0] = 1
     return np.clip(((spread / most).astype(np.float64) * 255.0).astype(np.int64), 0, 255).astype(np.uint8)

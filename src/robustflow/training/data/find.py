@@ -26,17 +26,18 @@ _FOLDERS = {
     "kitti_raw": ("kittiraw", "rawdata"),
     "folder": ("frames", "sintelraw"),
 }
-"""Folder names of data sets, in lower-case letters and digits; others are looked for under the data set's name."""
+"""Folder names of data sets, in lower-case letters and digits; the other data sets are searched under their own
+names."""
 
 
 @dataclass(frozen=True)
 class OpenPart:
-    """A part of a mix with its data.
+    """A part of a mix, with its data set.
 
     Attributes:
-        part: what the mix says.
-        dataset: opened.
-        keys: of the pairs to train on.
+        part: the part as defined in the mix.
+        dataset: opened data set.
+        keys: keys of the training pairs.
     """
 
     part: Part
@@ -44,12 +45,12 @@ class OpenPart:
     keys: tuple[str, ...]
 
     def __len__(self) -> int:
-        """Number of pairs in an epoch."""
+        """Return the number of pairs in an epoch."""
         return len(self.keys) * self.part.times
 
 
 def needs_data(recipe: Recipe) -> bool:
-    """Whether any part of a recipe's mix is read from a folder of the user's.
+    """Return whether any part of a recipe's mix is read from a user's folder.
 
     >>> from robustflow.training.recipe import load_recipe
     >>> needs_data(load_recipe("raft", "ood")), needs_data(load_recipe("tiny", "shapes"))
@@ -62,12 +63,12 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
     """Find and open a part's data set.
 
     Args:
-        part: of a mix.
-        data: folders that hold data sets, or are one; or "NAME=FOLDER" for one data set.
+        part: part of a mix.
+        data: folders of data sets or their parent folders, or "NAME=FOLDER" for one data set.
 
     Raises:
-        DataError: it is not found, or has another layout; the expected folders are named.
-        UsageError: "NAME=FOLDER" with a name that no data set has.
+        DataError: the data set is not found, or has a different layout; the message names the expected folders.
+        UsageError: the name in "NAME=FOLDER" is not a data set.
     """
     named, roots = _parted(data)
     folder = named.get(part.data)
@@ -114,7 +115,7 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
             reasons.append(f"{root}: no such folder")
             continue
         candidates = [child for child in sorted(root.iterdir()) if child.is_dir() and _plain(child.name) in names]
-        anything = part.data == "folder"  # any folder of pictures would fit: do not take the first one
+        anything = part.data == "folder"  # any folder of pictures would match, so do not use the first one
         for folder in candidates if anything else [*candidates, root]:
             try:
                 return load_dataset(part.data, folder, **part.options)

@@ -1,4 +1,4 @@
-"""Batches of a training, from a given step on, prepared in advance by worker processes."""
+"""Load training batches from a given step on, prepared in advance by worker processes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .pairs import TrainingPair, TrainingPairs, Whole
 
 @dataclass(frozen=True)
 class WholeFrames:
-    """The frames from which the pairs of a batch were cropped, stacked, padded with zeros at the right and below.
+    """The uncropped frames of a batch, stacked and zero-padded on the right and at the bottom.
 
     Attributes:
-        image1, image2: float32 (B, 3, H', W'), RGB 0..255.
-        corners: float32 (B, 2), x and y of each crop's first pixel.
-        sizes: float32 (B, 2), width and height of each frame.
+        image1, image2: RGB frames, float32 (B, 3, H', W'), 0..255.
+        corners: x and y of each crop's first pixel, float32 (B, 2), in pixels.
+        sizes: width and height of each frame, float32 (B, 2), in pixels.
     """
 
     image1: Tensor
@@ -39,7 +39,7 @@ class WholeFrames:
         return WholeFrames(*(value.to(device, non_blocking=True) for value in parts))
 
     def crops(self, height: int, width: int) -> tuple[Tensor, Tensor]:
-        """The crops of both frames, (B, 3, height, width)."""
+        """Return the crops of both frames, (B, 3, height, width)."""
         both = torch.stack((self.image1, self.image2), dim=1)
         corners = self.corners.long().tolist()
         cut = [frames[..., y : y + height, x : x + width] for frames, (x, y) in zip(both, corners, strict=True)]
@@ -49,16 +49,17 @@ class WholeFrames:
 
 @dataclass(frozen=True)
 class Batch:
-    """Pairs that go through the network together.
+    """The pairs of a batch.
 
     Attributes:
-        image1, image2: float32 (B, 3, H, W), RGB 0..255.
-        flow: float32 (B, 2, H, W), pixels.
-        valid: float32 (B, H, W), 0 or 1.
-        names: of the pairs.
-        time: from which the ground truth is denoised, 0 (clean) to 999 (noise); None if the loss does not denoise.
-        noise: for that, standard normal, (B, 2, H / 8, W / 8).
-        whole, plain, changed: see `TrainingPair`.
+        image1, image2: RGB frames, float32 (B, 3, H, W), 0..255.
+        flow: ground truth, float32 (B, 2, H, W), in pixels.
+        valid: mask of valid pixels, float32 (B, H, W), 0 or 1.
+        names: names of the pairs.
+        time: noise step from which the ground truth is denoised, 0 (clean) to 999 (noise); None if the loss does not
+            denoise.
+        noise: standard normal noise for denoising, float32 (B, 2, H / 8, W / 8); None if the loss does not denoise.
+        whole, plain, changed: stacked fields of `TrainingPair`.
     """
 
     image1: Tensor
@@ -91,12 +92,12 @@ class Batch:
 
 @dataclass(frozen=True)
 class Share:
-    """Which pairs of each batch a process computes: every process the same number, consecutively.
+    """The pairs of each batch that a process computes: every process has the same number of consecutive pairs.
 
     Attributes:
-        batch: pairs of a step, over all processes; a multiple of `world`.
-        rank: of this process.
-        world: processes.
+        batch: number of pairs of a step over all processes, a multiple of `world`.
+        rank: rank of this process.
+        world: number of processes.
     """
 
     batch: int
@@ -104,7 +105,7 @@ class Share:
     world: int = 1
 
     def positions(self, step: int) -> list[int]:
-        """The positions of this process's pairs of a step.
+        """Return the positions of this process's pairs in a step.
 
         >>> Share(6, rank=1, world=2).positions(10)
         [63, 64, 65]
@@ -115,13 +116,13 @@ class Share:
 
 
 def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> Iterator[Batch]:
-    """The batches of some steps, in order.
+    """Yield the batches of some steps, in order.
 
     Args:
-        pairs: of the training.
-        share: of this process.
-        steps: from the first to the last.
-        workers: processes that read and augment in advance; with 0 this process does.
+        pairs: training pairs.
+        share: share of this process.
+        steps: range of steps, in order.
+        workers: number of processes that read and augment in advance; 0 to do this in the current process.
     """
     loader = DataLoader(
         _Positions(pairs),
@@ -139,8 +140,8 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Wraps everything that happens while workers live: PyTorch may notice at any moment that one is gone, even while a
-    log is closed because of that.
+    """Wrap all code that runs while workers are alive: PyTorch may detect at any time that a worker died, even while a
+    log is being closed for this reason.
 
     Raises:
         RunError: a worker was killed.
@@ -148,7 +149,7 @@ def workers_watched() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if not (_tells_of_a_worker(error) or isinstance(error, ConnectionError | EOFError)):  # a batch it was sending
+        if not (_tells_of_a_worker(error) or isinstance(error, ConnectionError | EOFError)):  # the worker's last batch
             raise
         raise RunError(
             "a process that reads training pairs was killed, as happens when memory or /dev/shm is full; "
@@ -157,8 +158,8 @@ def workers_watched() -> Iterator[None]:
 
 
 def _tells_of_a_worker(error: BaseException | None) -> bool:
-    """Whether this error or its cause is PyTorch's about a worker: if it is raised while a checkpoint is written, an
-    error about the unfinished file follows."""
+    """Return whether an error or its cause is PyTorch's error about a worker: if raised while a checkpoint is written,
+    it is followed by an error about the unfinished file."""
     while error is not None:
         if isinstance(error, RuntimeError) and "DataLoader worker" in str(error):
             return True
@@ -175,7 +176,7 @@ class _Positions(Dataset[TrainingPair]):
 
 
 class _Steps:
-    """The batch sampler of a `DataLoader`: the positions of one step after the other."""
+    """The batch sampler of a `DataLoader`: yields the positions of each step."""
 
     def __init__(self, share: Share, steps: range) -> None:
         self._share = share
@@ -225,7 +226,7 @@ def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
 
 
 def _quiet_worker(number: int) -> None:
-    # Ctrl-C and a scheduler's signal reach every process of a training; its main process decides when it ends.
+    # Ctrl-C and a scheduler's signal reach every process of a training run; the main process decides when to stop.
     for sent in (signal.SIGINT, signal.SIGTERM):
         signal.signal(sent, signal.SIG_IGN)
     cv2.setNumThreads(1)

@@ -1,8 +1,7 @@
-"""The order of the pairs, which depends only on the seed and the position.
+"""Define the order of the pairs, which depends only on the seed and the position.
 
-A position counts the pairs of a training from 0: step t, place i of a batch of n is position t * n + i. Neither the
-number of loader workers or processes nor the point at which a training was resumed can change which pair is at a
-position.
+Positions count the pairs of a training run from 0: step t, place i of a batch of n is position t * n + i. The pair at a
+position does not depend on the number of loader workers or processes, or on when a training run was resumed.
 """
 
 from __future__ import annotations
@@ -17,16 +16,16 @@ from ...random.rng import Rng
 
 
 class Order:
-    """Every pair once per epoch, shuffled; an incomplete last update of an epoch is left out, as by a loader with
+    """Shuffle the pairs, each once per epoch; an incomplete last update of an epoch is omitted, as in a loader with
     `drop_last`.
 
     Args:
-        count: places in an epoch.
-        block: pairs of one update.
-        seed: of the shuffle.
+        count: number of places in an epoch.
+        block: number of pairs of one update.
+        seed: seed of the shuffle.
 
     Raises:
-        UsageError: fewer places than one update takes.
+        UsageError: there are fewer places than one update needs.
 
     >>> order = Order(count=7, block=3, seed=1)
     >>> first = [order.place(position) for position in range(6)]
@@ -44,15 +43,15 @@ class Order:
         self._each = count - count % block
 
     def epoch(self, position: int) -> int:
-        """The epoch of a position."""
+        """Return the epoch of a position."""
         return position // self._each
 
     def place(self, position: int, attempt: int = 0) -> int:
-        """The place in an epoch, 0 to `count` - 1, that comes at a position.
+        """Return the place in the epoch, 0 to `count` - 1, for a position.
 
         Args:
-            position: from 0.
-            attempt: 0; from 1 on, the replacement for a pair that cannot be read.
+            position: position in the training run, from 0.
+            attempt: 0 for the pair itself; 1 or more for the replacement of an unreadable pair.
         """
         if attempt:
             return Rng.of(self.seed, "replacement", position, attempt).integer(0, self.count)

@@ -1,4 +1,4 @@
-"""The pairs of a training by position: read, augmented, as arrays."""
+"""Read and augment the training pairs by position, as arrays."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from .find import OpenPart
 from .order import Order
 
 _LONGEST = 1000.0
-"""Pixels: where a component of a dense pair's truth is this large, it is not valid (RAFT)."""
+"""Limit of a flow component in pixels; dense ground truth at or above it is invalid (RAFT)."""
 _ATTEMPTS = 20
-"""Unreadable pairs in a row after which training stops."""
+"""Number of consecutive unreadable pairs after which training stops."""
 
 
 class Whole(NamedTuple):
-    """The frames from which a crop was taken.
+    """The uncropped frames of a pair.
 
     Attributes:
-        frame1, frame2: float32 (3, H', W'), RGB 0..255.
-        corner: (x, y) of the crop's first pixel in them.
+        frame1, frame2: RGB frames, float32 (3, H', W'), 0..255.
+        corner: coordinates (x, y) of the crop's first pixel in the frames, in pixels.
     """
 
     frame1: npt.NDArray[np.float32]
@@ -49,17 +49,17 @@ class Whole(NamedTuple):
 
 
 class TrainingPair(NamedTuple):
-    """A pair as it is given to the network.
+    """A pair as network input.
 
     Attributes:
-        frame1, frame2: float32 (3, H, W), RGB 0..255.
-        flow: float32 (2, H, W), pixels.
-        valid: float32 (H, W), 1 where the truth is known.
-        name: data set and key.
-        whole: what the crop was cut from, for UPFlow and BrightFlow; else None.
-        plain: the same frames before any change of colour, corruption or erasing, for BrightFlow; else None.
-        changed: the frames of a second pass: in changed colours (ARFlow), or without their border and enlarged to the
-            crop's size again (BrightFlow); else None.
+        frame1, frame2: RGB frames, float32 (3, H, W), 0..255.
+        flow: ground truth, float32 (2, H, W), in pixels.
+        valid: mask of valid pixels, float32 (H, W), 0 or 1.
+        name: data set and key of the pair.
+        whole: uncropped frames, for UPFlow and BrightFlow; otherwise None.
+        plain: cropped frames without changes of colour, corruption or erasing, for BrightFlow; otherwise None.
+        changed: frames of the second pass, with changed colours (ARFlow), or with the border removed and enlarged to
+            the crop's size (BrightFlow); otherwise None.
     """
 
     frame1: npt.NDArray[np.float32]
@@ -73,17 +73,17 @@ class TrainingPair(NamedTuple):
 
 
 class TrainingPairs:
-    """A mix of data as one sequence of augmented pairs, which a torch `DataLoader` takes as its data set.
+    """A mix of data as one sequence of augmented pairs, used as the data set of a torch `DataLoader`.
 
     Args:
-        parts: of the mix, opened.
-        order: which pair comes at a position.
-        crop: (H, W) of what the network sees.
-        seed: of the augmentation.
-        corruption: applied to the augmented frames, or None.
-        skip_bad: replace a pair that cannot be read, with a warning.
-        objective: of a training without labels; it decides what is given besides the frames. None for a training with
-            labels, which every pair must then have.
+        parts: opened parts of the mix.
+        order: order of the pairs.
+        crop: size (H, W) of the network's input, in pixels.
+        seed: seed of the augmentation.
+        corruption: corruption of the augmented frames; None for none.
+        skip_bad: whether to replace an unreadable pair, with a warning.
+        objective: objective for training without labels, which determines the additional outputs; None for training
+            with labels, which every pair must then have.
     """
 
     def __init__(
@@ -105,14 +105,14 @@ class TrainingPairs:
         self._objective = objective
 
     def __len__(self) -> int:
-        """Places in an epoch."""
+        """Return the number of places in an epoch."""
         return sum(len(part) for part in self._parts)
 
     def __getitem__(self, position: int) -> TrainingPair:
-        """The pair of a position.
+        """Return the pair at a position.
 
         Raises:
-            DataError: it cannot be read; its name and files are in the message.
+            DataError: the pair cannot be read; the message contains its name and files.
         """
         for attempt in range(_ATTEMPTS):
             part, key = self._at(self._order.place(position, attempt))
@@ -128,7 +128,7 @@ class TrainingPairs:
         raise DataError(f"{_ATTEMPTS} pairs in a row cannot be read; check the data, the last one was '{key}'")
 
     def name(self, position: int) -> str:
-        """Data set and key of the pair at a position."""
+        """Return data set and key of the pair at a position."""
         part, key = self._at(self._order.place(position))
         return f"{part.dataset.name} {key}"
 
@@ -162,7 +162,7 @@ class TrainingPairs:
     def _without_labels(
         self, position: int, name: str, frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
     ) -> TrainingPair:
-        """The pair for a training without labels; its ground truth, if any, is only used for the log."""
+        """Return the pair for training without labels; its ground truth, if any, is only used for the log."""
         whole = augmented_whole(frames, drawn)
         if self._corruption is not None:
             whole = tuple(self._corruption(list(whole), key=f"training {self._seed} {position}"))
@@ -199,8 +199,8 @@ class TrainingPairs:
 
 
 def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Frames and truth; see `PairDataset.training_truth`. Without labels, a pair that has no truth has no valid
-    pixel."""
+    """Return frames and ground truth, see `PairDataset.training_truth`. In training without labels, a pair without
+    ground truth has no valid pixels."""
     flow: Flow | None
     valid: Mask | None
     if isinstance(dataset, PairDataset):

@@ -1,1 +1,1 @@
-"""Losses of the recipes, as functions of flows and images: with labels and without."""
+"""The losses of the recipes, with and without labels, as functions of flows and images."""

@@ -1,6 +1,6 @@
-"""BrightFlow's loss without labels (Marsal et al., WACV 2023): census, self-supervision, correction of brightness.
+"""BrightFlow's unsupervised loss (Marsal et al., WACV 2023): census, self-supervision and brightness correction.
 
-Every loss is a mean over the pairs of a batch, so that no pair depends on another. Images are RGB in 0..255.
+Every loss is a mean over the pairs of a batch, so pairs do not influence each other. Images are RGB in 0..255.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from .photometric import Luma, census_sum, inner, robust
 from .smoothness import charbonnier
 
 GAMMA = 0.8
-"""Weight of an iteration against the next one."""
+"""Weight of an iteration relative to the next one."""
 RADIUS = 3
 ALPHA = 150.0
-"""How much an edge of the image (0..255) lets the flow change: nearly any edge lets it jump."""
+"""Edge sensitivity of the smoothness, for images in 0..255: nearly any edge permits a flow discontinuity."""
 LUMA: Luma = (0.2989, 0.1140, 0.5870)
 """Weights of red, green and blue in grey; the official code exchanges green and blue."""
 _EPS = 1e-5
 
 
 def over_iterations(losses: Sequence[Tensor]) -> Tensor:
-    """The sum of losses, the last with weight 1 and each with GAMMA times the weight of the next.
+    """Return the weighted sum of losses: the last one has weight 1, and each one GAMMA times the weight of the next.
 
     >>> round(over_iterations([torch.tensor(1.0), torch.tensor(1.0)]).item(), 4)
     1.8
@@ -36,28 +36,28 @@ def over_iterations(losses: Sequence[Tensor]) -> Tensor:
 
 
 def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
-    """The mean of `values` (N, 1, H, W) weighted by `mask` (N, 1, H, W) in each pair, and of that over the pairs."""
+    """Return the mean over pairs of each pair's mean of `values` (N, 1, H, W), weighted by `mask` (N, 1, H, W)."""
     pixels = (1, 2, 3)
     return ((values * mask).sum(pixels) / (mask.sum(pixels) + _EPS)).mean()
 
 
 def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
-    """The robust census distance of two images (N, 3, H, W), a scalar: its `masked_mean` where `visible` (N, 1, H, W)
-    is 1 and the window is inside."""
+    """Return the robust census distance of two images (N, 3, H, W), a scalar: the `masked_mean` where `visible` (N, 1,
+    H, W) is 1 and the window is inside the image."""
     distance = robust(census_sum(image, warped, RADIUS, LUMA, levels=1.0))
     return masked_mean(distance, visible * inner(visible, RADIUS))
 
 
 def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor, occlusion: str) -> Tensor:
-    """How much of each pixel of a crop of frame 1 is visible in the whole frame 2, float (N, 1, H, W) in 0..1.
+    """Return the visibility of each pixel of a crop of frame 1 in the whole frame 2, float (N, 1, H, W), 0..1.
 
-    What leaves the crop counts as seen, because it is fetched from the whole frame; what leaves the frame does not. No
-    gradient goes through it.
+    Pixels that leave the crop are visible, because they are sampled from the whole frame; pixels that leave the frame
+    are not. No gradient is propagated.
 
     Args:
-        forward, backward: (N, 2, H, W), pixels.
-        corners, sizes: of the crops and the whole frames, see `dilated_warp`.
-        occlusion: "brox", the forward-backward check, or "wang", how much the backward flow splats there.
+        forward, backward: flow in both directions, float (N, 2, H, W), in pixels.
+        corners, sizes: corners of the crops and sizes of the whole frames, see `dilated_warp`.
+        occlusion: "brox" for the forward-backward check, or "wang" for splatting with the backward flow.
     """
     forward, backward = forward.detach(), backward.detach()
     seen = coverage(backward).clamp(0, 1) if occlusion == "wang" else seen_by_check(forward, backward)
@@ -65,8 +65,9 @@ def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor
 
 
 def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) -> Tensor:
-    """How far the student's flows of all iterations, from images without their border, are from the teacher's final
-    flow, cut and enlarged in the same way; a scalar. No gradient goes into the teacher (N, 2, H, W)."""
+    """Return the distance, a scalar, between the student's flows of all iterations, from images without their border,
+    and the teacher's final flow (N, 2, H, W), cropped and enlarged in the same way. No gradient is propagated to the
+    teacher."""
     height, width = teacher.shape[2:]
     cut = teacher.detach()[:, :, border : height - border, border : width - border]
     wanted = resize_flow(cut, (height, width))
@@ -74,7 +75,7 @@ def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) ->
 
 
 def with_offsets(whole: Tensor, offsets: Tensor, corners: Tensor) -> Tensor:
-    """Whole frames (N, 3, H', W') with offsets (N, 3, H, W) of their colours added inside their crops."""
+    """Return whole frames (N, 3, H', W') with colour offsets (N, 3, H, W) added inside their crops."""
     height, width = offsets.shape[2:]
     corrected = whole.clone()
     for number, (x, y) in enumerate(corners.long().tolist()):
@@ -83,20 +84,21 @@ def with_offsets(whole: Tensor, offsets: Tensor, corners: Tensor) -> Tensor:
 
 
 def correction_loss(target: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
-    """How far corrected frames, warped to the target frames, are from these; a scalar.
+    """Return the distance between corrected frames, warped to the target frames, and the target frames; a scalar.
 
-    The `masked_mean` of the absolute difference, summed over red, green and blue of 0..1.
+    The distance is the `masked_mean` of the absolute difference, summed over the RGB channels, scaled to 0..1.
     """
     return masked_mean((target - warped).abs().sum(dim=1, keepdim=True) / 255, visible)
 
 
 def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor) -> Tensor:
-    """1 where a source frame keeps its offsets, float (N, 1, H, W): wherever a target pixel lands for which they help.
+    """Return a mask, float (N, 1, H, W), 1 where a source frame keeps its offsets: where a target pixel lands whose
+    difference they reduce.
 
     Args:
-        target: frames (N, 3, H, W).
-        warped, corrected: the source frames, warped to the target frames without and with offsets.
-        flow: from the target frames to the source frames, (N, 2, H, W).
+        target: target frames, float (N, 3, H, W), 0..255.
+        warped, corrected: source frames without and with offsets, warped to the target frames.
+        flow: flow from the target frames to the source frames, float (N, 2, H, W), in pixels.
     """
     without, with_them = ((target - one).abs().mean(dim=1, keepdim=True) for one in (warped, corrected))
     return (coverage(flow, (with_them < without).float()) > 0).float()

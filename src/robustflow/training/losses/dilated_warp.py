@@ -1,5 +1,5 @@
-"""Boundary-dilated warping: what a crop's flow points at is sampled from the whole frame, so that a pixel that leaves
-the crop is not lost (Luo et al., "OccInpFlow", 2020, taken up by UPFlow, CVPR 2021)."""
+"""Boundary-dilated warping: targets of a crop's flow are sampled from the whole frame, so that pixels that leave the
+crop are not lost (Luo et al., "OccInpFlow", 2020, adopted by UPFlow, CVPR 2021)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
     """Sample whole frames bilinearly at corner + pixel + flow.
 
     Args:
-        whole: (N, C, H', W'); values beyond a frame's size mean nothing.
-        flow: (N, 2, H, W) of the crops, pixels.
-        corners: (N, 2), x and y of each crop's first pixel in its frame.
-        sizes: (N, 2), width and height of each frame.
+        whole: whole frames, float (N, C, H', W'); values beyond a frame's size are ignored.
+        flow: flow of the crops, float (N, 2, H, W), in pixels.
+        corners: x and y of each crop's first pixel in its frame, (N, 2), in pixels.
+        sizes: width and height of each frame, (N, 2), in pixels.
 
     Returns:
-        (N, C, H, W), 0 outside the frame, and float (N, 1, H, W), 1 inside it.
+        Samples, float (N, C, H, W), 0 outside the frame, and a mask, float (N, 1, H, W), 1 inside the frame.
 
     >>> whole = torch.arange(6.0).view(1, 1, 1, 6).repeat(1, 1, 2, 1)
     >>> flow = torch.tensor([2.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 3)
@@ -37,21 +37,23 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
 
 
 def inside_frame(flow: Tensor, corners: Tensor, sizes: Tensor) -> Tensor:
-    """float (N, 1, H, W): 1 where the flow of a crop points into the whole frame. Arguments as for `dilated_warp`."""
+    """Return a mask, float (N, 1, H, W), 1 where the flow of a crop points into the whole frame. Arguments as for
+    `dilated_warp`."""
     targets, last = _targets(flow, corners), (sizes - 1)[:, :, None, None]
     return ((targets >= 0) & (targets <= last)).all(dim=1, keepdim=True).float()
 
 
 def _targets(flow: Tensor, corners: Tensor) -> Tensor:
-    """The pixel of the whole frame that the flow of each pixel of a crop points at, (N, 2, H, W).
+    """Return the coordinates (N, 2, H, W) in the whole frame to which each pixel's flow in a crop points.
 
-    Rounded only once, because pixel and corner are whole numbers: the gradient jumps at the pixels of the frame.
+    Pixel and corner are integers, so the sum is rounded only once; this matters because the gradient jumps at the
+    pixels of the frame.
     """
     return (pixel_grid(flow) + corners[:, :, None, None]) + flow.float()
 
 
 def leaves(flow: Tensor) -> Tensor:
-    """float (N, 1, H, W): 1 where a flow (N, 2, H, W) points outside the crop."""
+    """Return a mask, float (N, 1, H, W), 1 where a flow (N, 2, H, W) points outside the crop."""
     height, width = flow.shape[2:]
     x, y = (pixel_grid(flow) + flow).split(1, dim=1)
     return ((x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)).float()

@@ -1,8 +1,8 @@
-"""GMFlowNet's loss on the matching from which its flow starts (Zhao et al., CVPR 2022, Sec. 3.4).
+"""GMFlowNet's loss on the matching that initialises its flow (Zhao et al., CVPR 2022, Sec. 3.4).
 
-As the authors' code has it: the truth's vectors at every eighth pixel say which coarse pixel matches which; where
-frame 1 and frame 2 fetched along the truth differ too much, and where the vector leaves the frame, nothing matches.
-Pixels without ground truth are not left out; their vectors are 0.
+As in the authors' code, the ground-truth vectors at every eighth pixel define the matches of coarse pixels. There is no
+match if frame 1 and the warped frame 2 differ too much, or if the vector leaves the frame. Pixels without ground truth
+are included with zero vectors.
 """
 
 from __future__ import annotations
@@ -14,28 +14,29 @@ from torch.nn import functional as F
 from ...errors import UsageError
 
 MATCHING_WEIGHT = 0.01
-"""Weight of this loss against the sequence loss."""
+"""Weight of this loss relative to the sequence loss."""
 STRIDE = 8
-"""Pixels between matched ones."""
+"""Spacing of the matched pixels, in pixels."""
 OCCLUDED = 20.0
-"""Grey levels by which the mean colours of a pixel and of its match differ at most."""
+"""Largest difference between the mean colours of a pixel and its match, in grey levels."""
 _LEAST = 1e-6
-"""Smallest confidence, and smallest distance from 1, so that logarithms are finite."""
+"""Smallest distance of a confidence from 0 and 1, so that logarithms are finite."""
 
 
 def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Tensor) -> Tensor:
-    """Mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other pairs.
+    """Return the mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other pairs.
 
     Args:
-        confidence: float (B, P, P) in 0..1, of the P coarse pixels of frame 1 matching those of frame 2.
-        image1, image2: (B, 3, H, W), RGB 0..255, H and W multiples of 8.
-        truth: flow (B, 2, H, W), pixels.
+        confidence: confidence that each of the P coarse pixels of frame 1 matches each one of frame 2, float (B, P, P),
+            0..1.
+        image1, image2: RGB frames, float (B, 3, H, W), 0..255; H and W are multiples of 8.
+        truth: ground-truth flow, float (B, 2, H, W), in pixels.
 
     Returns:
-        A scalar. A batch without a match has only the second mean.
+        The loss, a scalar. For a batch without matches, it is the second mean only.
 
     Raises:
-        UsageError: a confidence of another size.
+        UsageError: the confidence has a different shape.
 
     >>> frames, truth = torch.rand(1, 3, 16, 16), torch.zeros(1, 2, 16, 16)
     >>> bool(matching_loss(torch.eye(4)[None], frames, frames, truth) < 1e-4)
@@ -61,13 +62,13 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
 
 @torch.no_grad()
 def true_matches(image1: Tensor, image2: Tensor, truth: Tensor) -> Tensor:
-    """Which coarse pixel of frame 2 each one of frame 1 matches by the truth: int64 (B, P), -1 for none; arguments as
-    for `matching_loss`."""
+    """Return the index of the coarse pixel of frame 2 that each one of frame 1 matches in the ground truth, int64 (B,
+    P), -1 for none. Arguments as for `matching_loss`."""
     height, width = truth.shape[2:]
     y, x = torch.meshgrid(
         torch.arange(height, device=truth.device), torch.arange(width, device=truth.device), indexing="ij"
     )
-    # The authors' sampling: pixel centres are taken for corners, half a pixel off.
+    # The authors' sampling treats pixel centres as corners, so it is off by half a pixel.
     grid = torch.stack([2 * ((x + truth[:, 0]) / width - 0.5), 2 * ((y + truth[:, 1]) / height - 0.5)], dim=3)
     fetched = F.grid_sample(image2, grid, align_corners=False)
     occluded = (image1 - fetched).mean(dim=1).abs() > OCCLUDED

@@ -1,4 +1,4 @@
-"""Which pixels of a frame are not visible in the other, from the flows of both directions."""
+"""Detect pixels of a frame that are not visible in the other frame, from the flows in both directions."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ...models.networks.blocks.warp import warp
 
 
 def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: float = 0.5) -> Tensor:
-    """1 where following the flow forward and back ends near its start: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
+    """Return 1 where the forward and backward flows are consistent: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
 
     Args:
-        forward, backward: (N, 2, H, W), pixels.
-        scale, bias: of the tolerance (Sundaram et al., ECCV 2010).
+        forward, backward: flow in both directions, float (N, 2, H, W), in pixels.
+        scale, bias: parameters of the tolerance (Sundaram et al., ECCV 2010).
 
     Returns:
-        float (N, 1, H, W), 0 where the pixel is occluded.
+        A mask, float (N, 1, H, W), 0 where the pixel is occluded.
     """
     returned = warp(backward, forward)
     off = (forward + returned).square().sum(dim=1, keepdim=True)
@@ -26,19 +26,19 @@ def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: 
 
 
 def seen_by_splat(backward: Tensor, threshold: float = 0.2) -> Tensor:
-    """1 where the pixels of the other frame, moved by the backward flow, cover at least `threshold` of a pixel (Wang et
-    al., CVPR 2018); shape and values as of `seen_by_check`."""
+    """Return 1 where the pixels of the other frame, moved by the backward flow, cover at least `threshold` of a pixel
+    (Wang et al., CVPR 2018); shape and values as in `seen_by_check`."""
     return (coverage(backward).clamp(0, 1) >= threshold).to(backward.dtype)
 
 
 def coverage(flow: Tensor, values: Tensor | None = None) -> Tensor:
-    """How much lands on each pixel when every pixel is moved by its flow, shared bilinearly: (N, 1, H, W).
+    """Move every pixel by its flow, splat its value bilinearly, and return the sum at each pixel, (N, 1, H, W).
 
-    A share that would land outside the frame is lost.
+    Contributions outside the frame are lost.
 
     Args:
-        flow: (N, 2, H, W), pixels.
-        values: what each pixel carries, (N, 1, H, W); 1 by default.
+        flow: flow, float (N, 2, H, W), in pixels.
+        values: value of each pixel, float (N, 1, H, W); 1 by default.
 
     >>> coverage(torch.zeros(1, 2, 2, 3)).flatten().tolist()
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]

@@ -1,4 +1,4 @@
-"""The loss that a network defines itself."""
+"""Support losses defined by a user's network."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from ...errors import UsageError
 
 
 def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
-    """Check what a network's own `loss` returned: a scalar tensor, or that and a dictionary of numbers for the log.
+    """Check the return value of a network's `loss`: a scalar tensor, or a scalar tensor and a dictionary of values for
+    the log.
 
     Raises:
-        UsageError: something else.
+        UsageError: the value has any other form.
 
     >>> checked_loss((torch.ones(()), {"photometric": torch.tensor(2.0)}))
     (tensor(1.), {'photometric': 2.0})

@@ -1,4 +1,4 @@
-"""How much two images differ at each pixel: structural similarity and the soft census (ternary) distance."""
+"""Measure the difference of two images at each pixel: structural similarity and the soft census (ternary) distance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LUMA: Luma = (0.2989, 0.5870, 0.1140)
 
 
 def ssim_distance(first: Tensor, second: Tensor) -> Tensor:
-    """(1 - SSIM) / 2 over 3x3 windows, clipped to 0..1: (N, C, H - 2, W - 2) from (N, C, H, W) in 0..1.
+    """Compute (1 - SSIM) / 2 over 3x3 windows, clipped to 0..1: (N, C, H - 2, W - 2) from images (N, C, H, W) in 0..1.
 
     >>> image = torch.rand(1, 3, 5, 6)
     >>> ssim_distance(image, image).abs().max().item() < 1e-6
@@ -30,28 +30,29 @@ def ssim_distance(first: Tensor, second: Tensor) -> Tensor:
 
 
 def census_distance(first: Tensor, second: Tensor, radius: int = 1) -> Tensor:
-    """The soft Hamming distance of the images' ternary census transforms (Meister et al., AAAI 2018), the mean over a
-    window instead of its sum; 0 within `radius` of the border.
+    """Return the soft Hamming distance of the images' ternary census transforms (Meister et al., AAAI 2018), averaged
+    over the window instead of summed; 0 within `radius` of the border.
 
     Args:
-        first, second: RGB (N, 3, H, W) in 0..1.
-        radius: of the window, pixels.
+        first, second: RGB images, float (N, 3, H, W), 0..1.
+        radius: radius of the window, in pixels.
 
     Returns:
-        (N, 1, H, W), 0 to 1.
+        The distance, float (N, 1, H, W), 0..1.
     """
     distance = _differing(first, second, radius, LUMA, 255.0).mean(dim=1, keepdim=True)
     return distance * inner(distance, radius)
 
 
 def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA, levels: float = 255.0) -> Tensor:
-    """The same distance as a sum over the window, borders included: (N, 1, H, W), 0 to the window's pixels.
+    """Return the same distance summed over the window, including borders: (N, 1, H, W), from 0 to the number of pixels
+    in the window.
 
     Args:
-        first, second: RGB (N, 3, H, W).
-        radius: of the window, pixels.
+        first, second: RGB images, float (N, 3, H, W).
+        radius: radius of the window, in pixels.
         luma: weights of red, green and blue.
-        levels: factor on the values; the census tells changes of about 1 from none.
+        levels: factor applied to the values; the census is sensitive to scaled differences of about 1.
 
     >>> image = torch.rand(1, 3, 9, 9)
     >>> census_sum(image, image).max().item()
@@ -61,12 +62,13 @@ def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA
 
 
 def inner(maps: Tensor, border: int) -> Tensor:
-    """1 where a pixel is at least `border` pixels inside, else 0; of the maps' shape (N, C, H, W)."""
+    """Return 1 where a pixel is at least `border` pixels inside, and otherwise 0, for maps of shape (N, C, H, W)."""
     return F.pad(torch.ones_like(maps[:, :, border:-border, border:-border]), [border] * 4)
 
 
 def robust(differences: Tensor, exponent: float = 0.4) -> Tensor:
-    """(|x| + 0.01)^q, in which large differences count little (Liu et al., DDFlow, AAAI 2019)."""
+    """Return (|x| + 0.01)^q, a robust penalty that reduces the weight of large differences (Liu et al., DDFlow, AAAI
+    2019)."""
     return (differences.abs() + 0.01) ** exponent
 
 
@@ -75,13 +77,13 @@ def _mean(maps: Tensor) -> Tensor:
 
 
 def _differing(first: Tensor, second: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
-    """How much each place of the two windows around a pixel differs, 0..1: (N, (2 radius + 1)^2, H, W)."""
+    """Return the difference at each place of the two windows around a pixel, 0..1: (N, (2 radius + 1)^2, H, W)."""
     squared = (_census(first, radius, luma, levels) - _census(second, radius, luma, levels)).square()
     return squared / (0.1 + squared)
 
 
 def _census(image: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
-    """Each pixel's window minus the pixel, softly limited to -1..1: (N, (2 radius + 1)^2, H, W)."""
+    """Return each pixel's window minus the pixel, softly limited to -1..1: (N, (2 radius + 1)^2, H, W)."""
     grey = levels * (image * image.new_tensor(luma).view(1, 3, 1, 1)).sum(dim=1, keepdim=True)
     side = 2 * radius + 1
     windows = F.unfold(grey, side, padding=radius).unflatten(2, grey.shape[2:])

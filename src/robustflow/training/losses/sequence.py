@@ -9,29 +9,29 @@ from torch import Tensor
 from ...errors import UsageError
 
 MAX_FLOW = 400.0
-"""Pixels; longer ground truth does not count, as in the original."""
+"""Maximum ground-truth length in pixels; longer vectors are ignored, as in the original."""
 
 
 def sequence_loss(
     flows: Sequence[Tensor], truth: Tensor, valid: Tensor, gamma: float = 0.8, max_flow: float = MAX_FLOW
 ) -> Tensor:
-    """sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) over the n predictions.
+    """Return the sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) for the n predictions.
 
-    The mean is over ALL pixels and both components; a pixel that is not valid counts as 0, so a sample with sparse
-    ground truth weighs less. The originals of the RAFT family do the same.
+    The mean is over ALL pixels and both components; invalid pixels count as 0, so a sample with sparse ground truth has
+    less weight. The original code of the RAFT family does the same.
 
     Args:
-        flows: n predictions of float (B, 2, H, W) in pixels, the last one final.
-        truth: (B, 2, H, W) in pixels.
-        valid: (B, H, W); a pixel counts where this is at least 0.5 and the truth is shorter than `max_flow`.
+        flows: n predictions, each float (B, 2, H, W), in pixels; the last one is final.
+        truth: ground truth, float (B, 2, H, W), in pixels.
+        valid: mask (B, H, W); pixels with at least 0.5 and ground truth shorter than `max_flow` are used.
         gamma: weight of a prediction relative to the next one, in (0, 1].
-        max_flow: pixels.
+        max_flow: maximum ground-truth length, in pixels.
 
     Returns:
-        A scalar.
+        The loss, a scalar.
 
     Raises:
-        UsageError: no prediction, or shapes that do not fit.
+        UsageError: there is no prediction, or the shapes do not match.
 
     >>> import torch
     >>> truth, ones = torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4)
@@ -54,13 +54,13 @@ def sequence_loss(
 
 
 def end_point_error(flow: Tensor, truth: Tensor, valid: Tensor, max_flow: float = MAX_FLOW) -> Tensor:
-    """Mean end-point error over the pixels that count, in pixels; arguments as for `sequence_loss`. NaN without any."""
+    """Return the mean end-point error over the pixels used by `sequence_loss`, in pixels; NaN if there are none."""
     counts = _counts(truth, valid, max_flow)[:, 0]
     distances = (flow.float() - truth).square().sum(dim=1).sqrt()
     return distances[counts > 0].mean()
 
 
 def _counts(truth: Tensor, valid: Tensor, max_flow: float) -> Tensor:
-    """1 where a pixel counts, else 0: (B, 1, H, W)."""
+    """Return a mask (B, 1, H, W), 1 where a pixel is used, and otherwise 0."""
     length = truth.square().sum(dim=1).sqrt()
     return ((valid >= 0.5) & (length < max_flow)).to(truth.dtype)[:, None]

@@ -1,4 +1,4 @@
-"""Edge-aware smoothness of a flow: its differences, weighted down where the image has edges."""
+"""Edge-aware smoothness of a flow: its spatial differences, with lower weights at image edges."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from torch import Tensor
 
 
 def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """The mean weighted difference of neighbouring flow vectors, a scalar (ARFlow's, with its factors).
+    """Return the mean weighted difference of neighbouring flow vectors, a scalar (with ARFlow's factors).
 
     Args:
-        flow: (N, 2, H, W).
-        image: (N, C, H, W), in 0..1.
-        alpha: an edge of height g weighs exp(-alpha g).
-        second_order: differences of differences instead, which are zero for affine motion.
+        flow: flow, float (N, 2, H, W).
+        image: image, float (N, C, H, W), 0..1.
+        alpha: edge sensitivity; an edge of height g has the weight exp(-alpha g).
+        second_order: whether to use second differences, which are zero for affine motion.
     """
     weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in _steps(image))
     x, y = _steps(flow)
@@ -25,10 +25,10 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
 
 
 def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """BrightFlow's smoothness: sqrt(d^2 + 0.001^2) of each difference d, summed over both components; a scalar.
+    """Return BrightFlow's smoothness, a scalar: sqrt(d^2 + 0.001^2) of each difference d, summed over both components.
 
     Second differences are weighted by the edge between the outer two of their three pixels. Arguments as for
-    `smoothness`; the flow is in pixels, the image in the range that alpha is for.
+    `smoothness`, with the flow in pixels and the image in the range for which alpha is defined.
     """
     x, y = _steps(flow)
     if second_order:
@@ -42,10 +42,10 @@ def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: b
 
 
 def charbonnier(differences: Tensor) -> Tensor:
-    """sqrt(x^2 + 0.001^2), an absolute value with a gradient at 0."""
+    """Return sqrt(x^2 + 0.001^2), a smooth absolute value."""
     return (differences.square() + 1e-6).sqrt()
 
 
 def _steps(maps: Tensor) -> tuple[Tensor, Tensor]:
-    """Differences of neighbours along x and along y."""
+    """Return the differences of neighbours along x and along y."""
     return maps[:, :, :, 1:] - maps[:, :, :, :-1], maps[:, :, 1:] - maps[:, :, :-1]

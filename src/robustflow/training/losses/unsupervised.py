@@ -1,5 +1,5 @@
-"""ARFlow's loss without labels (Liu et al., "Learning by Analogy", CVPR 2020): images warped by the flow look alike
-where both show the same point, and the flow is smooth."""
+"""ARFlow's unsupervised loss (Liu et al., "Learning by Analogy", CVPR 2020): photometric difference of warped images at
+visible pixels, and smoothness of the flow."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from .smoothness import smoothness
 
 @dataclass(frozen=True)
 class UnsupervisedLoss:
-    """Weights and choices.
+    """Weights and options of the loss.
 
     Attributes:
         l1, ssim, census: weights of the photometric terms.
-        levels: weights of the pyramid's levels, finest first; one of 0 is left out.
+        levels: weights of the pyramid's levels, finest first; levels with weight 0 are skipped.
         smooth: weight of the smoothness of all levels.
-        smooth_levels: weights of the levels in it.
-        second_order: smoothness of the flow's second differences.
-        alpha: how much an edge of the image lets the flow change.
-        splat: occlusion by backward splatting; else by the forward-backward check.
-        both: the mean over both directions; else only forward.
+        smooth_levels: weights of the levels in the smoothness term.
+        second_order: whether the smoothness uses second differences of the flow.
+        alpha: edge sensitivity of the smoothness.
+        splat: whether occlusion is found by backward splatting instead of the forward-backward check.
+        both: whether the loss is averaged over both directions instead of forward only.
     """
 
     l1: float = 0.15
@@ -48,7 +48,7 @@ class UnsupervisedTerms:
 
     Attributes:
         photometric, smoothness: scalars; their sum is the loss.
-        seen: float (N, 1, H, W), 1 where frame 1 is not occluded, at the finest level.
+        seen: mask at the finest level, float (N, 1, H, W), 1 where frame 1 is not occluded.
     """
 
     photometric: Tensor
@@ -57,19 +57,19 @@ class UnsupervisedTerms:
 
     @property
     def total(self) -> Tensor:
-        """The loss."""
+        """Return the loss."""
         return self.photometric + self.smoothness
 
 
 def unsupervised_loss(
     forward: Sequence[Tensor], backward: Sequence[Tensor], image1: Tensor, image2: Tensor, weights: UnsupervisedLoss
 ) -> UnsupervisedTerms:
-    """The loss of a pyramid of flows.
+    """Compute the loss of a pyramid of flows.
 
     Args:
-        forward, backward: (N, 2, h, w) of each level, finest first, in pixels of the level.
-        image1, image2: RGB (N, 3, H, W) in 0..1; resized by area to each level.
-        weights: see `UnsupervisedLoss`.
+        forward, backward: flow at each level, finest first, float (N, 2, h, w), in pixels of the level.
+        image1, image2: RGB images, float (N, 3, H, W), 0..1; resized to each level by area averaging.
+        weights: weights and options, see `UnsupervisedLoss`.
     """
     photometric, smooth = image1.new_zeros(()), image1.new_zeros(())
     seen: tuple[Tensor, Tensor] | None = None
@@ -95,7 +95,7 @@ def unsupervised_loss(
 
 
 def _seen(there: Tensor, back: Tensor, weights: UnsupervisedLoss) -> tuple[Tensor, Tensor]:
-    """Masks of both frames; no gradient goes through them."""
+    """Return the masks of both frames; no gradient is propagated through them."""
     there, back = there.detach(), back.detach()
     if weights.splat:
         return seen_by_splat(back), seen_by_splat(there)
@@ -103,7 +103,7 @@ def _seen(there: Tensor, back: Tensor, weights: UnsupervisedLoss) -> tuple[Tenso
 
 
 def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: UnsupervisedLoss) -> Tensor:
-    """The terms' means over the whole frame, divided by the share of it that is visible."""
+    """Return the means of the terms over the whole frame, divided by the visible fraction of the frame."""
     total = image.new_zeros(())
     if weights.l1:
         total = total + weights.l1 * ((image - reconstructed).abs() * seen).mean()
@@ -111,4 +111,4 @@ def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: Un
         total = total + weights.ssim * ssim_distance(reconstructed * seen, image * seen).mean()
     if weights.census:
         total = total + weights.census * census_distance(reconstructed * seen, image * seen).mean()
-    return total / seen.mean().clamp_min(1e-7)  # for an untrained network nothing may be visible
+    return total / seen.mean().clamp_min(1e-7)  # with an untrained network, no pixel may be visible

@@ -1,4 +1,4 @@
-"""UPFlow's loss without labels (Luo et al., CVPR 2021), with the weights and forms of its authors' network."""
+"""UPFlow's unsupervised loss (Luo et al., CVPR 2021), with the weights and terms of the authors' code."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class OneWay:
     """One direction of a pair.
 
     Attributes:
-        flow: (N, 2, H, W), pixels.
-        levels: flows of the pyramid, each in pixels at its level.
-        image: (N, 3, H, W), the frame that the flow starts from, as the network takes it.
-        warped: (N, 3, H, W), the other frame, warped to this one by the flow.
-        seen: float (N, 1, H, W), 0 where another object hides the pixel.
+        flow: flow, float (N, 2, H, W), in pixels.
+        levels: flows of the pyramid, each in pixels of its level.
+        image: first frame of this direction, float (N, 3, H, W), in the network's input range.
+        warped: second frame of this direction, warped to the first by the flow, float (N, 3, H, W).
+        seen: mask, float (N, 1, H, W), 0 where the pixel is occluded by a different object.
     """
 
     flow: Tensor
@@ -32,10 +32,10 @@ class OneWay:
 
 
 def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str, Tensor]:
-    """The loss' terms with their weights, each a scalar, sums over both directions.
+    """Return the weighted terms of the loss, each a scalar, summed over both directions.
 
-    The photometric terms have no mask. The census compares grey values of about -0.5..0.6, and not of 0..255 as
-    elsewhere, like the original.
+    The photometric terms have no mask. As in the original code, the census compares grey values of about -0.5..0.6, not
+    of 0..255 as elsewhere.
     """
     q = settings.exponent
     return {
@@ -50,9 +50,9 @@ def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str,
 
 
 def distillation(way: OneWay, exponent: float = 0.4) -> Tensor:
-    """How far the enlarged flow of each level is from the final one, where it is visible; a scalar.
+    """Return the distance between the enlarged flow of each level and the final flow at visible pixels; a scalar.
 
-    No gradient goes into the final flow, which is the teacher ("upup" of the original).
+    No gradient is propagated to the final flow, which is the teacher ("upup" in the original code).
     """
     height, width = way.flow.shape[2:]
     teacher, count = way.flow.detach(), way.seen.sum() + 1e-6
@@ -61,11 +61,11 @@ def distillation(way: OneWay, exponent: float = 0.4) -> Tensor:
 
 
 def edge_aware(flow: Tensor, image: Tensor) -> Tensor:
-    """The mean of |flow differences| times exp(-mean |image differences|) along x, and along y; their sum.
+    """Return the sum, over x and y, of the mean of |flow differences| times exp(-mean |image differences|).
 
     Args:
-        flow: (N, 2, H, W), pixels.
-        image: (N, C, H, W).
+        flow: flow, float (N, 2, H, W), in pixels.
+        image: image, float (N, C, H, W).
     """
     weight_x = (-(image[..., 1:] - image[..., :-1]).abs().mean(dim=1, keepdim=True)).exp()
     weight_y = (-(image[..., 1:, :] - image[..., :-1, :]).abs().mean(dim=1, keepdim=True)).exp()

@@ -1,1 +1,1 @@
-"""Training without labels: what ARFlow, UPFlow and BrightFlow minimise."""
+"""Training without labels: the objectives of ARFlow, UPFlow and BrightFlow."""

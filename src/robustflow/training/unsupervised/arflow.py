@@ -1,4 +1,4 @@
-"""ARFlow: a first pass under the photometric loss, whose flow gives the labels for a second, transformed pass."""
+"""ARFlow: the flow of a first pass, trained with the photometric loss, is the label of a second, transformed pass."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ from .objective import LabelFree, TrainingStep
 
 
 class Arflow(LabelFree):
-    """Liu et al., "Learning by Analogy", CVPR 2020.
-
-    The original multiplies the loss by 1024 and the gradients by 1/1024, which changes nothing in fp32.
+    """The objective of Liu et al., "Learning by Analogy", CVPR 2020. The original multiplies the loss by 1024 and the
+    gradients by 1/1024, which has no effect in fp32.
     """
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe, settings: ArflowObjective) -> None:
@@ -29,7 +28,7 @@ class Arflow(LabelFree):
         self._settings = settings
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
-        """See `LabelFree.forward`."""
+        """Compute the loss, see `LabelFree.forward`."""
         first, second = self.images(batch.image1), self.images(batch.image2)
         forward, backward = ([flow.float() for flow in flows] for flows in self.both(first, second))
         terms = unsupervised_loss(forward, backward, first, second, self._weights(step))
@@ -51,8 +50,8 @@ class Arflow(LabelFree):
         return replace(raw, l1=0.0, ssim=0.0, census=1.0, splat=False)
 
     def _second_pass(self, images: tuple[Tensor, Tensor], flow: Tensor, seen: Tensor, step: TrainingStep) -> Tensor:
-        """How far the flow of the transformed frames is from the transformed flow, where the first frame is not
-        occluded."""
+        """Return the distance between the flow of the transformed frames and the transformed flow, where the first
+        frame is not occluded."""
         settings, (height, width) = self._settings.spatial, flow.shape[2:]
         moves = [
             draw_moves(Rng.of(step.seed, "moves", position), settings, (height, width)) for position in step.positions

@@ -1,4 +1,5 @@
-"""BrightFlow: RAFT under a census loss whose frames a second network corrects in brightness, and self-supervision."""
+"""BrightFlow: RAFT trained with self-supervision and a census loss on frames whose brightness a second network
+corrects."""
 
 from __future__ import annotations
 
@@ -27,28 +28,27 @@ from ..recipe import Recipe
 from .objective import LabelFree, TrainingStep
 
 FARTHEST = 100.0
-"""Pixels: the self-supervision's loss of a vector is limited to this."""
+"""Upper limit of the self-supervision loss of a vector, in pixels."""
 
 
 class _Frames(NamedTuple):
-    """Both frames of each pair, RGB 0..255: whole, and their crops."""
+    """Both frames of each pair, uncropped and cropped, RGB in 0..255."""
 
     whole: tuple[Tensor, Tensor]
     crops: tuple[Tensor, Tensor]
 
 
 class _Way(NamedTuple):
-    """One direction: its flows by iteration, and for each how much of a pixel is visible."""
+    """One direction: the flow of each iteration, with the visibility of each pixel."""
 
     flows: list[Tensor]
     visible: list[Tensor]
 
 
 class Brightflow(LabelFree):
-    """Marsal et al., WACV 2023.
-
-    The flow is that of augmented frames; photometric loss and smoothness compare plain ones, the corrector's own loss
-    augmented ones. Every term is the mean over the pairs and both directions.
+    """The objective of Marsal et al., WACV 2023. Flow is predicted on augmented frames; photometric loss and smoothness
+    use plain frames, the corrector's loss uses augmented ones. Every term is the mean over the pairs and both
+    directions.
     """
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe, settings: BrightflowObjective) -> None:
@@ -56,7 +56,7 @@ class Brightflow(LabelFree):
         self._settings = settings
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
-        """See `LabelFree.forward`."""
+        """Compute the loss, see `LabelFree.forward`."""
         assert batch.whole is not None, "the loader gives the whole frames"
         assert batch.plain is not None, "the loader gives the frames in their own colours"
         settings, place = self._settings, batch.whole
@@ -99,8 +99,8 @@ class Brightflow(LabelFree):
         return [flow.float() for flow in there], [flow.float() for flow in back]
 
     def _offsets(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
-        """What the corrector adds to the crops of a frame (0 or 1), grey levels (N, 3, H, W); no gradient goes into the
-        flows."""
+        """Return the corrector's offsets for the crops of a frame (0 or 1), (N, 3, H, W), in grey levels; no gradient
+        is propagated to the flows."""
         assert self.network.corrector is not None
         flow, visible = ways[frame].flows[-1].detach(), ways[frame].visible[-1]
         warped = _warped(frames.whole[1 - frame], flow, place)
@@ -110,7 +110,7 @@ class Brightflow(LabelFree):
         return 255 * offsets.float()
 
     def _correction(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
-        """The corrector's own loss for the offsets of a frame (0 or 1), which is warped to the other one with them."""
+        """Return the corrector's loss for a frame (0 or 1), which is corrected and warped to the other frame."""
         other = 1 - frame
         offsets = self._offsets(frame, frames, ways, place) * ways[frame].visible[-1]
         corrected = with_offsets(frames.whole[frame], offsets, place.corners)
@@ -119,7 +119,7 @@ class Brightflow(LabelFree):
 
     @torch.no_grad()
     def _corrected(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
-        """A whole frame (0 or 1) with the offsets of its crop where they help."""
+        """Return a whole frame (0 or 1) with the offsets of its crop added where they reduce the difference."""
         other, whole, flow = 1 - frame, frames.whole[frame], ways[1 - frame].flows[-1]
         offsets = self._offsets(frame, frames, ways, place)
         everywhere = with_offsets(whole, offsets, place.corners).clamp(0, 255)
@@ -132,13 +132,14 @@ class Brightflow(LabelFree):
         return over_iterations([robust_smoothness(flow, image, ALPHA, second_order) for flow in way.flows])
 
     def _self_supervision(self, step: TrainingStep) -> float:
-        """The weight of the self-supervision: 0, then rising."""
+        """Return the weight of the self-supervision, which is 0 first and then rises."""
         begins, ends = self._settings.self_supervision_from, self._settings.self_supervision_to
         risen = (step.progress - begins) / max(ends - begins, 1e-9)
         return self._settings.self_supervision * min(max(risen, 0.0), 1.0)
 
     def _students(self, batch: Batch, plain: _Frames) -> Tensor:
-        """The loss of the flows of frames without their border; the teacher is the network on the plain crops."""
+        """Return the loss of the student's flows on frames without border; the teacher is the network on the plain
+        crops."""
         assert batch.changed is not None, "the loader gives the frames without their border"
         with torch.no_grad():
             teachers = self._flows(*plain.crops)
@@ -150,7 +151,8 @@ class Brightflow(LabelFree):
 
 
 def _census(image: Tensor, source: Tensor, way: _Way, place: WholeFrames) -> Tensor:
-    """The census of crops (N, 3, H, W) against the other whole frames, sampled along the flow of each iteration."""
+    """Return the census distance of crops (N, 3, H, W) to the other whole frames, sampled along the flow of each
+    iteration."""
     return over_iterations(
         [
             masked_census(image, _warped(source, flow, place), visible)

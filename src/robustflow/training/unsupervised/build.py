@@ -1,4 +1,4 @@
-"""Put an objective together with its network."""
+"""Combine an objective with its network."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .upflow import Upflow
 
 
 def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
-    """The module that gives the loss of a recipe without labels.
+    """Return the module that computes the loss of a recipe without labels.
 
     Raises:
-        UsageError: a crop that the method cannot take.
+        UsageError: the method does not support the crop.
     """
     settings = recipe.objective
     if isinstance(settings, ArflowObjective):

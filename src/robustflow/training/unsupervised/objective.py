@@ -1,4 +1,4 @@
-"""What a method that learns without labels minimises on a batch, as a module that the loop calls."""
+"""The loss on a batch for methods that learn without labels, as a module called by the loop."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ..recipe import Recipe
 
 @dataclass(frozen=True)
 class TrainingStep:
-    """Which step of a training a batch belongs to.
+    """The step of a training run to which a batch belongs.
 
     Attributes:
-        seed: of every draw.
-        number: of the step, from 0.
-        positions: of the batch's pairs, see `Share`.
-        progress: fraction of the training's updates made so far, 0 to 1.
+        seed: seed of all random draws.
+        number: index of the step, from 0.
+        positions: positions of the batch's pairs, see `Share`.
+        progress: fraction of the updates made so far, 0 to 1.
     """
 
     seed: int
@@ -34,14 +34,15 @@ class TrainingStep:
 
 
 class LabelFree(nn.Module):
-    """Base: a network's images and its flows. `forward` gives the loss and numbers for the log.
+    """Base class of the objectives. `forward` returns the loss and values for the log.
 
     Args:
-        network: to be trained; its net has a method `both(image1, image2)` that returns the flows of both directions.
-        recipe: with an objective.
+        network: network to train, whose `net` has a method `both(image1, image2)` that returns the flows of both
+            directions.
+        recipe: recipe with an objective.
 
     Raises:
-        UsageError: a network without such a method, or a crop that it cannot take.
+        UsageError: the network has no such method, or does not support the crop.
     """
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe) -> None:
@@ -57,18 +58,18 @@ class LabelFree(nn.Module):
         self._precision = recipe.precision
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss, and numbers for the log; `flow` among them is the final flow, (N, 2, H, W)."""
+        """Return the loss, and values for the log; among these, `flow` is the final flow, (N, 2, H, W), in pixels."""
         raise NotImplementedError
 
     def images(self, values: Tensor) -> Tensor:
-        """RGB values 0..255 as the network takes them, at their own size."""
+        """Convert RGB images in 0..255 to the network's input format without resizing."""
         return fitted_values(values, self._convention)
 
     def both(self, image1: Tensor, image2: Tensor) -> Any:
-        """The net's flows of both directions, in the recipe's precision."""
+        """Predict the flows of both directions, in the recipe's precision."""
         with self.autocast(image1):
             return self.network.net.both(image1, image2)
 
     def autocast(self, image: Tensor) -> torch.autocast:
-        """The recipe's precision."""
+        """Return a context with the recipe's precision."""
         return torch.autocast(image.device.type, DTYPES.get(self._precision), enabled=self._precision in DTYPES)

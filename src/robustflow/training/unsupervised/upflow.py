@@ -1,4 +1,4 @@
-"""UPFlow: photometric and census loss through boundary-dilated warping, and distillation into every level."""
+"""UPFlow: photometric and census loss with boundary-dilated warping, and distillation into every level."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .objective import LabelFree, TrainingStep
 
 
 class Upflow(LabelFree):
-    """Luo et al., CVPR 2021."""
+    """The objective of Luo et al., CVPR 2021."""
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe, settings: UpflowObjective) -> None:
         super().__init__(network, recipe)
         self._settings = settings
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
-        """See `LabelFree.forward`."""
+        """Compute the loss, see `LabelFree.forward`."""
         assert batch.whole is not None, "the loader gives the whole frames"
         first, second = self.images(batch.image1), self.images(batch.image2)
         flows = self.both(first, second)
