@@ -139,7 +139,7 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
     fgsm = run(tmp_path / "fgsm", attacks="fgsm", severities=3, count=1)
     same = fgsm.attack_rows.filter(corruption="fgsm")["frames_digest"][0]
     assert rows[names[2]]["frames_digest"] == same  # on the source model itself, a transferred attack equals the attack
-    with pytest.raises(RunError, match="begun with the attack transfer:tiny:attack=fgsm:device=cpu as well"):
+    with pytest.raises(RunError, match="also started with the attack transfer:tiny:attack=fgsm:device=cpu"):
         run(tmp_path / "run", attacks="fgsm", severities=3, count=1)
     assert {line.label for section in attack_table(done).sections for line in section.lines} >= {f"{names[0]} 3"}
 
