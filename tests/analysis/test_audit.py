@@ -191,7 +191,7 @@ def test_a_changed_summary_is_found(run, tmp_path):
     assert len(says) == 3
     assert any(": cre is " in text for text in says)
     assert any("corruptions.contrast.by_severity.epe.1" in text for text in says)
-    assert any("extra is 1, but from the rows it is not there" in text for text in says)
+    assert any("extra is 1, but according to the rows it is missing" in text for text in says)
 
 
 def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
@@ -199,7 +199,7 @@ def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
     summary = json.loads((folder / "summary.json").read_text())
     now = summary["version"]
     (folder / "summary.json").write_text(json.dumps(summary | {"version": now - 1}))
-    with pytest.raises(RunError, match=f"of version {now - 1}, .* reads {now}; write it again from .* robustflow show"):
+    with pytest.raises(RunError, match=f"has version {now - 1}, .* reads {now}; write it again from .* robustflow show"):
         audit(folder)
 
 
@@ -211,7 +211,7 @@ def test_a_summary_without_its_parts_is_found(run, tmp_path):
     summary["cre"] = 10**400
     (folder / "summary.json").write_text(json.dumps(summary))
     says = [finding.message for finding in audit(folder).findings]
-    assert any("corruptions is not there" in one for one in says)
+    assert any("corruptions is missing" in one for one in says)
     assert any("cre is 1000" in one for one in says)
 
 
@@ -227,7 +227,7 @@ def test_impossible_rows_are_found(run, tmp_path):
     )
     says = " ".join(finding.message for finding in audit(folder).findings if finding.check == "rows")
     assert "more outliers than pixels" in says
-    assert "changed by more than the flow moved" in says
+    assert "changed by more than the flow itself" in says
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000])

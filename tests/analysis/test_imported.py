@@ -143,17 +143,17 @@ def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
         (_reference(fog={"rCRE": [1, 2, 3, 4, "5"]}), "'5' is not a number"),
         (_reference(fog={"rCRE": [1, 2, 3, 4, True]}), "True is not a number"),
         (_reference(clean={"clean_EPE": [math.nan]}), "'clean', clean_EPE: nan"),
-        ({"clean": {"clean_EPE": [3.5], "rCRE": [[]]}}, "no corruption in it"),
+        ({"clean": {"clean_EPE": [3.5], "rCRE": [[]]}}, "it contains no corruption"),
         ({"experiments": ["x"]}, "experiment 1: not an object"),
         ({"experiments": [_experiment("rain", 3, 1.0)]}, "unknown corruption 'rain'"),
         ({"experiments": [_experiment(["fog"], 3, 1.0)]}, "unknown corruption"),
-        ({"experiments": [_experiment("fog", 6, 1.0)]}, "severity 6; there are 1 to 5"),
+        ({"experiments": [_experiment("fog", 6, 1.0)]}, "severity 6; expected 1 to 5"),
         ({"experiments": [_experiment("fog", True, 1.0)]}, "severity True"),
         ({"experiments": [_experiment("fog", [3], 1.0)]}, "severity"),
         ({"experiments": [_experiment("fog", 3, math.nan)]}, "experiment 1, epe: nan"),
         ({"experiments": [_experiment("fog", 3, -2)]}, "cannot be below 0"),
         ({"experiments": [_experiment("fog", 3, 1.0, metrics=None)]}, "no 'epe'"),
-        ({"experiments": [_experiment("fog", 3, 1.0, model=7)]}, "no model and checkpoint"),
+        ({"experiments": [_experiment("fog", 3, 1.0, model=7)]}, "the model or the checkpoint is missing"),
         ({"experiments": [_experiment("fog", 3, 1.0, dataset="kitti-2012")]}, "unknown data set 'kitti-2012'"),
         ({"experiments": [_experiment("fog", 3, 1.0, dataset={})]}, "unknown data set"),
         ({"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]}, "no severity in common"),
@@ -227,7 +227,7 @@ def test_the_audit_counts_the_rows_beyond_their_budget(tmp_path):
 
     assert found.checked == {"budget": 3}
     assert [finding.recomputed for finding in found.findings] == [0.1768, 0.2]
-    assert "the change is 0.1768 (rms), the budget 0.05" in found.findings[0].message
+    assert "perturbation 0.1768 (rms), budget 0.05" in found.findings[0].message
 
 
 def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, capsys):
@@ -245,13 +245,13 @@ def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, capsys):
     ("row", "says"),
     [
         (_attack("pgd", math.nan), "experiment 1, epe: nan"),
-        (_attack("pgd", 1.0, norm="one"), "norm 'one'; there are inf and two"),
+        (_attack("pgd", 1.0, norm="one"), "norm 'one'; expected inf or two"),
         (_attack("pgd", 1.0, epsilon="8/255"), "epsilon: '8/255' is not a number"),
         (_attack("pgd", 1.0, epsilon=-0.1), "cannot be below 0"),
         (_attack("pgd", 1.0, iterations=True), "iterations True"),
         (_attack("pgd", 1.0, targeted=True, target=["zero"]), "target"),
-        (_attack("pgd", 1.0, model=None), "no model and checkpoint"),
-        (_attack("pgd", 1.0, dataset={}), "no data set"),
+        (_attack("pgd", 1.0, model=None), "the model or the checkpoint is missing"),
+        (_attack("pgd", 1.0, dataset={}), "the data set is missing"),
         (_attack("pgd", 1.0, metrics=[]), "no 'epe'"),
         (_pcfa(1e300), "not a finite number"),
         (_pcfa("x"), "'x' is not a number"),

@@ -67,30 +67,30 @@ _ROWS = pl.concat(
 _FOG = (pl.col("corruption") == "fog") & (pl.col("sample") == "2") & (pl.col("severity") == 2)
 _CLEAN = (pl.col("corruption") == "clean") & (pl.col("sample") == "2")
 _CHANGES = {
-    "its clean error is not that of the sample's clean row": (
+    "its clean error differs from that of the sample's clean row": (
         _FOG,
         {"clean_epe_sum": pl.col("clean_epe_sum") * (1 + 1e-12)},
     ),
-    "the error changed by more than the flow moved over the same pixels": (
+    "the error changed by more than the flow itself over the same pixels": (
         _FOG,
         {"clean_epe_sum": pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1},
     ),
     "its sums are negative or not finite": (_FOG, {"rcre_all_sum": pl.lit(float("nan"))}),
     "it has more outliers than pixels": (_FOG, {"fl_count_occ": pl.col("n_occ") + 1}),
-    "the error changed by more than the flow moved": (
+    "the error changed by more than the flow itself": (
         _FOG,
         {"epe_sum": pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1},
     ),
-    "the length of the flow changed by more than the flow moved": (
+    "the flow's length changed by more than the flow itself": (
         _FOG,
         {"pred_magnitude_sum": pl.col("pred_magnitude_sum") + 3 * pl.col("rcre_all_sum") + 1},
     ),
-    "it counts more pixels than there are": (_FOG, {"n_invalid": pl.lit(1, pl.Int64)}),
-    "numbers are given without the others that belong to them": (_FOG, {"epe_sum_occ": pl.lit(None, pl.Float64)}),
+    "it counts more pixels than the frame has": (_FOG, {"n_invalid": pl.lit(1, pl.Int64)}),
+    "some of the numbers that belong together are missing": (_FOG, {"epe_sum_occ": pl.lit(None, pl.Float64)}),
     "its regions do not add up to all pixels": (_FOG, {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)}),
-    "its outliers of 5, 3 and 1 px are not contained in each other": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
-    "its error is below what its outliers alone add up to": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),
-    "its ground truth is shorter or longer than its regions say": (
+    "its counts of 1, 3 and 5 px outliers are inconsistent": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
+    "its error is smaller than its outliers alone imply": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),
+    "the length of its ground truth contradicts its regions": (
         _FOG,
         {"magnitude_sum": 10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40") - 1},
     ),
@@ -98,11 +98,11 @@ _CHANGES = {
         _FOG,
         {"pred_magnitude_sum": pl.lit(0.0), "epe_sum": 0.9 * pl.col("magnitude_sum")},
     ),
-    "the flow moved more on the valid pixels than on all": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
-    "the clean frames have a spread, though they are not drawn": (_CLEAN, {"spread_sum": pl.lit(1e-300)}),
-    "the flow on the clean frames differs from itself": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
-    "it has numbers of an attack and is none": (_FOG, {"attack_linf": pl.lit(1.0)}),
-    "a confidence knows its errors better than the errors themselves": (
+    "the flow changed more on valid pixels than on all pixels": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
+    "the clean frames have a spread, although they are not random": (_CLEAN, {"spread_sum": pl.lit(1e-300)}),
+    "the flow on the clean frames differs from the clean flow": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
+    "it has values of an attack but is not an attack": (_FOG, {"attack_linf": pl.lit(1.0)}),
+    "its confidence ranks errors better than the oracle": (
         _FOG,
         {"error_at_80": pl.lit(1.0), "oracle_at_80": pl.lit(1.1)},
     ),

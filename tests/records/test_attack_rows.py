@@ -41,15 +41,15 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
 @pytest.mark.parametrize(
     ("where", "change", "check", "says"),
     [
-        (_SQUARE, {"attack_linf": 1.5}, "measurements", "beyond its budget"),
-        (pl.col("corruption") == "random_gauss", {"attack_rms": 0.51}, "measurements", "beyond its budget"),
-        (_SQUARE, {"attack_capped_sum": 1e9}, "measurements", "above the error"),
-        (_SQUARE, {"attack_warnings": "fine"}, "measurements", "a warning that there is not"),
-        (_SQUARE, {"attack_rms": None}, "measurements", "numbers of the attack are missing"),
-        (_SQUARE, {"attack_way_gone": 2.0}, "measurements", "beyond its target"),
+        (_SQUARE, {"attack_linf": 1.5}, "measurements", "exceeds its budget"),
+        (pl.col("corruption") == "random_gauss", {"attack_rms": 0.51}, "measurements", "exceeds its budget"),
+        (_SQUARE, {"attack_capped_sum": 1e9}, "measurements", "exceeds its error"),
+        (_SQUARE, {"attack_warnings": "fine"}, "measurements", "an unknown warning"),
+        (_SQUARE, {"attack_rms": None}, "measurements", "values of the attack are missing"),
+        (_SQUARE, {"attack_way_gone": 2.0}, "measurements", "beyond the target"),
         (_SQUARE, {"attack_evaluations": -1}, "rows", "below 0"),
         (_SQUARE, {"epe_sum": 0.0}, "measurements", ""),
-        (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements", "of an attack and is none"),
+        (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements", "of an attack but is not an attack"),
     ],
 )
 def test_a_forged_row_of_an_attack_is_noticed(attacked, where, change, check, says):

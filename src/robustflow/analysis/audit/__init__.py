@@ -1,4 +1,4 @@
-"""Check whether published results, or your own, are consistent; each inconsistency is listed with both numbers."""
+"""Check whether published results or your own are consistent, and list each inconsistency with both numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["AUDIT_CHECKS", "Audit", "Finding", "audit_published", "audit_results
 
 
 def audit_published() -> Audit:
-    """The paper's tables.
+    """Audit the paper's tables.
 
     >>> audit_published().counts()["swapped"]
     2
@@ -27,7 +27,7 @@ def audit_published() -> Audit:
 def audit_results(
     results: Sequence[ModelResult], costs: Mapping[str, Cost] | None = None, audited: str = "results"
 ) -> Audit:
-    """Results of any source, and a cost table if there is one."""
+    """Audit results from any source, with an optional cost table."""
     checks = (check_swapped, check_shifted, check_cre, check_averages, check_crer, check_bound, check_marks)
     parts = [check(results) for check in checks]
     return merged_audit(audited, parts + (check_costs(results, costs) if costs else []))

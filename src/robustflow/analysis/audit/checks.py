@@ -1,4 +1,5 @@
-"""Numbers of results that must follow from each other: CRE from EPE, averages, CREr, RCRE's lower bound, marks."""
+"""Check numbers that depend on each other: CRE, averages, CREr, the lower bound of RCRE, and marks of the best
+values."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ def finding(
     message: str,
     numbers: tuple[float, float, float] | None = None,
 ) -> Finding:
-    """A finding about one number of a model; `numbers` are given, recomputed and tolerance."""
+    """Create a finding about one number of a model; `numbers` are the given number, the recomputed one and the
+    tolerance."""
     given, recomputed, tolerance = numbers or (None, None, None)
     return Finding(
         check=check,
@@ -39,31 +41,31 @@ def finding(
 
 
 def expected_cre(values: Values) -> dict[str, float]:
-    """corruption -> EPE - clean EPE."""
+    """Return corruption -> EPE - clean EPE."""
     if ("epe", CLEAN) not in values:
         return {}
     return {name: _change(values, name) for metric, name in values if metric == "epe" and name != CLEAN}
 
 
 def change_tolerance(epe: Values, corruption: str, given: Value) -> float:
-    """The largest rounding error of the EPE, the clean EPE and a number compared with their difference (CRE, RCRE)
-    together."""
+    """Return the largest combined rounding error of the EPE, the clean EPE, and the CRE or RCRE compared with their
+    difference."""
     return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
 
 
 def misfits_change(epe: Values, corruption: str, cre: Value) -> bool:
-    """Whether a CRE does not follow from these EPE."""
+    """Whether a CRE is inconsistent with these EPE values."""
     return misfits(cre.number, _change(epe, corruption), change_tolerance(epe, corruption, cre))
 
 
 def below_change(epe: Values, corruption: str, rcre: Value) -> bool:
-    """Whether an RCRE is impossible given these EPE: below |EPE - clean EPE|."""
+    """Whether an RCRE is impossible given these EPE values, that is, below |EPE - clean EPE|."""
     lowest = abs(_change(epe, corruption))
     return rcre.number < lowest and misfits(rcre.number, lowest, change_tolerance(epe, corruption, rcre))
 
 
 def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """CRE = EPE - clean EPE."""
+    """Check that CRE = EPE - clean EPE."""
     compared, findings = list(_beside_epe(results, "cre")), []
     for line, corruption, given, expected in compared:
         values = line.values
@@ -79,7 +81,7 @@ def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
 
 
 def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """The average of each metric is the mean over the listed corruptions that tables have a place for."""
+    """Check that the average of each metric is the mean over the listed corruptions that tables can show."""
     count, findings = 0, []
     for line, metric, values in _metrics(results):
         given = values.get((metric, AVERAGE))
@@ -100,7 +102,7 @@ def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Findi
 
 
 def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """CREr = (EPE - clean EPE) / clean EPE, for results that list it."""
+    """Check that CREr = (EPE - clean EPE) / clean EPE, for results with a CREr."""
     count, findings = 0, []
     for line in results:
         values = line.values
@@ -114,20 +116,20 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
             low, high = ratio_range((epe.number - clean.number, epe.half + clean.half), (clean.number, clean.half))
             tolerance = given.half + max(high - ratio, ratio - low)
             if misfits(given.number, ratio, tolerance):
-                message = f"{_where(line, corruption)}: CREr {given.number:.2f}, but from its EPE it is {ratio:.3f}"
+                message = f"{_where(line, corruption)}: CREr {given.number:.2f}, but its EPE gives {ratio:.3f}"
                 numbers = (given.number, ratio, tolerance)
                 findings.append(finding("crer", line, "crer", corruption, message, numbers))
     return "crer", count, findings
 
 
 def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """RCRE >= |EPE - clean EPE|: a flow cannot lose more accuracy than it moves (triangle inequality)."""
+    """Check that RCRE >= |EPE - clean EPE|, which follows from the triangle inequality."""
     compared, findings = list(_beside_epe(results, "rcre")), []
     for line, corruption, given, expected in compared:
         if below_change(line.values, corruption, given):
             message = (
-                f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change of the EPE by "
-                f"{expected:+.2f}; it is at least as large"
+                f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change in EPE of "
+                f"{expected:+.2f}; RCRE must be at least as large"
             )
             numbers = (given.number, abs(expected), change_tolerance(line.values, corruption, given))
             findings.append(finding("bound", line, "rcre", corruption, message, numbers))
@@ -135,7 +137,7 @@ def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
 
 
 def _beside_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[ModelResult, str, Value, float]]:
-    """Each value of a metric that has EPE beside it: line, corruption, value, and the change of the EPE."""
+    """Yield line, corruption, value and change in EPE for each value of a metric that can be compared with EPE."""
     for line in results:
         for corruption, expected in expected_cre(line.values).items():
             if (given := line.values.get((metric, corruption))) is not None:
@@ -143,9 +145,9 @@ def _beside_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[M
 
 
 def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """The smallest number of a column among the models of a setting is marked, and nothing else.
+    """Check that exactly the smallest number in each column is marked, among the models of one setting.
 
-    Columns of settings in which nothing is marked at all (the paper's knowledge-driven methods) are not checked.
+    Settings without any marks (the paper's knowledge-driven methods) are not checked.
     """
     count, findings = 0, []
     for metric, peers in _settings(results):
@@ -164,7 +166,7 @@ def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
             first = next(iter(marked or cells))
             shown = ", ".join(f"{line.name} {value.number:.2f}" for line, value in marked.items()) or "nothing"
             message = (
-                f"{first.setting}, {corruption}: {METRIC_LABELS[metric]} marked best is {shown}, but the least is "
+                f"{first.setting}, {corruption}: {METRIC_LABELS[metric]} {shown} is marked as best, but the lowest is "
                 f"{' and '.join(best)} {least:.2f}"
             )
             findings.append(finding("best", first, metric, corruption, message, (cells[first].number, least, 0.0)))
@@ -178,7 +180,7 @@ def _metrics(results: Sequence[ModelResult]) -> Iterator[tuple[ModelResult, str,
 
 
 def _settings(results: Sequence[ModelResult]) -> Iterator[tuple[str, list[ModelResult]]]:
-    """(metric, the models of one setting) for every metric and setting in which something is marked."""
+    """Yield (metric, models of one setting) for every metric and setting with at least one mark."""
     by_setting: dict[tuple[str, str, str, str], list[ModelResult]] = {}
     for line in results:
         for metric in dict.fromkeys(of for (of, _), value in line.values.items() if value.marked is not None):

@@ -1,4 +1,4 @@
-"""Tab. 3 against the others: CREr from EPE and from CRE, and the ranks."""
+"""Check Tab. 3 against the other tables: CREr from EPE and from CRE, and the ranks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _Part = tuple[str, int, list[Finding]]
 
 
 def check_costs(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> list[_Part]:
-    """CREr and ranks of a cost table against the published results of the same models."""
+    """Check the CREr and ranks of a cost table against the published results of the same models."""
     from_epe: list[Finding] = []
     from_cre: list[Finding] = []
     corrected: dict[str, Cost] = {}
@@ -46,8 +46,8 @@ def check_costs(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> li
     return [
         ("crer", count, from_epe),
         ("crer_from_cre", count, from_cre),
-        _ranks("rank", costs, cost_ranks(costs), "from the printed values"),
-        _ranks("rank_from_epe", costs, cost_ranks(corrected), "with each CREr that does not fit made from the EPE"),
+        _ranks("rank", costs, cost_ranks(costs), "based on the printed values"),
+        _ranks("rank_from_epe", costs, cost_ranks(corrected), "with inconsistent CREr recomputed from the EPE"),
     ]
 
 
@@ -59,7 +59,7 @@ def _crer(
     tolerance = _CRER_HALF + max(high - ratio, ratio - low)
     if not misfits(given, ratio, tolerance):
         return []
-    message = f"{setting} {cost.model}: CREr {given:.2f}, but from its {made_of} and clean EPE it is {ratio:.3f}"
+    message = f"{setting} {cost.model}: CREr {given:.2f}, but its {made_of} and clean EPE give {ratio:.3f}"
     return [_finding(check, cost, setting, (given, ratio, tolerance), message)]
 
 

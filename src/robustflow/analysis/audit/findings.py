@@ -1,4 +1,4 @@
-"""What an audit found: one record per number that does not fit, with both numbers."""
+"""The findings of an audit: one record per inconsistent number, with the given and the recomputed value."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ AUDIT_CHECKS = {
 
 
 class Finding(FrozenFinite):
-    """A number that does not follow from the others within rounding.
+    """A number that is inconsistent with the others beyond rounding.
 
     Attributes:
-        check: one of `AUDIT_CHECKS`.
-        source: the table or file it is in.
-        setting, model, metric, corruption: where in it; "" if not applicable.
-        given: the number as printed.
-        recomputed: what follows from the other numbers.
-        tolerance: how far apart rounding alone could put the two.
-        message: describes the finding.
+        check: key of `AUDIT_CHECKS`.
+        source: table or file that contains the number.
+        setting, model, metric, corruption: position of the number; "" if not applicable.
+        given: number as printed.
+        recomputed: number computed from the other numbers.
+        tolerance: largest difference between the two that rounding alone can cause.
+        message: description of the finding.
     """
 
     check: str
@@ -53,9 +53,9 @@ class Audit(Frozen):
     """All findings, and how many numbers each check examined.
 
     Attributes:
-        audited: what was examined.
-        checked: numbers compared, by check.
-        findings: in the order of the checks.
+        audited: name of the audited table, file or run.
+        checked: check -> number of values compared.
+        findings: findings in the order of the checks.
     """
 
     audited: str
@@ -64,16 +64,16 @@ class Audit(Frozen):
 
     @property
     def fits(self) -> bool:
-        """Whether everything follows within rounding."""
+        """Whether all numbers are consistent within rounding."""
         return not self.findings
 
     def counts(self) -> dict[str, int]:
-        """Findings by check."""
+        """Return the number of findings by check."""
         return dict(Counter(finding.check for finding in self.findings))
 
 
 def merged_audit(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
-    """One audit from (check, numbers compared, findings) of several checks."""
+    """Merge the (check, number of values compared, findings) of several checks into one audit."""
     return Audit(
         audited=audited,
         checked={check: count for check, count, _ in parts if count},

@@ -1,4 +1,4 @@
-"""Patterns among mismatches: the rows of two models were swapped, or values moved by one column."""
+"""Find patterns among mismatches: swapped rows of two models, or values shifted by one column."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .findings import Finding
 from .rounding import misfits
 
 _LEAST = 3
-"""Fewest numbers that fit elsewhere for a pattern."""
+"""Minimum number of matching values for a pattern."""
 
 
 def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Rows of two models of a setting that fit each other's EPE, but not their own."""
+    """Find two models of a setting whose rows fit each other's EPE but not their own."""
     count, findings = 0, []
     wrong = {line: _misfitting(line.values, line.values) for line in results}
     for first, second in combinations([line for line, names in wrong.items() if len(names) >= _LEAST], 2):
@@ -28,7 +28,7 @@ def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
         if crossed:
             continue
         cells = len(_both(one, two))
-        rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped against their EPE rows"
+        rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped relative to their EPE rows"
         message = (
             f"the CRE {rows}: all {cells} values of each fit the EPE of the other; {len(wrong[first])} and "
             f"{len(wrong[second])} misfit their own"
@@ -37,15 +37,15 @@ def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
         own, other = _impossible(one, one) + _impossible(two, two), _impossible(one, two) + _impossible(two, one)
         if own and not other:
             message = (
-                f"the RCRE {rows}: {own} values are impossible (RCRE below |EPE - clean EPE|) as they stand, none when "
-                "exchanged"
+                f"the RCRE {rows}: {own} values are impossible (RCRE below |EPE - clean EPE|) as printed, none when "
+                "swapped"
             )
             findings.append(finding("swapped", first, "rcre", "", message))
     return "swapped", count, findings
 
 
 def check_shifted(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Consecutive values of a model that fit the neighbouring column, but not their own."""
+    """Find consecutive values of a model that fit the neighbouring column but not their own."""
     count, findings = 0, []
     for line in results:
         values = line.values
@@ -70,7 +70,7 @@ def _shift(line: ModelResult, run: list[str], side: str) -> list[Finding]:
         return []
     message = (
         f"{line.setting} {line.name}: EPE - clean EPE of {', '.join(run)} equals the CRE one column to the {side}, "
-        "not its own: a row moved by a column in one of the tables"
+        "not its own: a row is shifted by one column in one of the tables"
     )
     return [finding("shifted", line, "epe", run[0], message)]
 
@@ -87,10 +87,10 @@ def _both(epe: Values, cre: Values) -> list[str]:
 
 
 def _misfitting(epe: Values, cre: Values) -> list[str]:
-    """Corruptions at which the CRE of one row does not follow from the EPE of another."""
+    """List the corruptions for which the CRE of one row is inconsistent with the EPE of another."""
     return [name for name in _both(epe, cre) if misfits_change(epe, name, cre["cre", name])]
 
 
 def _impossible(epe: Values, rcre: Values) -> int:
-    """How many RCRE of one row are below the change of the EPE of another."""
+    """Count the RCRE values of one row that are below the change in EPE of another."""
     return sum(below_change(epe, name, rcre["rcre", name]) for name in expected_cre(epe) if ("rcre", name) in rcre)

@@ -1,13 +1,13 @@
-"""How far apart rounding can put a printed number and one that follows from other printed numbers."""
+"""Compare a printed number with one computed from other printed numbers, up to rounding."""
 
 from __future__ import annotations
 
 _FLOAT = 1e-9
-"""Tolerance for binary fractions: 0.1 + 0.2 is not a mismatch."""
+"""Tolerance for floating-point error, so that 0.1 + 0.2 matches 0.3."""
 
 
 def misfits(given: float, recomputed: float, tolerance: float) -> bool:
-    """Whether rounding cannot explain the difference.
+    """Whether the difference is too large to be explained by rounding.
 
     >>> misfits(0.48, 0.495, 0.015), misfits(0.48, 0.50, 0.015)
     (False, True)
@@ -16,7 +16,7 @@ def misfits(given: float, recomputed: float, tolerance: float) -> bool:
 
 
 def ratio_range(top: tuple[float, float], bottom: tuple[float, float]) -> tuple[float, float]:
-    """The smallest and the largest quotient of two numbers known as (value, half), the second being positive.
+    """Return the smallest and the largest quotient of two numbers given as (value, half); the second must be positive.
 
     >>> ratio_range((1.0, 0.5), (2.0, 0.0))
     (0.25, 0.75)

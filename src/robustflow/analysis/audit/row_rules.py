@@ -1,7 +1,7 @@
 """Rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
 
-They hold for any model on any frames, so a row that breaks one was not measured, or was changed afterwards. Sums of
-lengths are compared up to a relative rounding error of 1e-9.
+The rules hold for any model on any frames, so a row that breaks a rule was not measured or was changed afterwards. Sums
+of lengths are compared up to a relative rounding error of 1e-9.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ _Expr = pl.Expr
 
 
 def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[tuple[str, pl.DataFrame]]:
-    """For each rule, what is wrong with the rows that break it, and those rows (columns of `ROW_SCHEMA` and others).
+    """Yield, for each rule, a description of the violation and the rows that violate the rule.
 
     Args:
-        rows: of one run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
-        attacks: the names of its attacks.
+        rows: rows of one run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        attacks: names of the run's attacks.
     """
     rows = rows.with_columns(_attack=pl.col("corruption").is_in(list(attacks)))
     clean = rows.filter(corruption=CLEAN).unique("sample")
@@ -48,10 +48,10 @@ def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[
 
 
 def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Like `broken_rules`, for what only rows of attacks have.
+    """Do the same as `broken_rules` for columns that only attack rows have.
 
     Args:
-        rows: of one run's attacks (`Run.attack_rows`).
+        rows: rows of one run's attacks (`Run.attack_rows`).
     """
     attacks = rows.filter(pl.col("corruption") != CLEAN)
     cells = list(attacks.select("corruption", "severity").unique().iter_rows())
@@ -67,16 +67,16 @@ def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]
     unknown = [text for text in attacks["attack_warnings"].drop_nulls().unique() if not {*text.split(",")} <= known]
     of_truth = pl.col("n_valid").is_not_null() & (pl.col("n_valid") > 0)
     rules = {
-        "numbers of the attack are missing": pl.any_horizontal(
+        "values of the attack are missing": pl.any_horizontal(
             pl.col("attack_linf", "attack_rms", "attack_evaluations").is_null()
         )
         | (of_truth & pl.any_horizontal(pl.col("attack_capped_sum", "attack_median").is_null())),
-        "the attack is beyond its budget": _any([*_beyond("attack_linf", linf), *_beyond("attack_rms", rms)]),
-        "the norms of the attack do not fit each other": _exceeds(pl.col("attack_rms"), pl.col("attack_linf"))
+        "the attack exceeds its budget": _any([*_beyond("attack_linf", linf), *_beyond("attack_rms", rms)]),
+        "the norms of the attack are inconsistent": _exceeds(pl.col("attack_rms"), pl.col("attack_linf"))
         | (pl.col("attack_linf") > 255),
-        "its capped error is above the error": _exceeds(pl.col("attack_capped_sum"), pl.col("epe_sum")),
-        "it went beyond its target": pl.col("attack_way_gone") > 1 + _CLOSE,
-        "it carries a warning that there is not": pl.col("attack_warnings").is_in(unknown),
+        "its capped error exceeds its error": _exceeds(pl.col("attack_capped_sum"), pl.col("epe_sum")),
+        "its flow moved beyond the target": pl.col("attack_way_gone") > 1 + _CLOSE,
+        "it has an unknown warning": pl.col("attack_warnings").is_in(unknown),
     }
     for reason, condition in rules.items():
         yield reason, attacks.filter(condition.fill_null(False))
@@ -94,7 +94,7 @@ def _any(conditions: Iterator[_Expr] | list[_Expr]) -> _Expr:
 
 
 def _apart(first: _Expr, second: _Expr) -> _Expr:
-    """Two sums of the same pixels in a different order."""
+    """Whether two sums over the same pixels differ by more than the order of summation explains."""
     return (first - second).abs() > _CLOSE * (1 + first.abs() + second.abs())
 
 
@@ -103,7 +103,7 @@ def _exceeds(first: _Expr, second: _Expr) -> _Expr:
 
 
 def _shift(total: str, count: str, moved: str) -> _Expr:
-    """A sum of lengths changed against the clean row by more than the flow moved, over the same pixels."""
+    """Whether a sum of lengths differs from the clean row by more than the flow changed, over the same pixels."""
     same = pl.col(count) == pl.col(count + _BEFORE)
     before = pl.col(total + _BEFORE)
     scale = _CLOSE * (1 + pl.col(total) + before + pl.col(moved))
@@ -115,7 +115,7 @@ def _missing_together(names: tuple[str, ...]) -> _Expr:
 
 
 def _misfit(parts: tuple[str, ...]) -> _Expr:
-    """The regions of one split do not add up to all valid pixels."""
+    """Whether the regions of one split do not add up to all valid pixels."""
     exact = [
         reduce(add, (pl.col(f"{field}_{part}") for part in parts)) != pl.col(whole)
         for field, whole in (("n", "n_valid"), ("fl_count", "fl_count"))
@@ -137,16 +137,16 @@ _whole = pl.col("n_all") == _pixels
 _all_of = ("n", "epe_sum", "rcre_sum", "fl_count")
 
 RULES: dict[str, _Expr] = {
-    "it has numbers of an attack and is none": ~pl.col("_attack")
+    "it has values of an attack but is not an attack": ~pl.col("_attack")
     & _any([pl.col(name).is_not_null() for name in _OF_ATTACKS]),
-    "its clean error is not that of the sample's clean row": _any(
+    "its clean error differs from that of the sample's clean row": _any(
         [
             (pl.col(f"n_{part}") == pl.col(f"n_{part}{_BEFORE}"))
             & (pl.col(f"clean_epe_sum{name}") != pl.col(f"epe_sum{name}{_BEFORE}"))
             for part, name in (("valid", ""), *((region, f"_{region}") for region in REGIONS))
         ]
     ),
-    "the error changed by more than the flow moved over the same pixels": _any(
+    "the error changed by more than the flow itself over the same pixels": _any(
         [
             (pl.col(f"epe_sum{name}") - pl.col(f"clean_epe_sum{name}")).abs()
             > pl.col(f"rcre_sum{name}")
@@ -160,33 +160,33 @@ RULES: dict[str, _Expr] = {
         + [_exceeds(pl.col("wauc_sum"), pl.col("n_valid").cast(pl.Float64))]
         + [pl.col(f"fl_count_{region}") > pl.col(f"n_{region}") for region in REGIONS]
     ),
-    "the error changed by more than the flow moved": _any(
+    "the error changed by more than the flow itself": _any(
         [_shift("epe_sum", "n_valid", "rcre_sum")]
         + [_shift(f"epe_sum_{region}", f"n_{region}", f"rcre_sum_{region}") for region in REGIONS]
     ),
-    "the length of the flow changed by more than the flow moved": _shift("pred_magnitude_sum", "n_all", "rcre_all_sum"),
-    "it counts more pixels than there are": _any(
+    "the flow's length changed by more than the flow itself": _shift("pred_magnitude_sum", "n_all", "rcre_all_sum"),
+    "it counts more pixels than the frame has": _any(
         [pl.col(c) < 0 for c in _COUNTS]
         + [pl.col("height") < 1, pl.col("width") < 1, pl.col("n_all") + pl.col("n_invalid") > _pixels]
         + [pl.col("n_valid") > pl.col("n_all"), pl.col("n_valid") > pl.col("n_truth"), pl.col("n_truth") > _pixels]
         + [_whole & (pl.col("n_valid") != pl.col("n_truth"))]
     ),
-    "numbers are given without the others that belong to them": _any(
+    "some of the numbers that belong together are missing": _any(
         [_missing_together(_TRUTH)]
         + [_missing_together(tuple(f"{field}_{region}" for field in _all_of)) for region in REGIONS]
         + [pl.col("n_valid").is_null() & pl.col(f"n_{region}").is_not_null() for region in REGIONS]
     ),
     "its regions do not add up to all pixels": _any([_misfit(parts) for parts in _SPLITS]),
-    "its outliers of 5, 3 and 1 px are not contained in each other": _any(
+    "its counts of 1, 3 and 5 px outliers are inconsistent": _any(
         [
             pl.col(few) > pl.col(many)
             for few, many in (("px5_count", "px3_count"), ("px3_count", "px1_count"), ("fl_count", "px3_count"))
         ]
     ),
-    "its error is below what its outliers alone add up to": _exceeds(
+    "its error is smaller than its outliers alone imply": _exceeds(
         pl.col("px1_count") + 2.0 * pl.col("px3_count") + 2.0 * pl.col("px5_count"), pl.col("epe_sum")
     ),
-    "its ground truth is shorter or longer than its regions say": _any(
+    "the length of its ground truth contradicts its regions": _any(
         [
             _exceeds(_SHORT * pl.col("n_s10_40") + _LONG * pl.col("n_s40"), pl.col("magnitude_sum")),
             (pl.col("n_s40") == 0)
@@ -196,14 +196,14 @@ RULES: dict[str, _Expr] = {
     "its flow is too short for such a small error": _exceeds(
         pl.col("magnitude_sum"), pl.col("pred_magnitude_sum") + pl.col("epe_sum")
     ),
-    "a confidence knows its errors better than the errors themselves": _any(
+    "its confidence ranks errors better than the oracle": _any(
         [_exceeds(pl.col(f"oracle_at_{share}"), pl.col(f"error_at_{share}")) for share in COVERAGES]
         + [pl.col("rejected_count") > pl.col("n_all"), pl.col("confidence_spearman").abs() > 1]
     ),
-    "the clean frames have a spread, though they are not drawn": (pl.col("corruption") == CLEAN)
+    "the clean frames have a spread, although they are not random": (pl.col("corruption") == CLEAN)
     & (pl.col("spread_sum") != 0),
-    "the flow moved more on the valid pixels than on all": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
-    "the flow on the clean frames differs from itself": (pl.col("corruption") == CLEAN)
+    "the flow changed more on valid pixels than on all pixels": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
+    "the flow on the clean frames differs from the clean flow": (pl.col("corruption") == CLEAN)
     & _any([pl.col("severity") != 0] + [pl.col(c) != 0 for c in _SUMS if c.startswith("rcre")]),
     "its size or group differs from that of the sample's other rows": _any(
         [_differs_within_sample(name, pl.lit(True)) for name in ("height", "width", "group")]
@@ -216,4 +216,4 @@ RULES: dict[str, _Expr] = {
         ]
     ),
 }
-"""What can be wrong with a row, and the condition that detects it. `<column>_clean` is the sample's clean row."""
+"""Description of a violation -> condition that detects it. `<column>_clean` is the column in the sample's clean row."""

@@ -1,4 +1,4 @@
-"""Audit a run folder: the summary against the rows, and impossible rows."""
+"""Audit a run folder: compare the summary with the rows, and find impossible rows."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _CLOSE = 1e-9
 
 
 def audit_run(run: Run, audited: str | None = None) -> Audit:
-    """Check that the contents of a run's folder follow from its rows.
+    """Check that the contents of a run folder are consistent with its rows.
 
-    `summary.json` is recomputed from the rows and compared number by number; rows are checked for impossible
-    measurements (`row_rules.RULES`). A changed manifest is refused when the run is read.
+    `summary.json` is recomputed from the rows and compared number by number, and rows are checked for impossible
+    measurements (`row_rules.RULES`). Modified manifests are already rejected when the run is read.
 
     Args:
-        run: to be audited.
-        audited: its name in the result; the folder by default.
+        run: run to audit.
+        audited: name of the run in the result; the folder by default.
 
     Raises:
-        RunError: a folder without a readable summary.
+        RunError: if the folder has no readable summary.
     """
     return merged_audit(audited or str(run.path), [_summary(run), _rows(run)])
 
@@ -49,7 +49,7 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
         count += 1
         if not _same(left, right):
             where = ".".join(path)
-            message = f"summary.json: {where} is {_shown(left)}, but from the rows it is {_shown(right)}"
+            message = f"summary.json: {where} is {_shown(left)}, but according to the rows it is {_shown(right)}"
             findings.append(
                 Finding(
                     check="summary",
@@ -67,7 +67,7 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
 def _read_summary(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _LARGEST_SUMMARY:
-            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB, which no summary is")
+            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB, too large for a summary")
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise RunError(f"{path} cannot be read ({error}); write it again with robustflow show {path.parent}") from error
@@ -75,7 +75,7 @@ def _read_summary(path: Path) -> dict[str, Any]:
         raise RunError(f"{path} is not a summary; write it again with robustflow show {path.parent}")
     if (version := summary.get("version")) != SUMMARY_VERSION:
         raise RunError(
-            f"{path.name} is of version {version}, and this version of robustflow reads {SUMMARY_VERSION}; write it "
+            f"{path.name} has version {version}, but this version of robustflow reads {SUMMARY_VERSION}; write it "
             "again from the run's folder with robustflow show"
         )
     return summary
@@ -85,7 +85,7 @@ _ABSENT = object()
 
 
 def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Every number, text or missing value of either side, with its counterpart."""
+    """Yield the path and both values of every number, text or missing value on either side."""
     if isinstance(left, dict) and isinstance(right, dict):
         for name in dict.fromkeys((*left, *right)):
             yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))
@@ -108,14 +108,14 @@ def _number(value: Any) -> float | None:
         return None
     try:
         number = float(value)
-    except OverflowError:  # an integer with hundreds of digits
+    except OverflowError:  # an integer of hundreds of digits
         return None
     return number if math.isfinite(number) else None
 
 
 def _shown(value: Any) -> str:
     if value is _ABSENT:
-        return "not there"
+        return "missing"
     return f"{value:.6g}" if _number(value) is not None else str(value)[:80]
 
 

@@ -1,6 +1,6 @@
-"""Results written by other benchmarks' programs, as lines of tables.
+"""Import results written by other benchmarks' programs as lines of tables.
 
-They are means without the rows behind them, so nothing in them can be checked: every line says so (`NOTE`).
+Such results are means without rows, so they cannot be verified. Every imported line says so (`NOTE`).
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from . import flowbench, reference
 from .json_file import read_json_file
 
 NOTE = "imported, not verifiable: no seed, no rows"
-"""What every imported line says."""
+"""The note on every imported line."""
 
 
 def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
-    """Read result files (JSON) of the paper's reference code and of FlowBench, which are recognised by their content.
+    """Read JSON result files of the paper's reference code and of FlowBench, distinguished by their content.
 
     Args:
-        paths: of files. FlowBench writes a file for each corruption; all that are given are read as one.
+        paths: paths of the files. FlowBench writes a file for each corruption; all FlowBench files are read as one.
 
     Returns:
-        A line for each model; a sample set is what was written by one program, on one data set, under the
-        same corruptions and severities.
+        A line for each model. Results of one program on one data set under the same corruptions and severities form a
+        sample set.
 
     Raises:
-        DataError: a file that cannot be read, is neither of the two, or holds what such a file cannot hold.
+        DataError: if a file cannot be read, has neither format, or contains invalid values.
     """
     benchmarks: list[reference.Results] = []
     experiments: list[flowbench.Experiment] = []

@@ -1,4 +1,4 @@
-"""Describe the corruptions that an average is over; different sets have different descriptions."""
+"""Describe the corruptions in an average; different sets have different descriptions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...text import counted
 
 
 def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
-    """Name the corruptions that an average is over, or those that it leaves out if these are fewer.
+    """Name the corruptions in an average, or those left out if these are fewer.
 
     >>> averaged_over(["fog", "snow"], ["fog", "snow"]), averaged_over(["fog", "snow"], ["fog", "frost", "snow"])
     ('average over 2 corruptions', 'average over 2 corruptions, without frost')

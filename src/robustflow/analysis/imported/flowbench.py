@@ -1,17 +1,17 @@
-"""`metrics_DATASET.json` of FlowBench, as far as it is about image corruptions.
+"""Read the image-corruption results in FlowBench's `metrics_DATASET.json`.
 
-Written by `attack` in flowbench/attacks.py of the public repository shashankskagnihotri/FlowBench, commit 4fb7263, to
-outputs/validate/MODEL_CHECKPOINT/2dcc/CORRUPTION/metrics_DATASET.json; older ones, with everything in one file, are in
-the repository under outputs/validate:
+These files are written by `attack` in flowbench/attacks.py of the public repository shashankskagnihotri/FlowBench,
+commit 4fb7263, to outputs/validate/MODEL_CHECKPOINT/2dcc/CORRUPTION/metrics_DATASET.json. Older files, with all results
+in one file, are in the repository under outputs/validate:
 
     {"experiments": [{"model": "raft", "checkpoint": "kitti", "attack": "common_corruptions", "name": "snow",
                       "severity": 3, "targeted": false, "dataset": "kitti-2015", "metrics": {"epe": 4.1, ...}, ...},
                      {"model": "raft", "checkpoint": "kitti", "attack": "none", ..., "metrics": {"epe": 0.64}}, ...]}
 
-A later experiment replaces an equal earlier one, as its own reader (flowbench/utils.py) has it. Attacks, adversarial
-weather and 3D corruptions are other questions and are left out. `epe` is a mean over images, in pixels. The
-corruptions are those of the library imagecorruptions, drawn for each frame of a pair apart: they have names in common
-with this project's and are other corruptions, so the lines form a separate benchmark.
+A later experiment replaces an earlier one with the same settings, as in FlowBench's reader (flowbench/utils.py).
+Attacks, adversarial weather and 3D corruptions are left out. `epe` is a mean over images, in pixels. The corruptions
+are those of the library imagecorruptions, drawn independently for the two frames of a pair. They share names with this
+project's corruptions but differ from them, so the lines form a separate benchmark.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ FLOWBENCH_CORRUPTIONS = (
     "pixelate",
     "jpeg_compression",
 )
-"""`common_corruptions_2d` of flowbench/evals.py."""
+"""The corruptions in `common_corruptions_2d` of flowbench/evals.py."""
 
 FLOWBENCH_DATASETS = {"kitti-2015": "kitti2015", "sintel-clean": "sintel", "sintel-final": "sintel"}
-"""What it evaluates on -> the data set as this project calls it."""
+"""FlowBench's name of a data set -> this project's name."""
 
 _SOURCE = "metrics files of FlowBench"
 _ATTACK, _NONE = "common_corruptions", "none"
@@ -66,10 +66,10 @@ class Experiment:
     """One experiment of a file.
 
     Attributes:
-        model, checkpoint, dataset: as FlowBench calls them.
-        corruption: one of `FLOWBENCH_CORRUPTIONS`, or "clean".
-        severity: 1 to 5; 0 of clean frames.
-        epe: mean over images, pixels.
+        model, checkpoint, dataset: FlowBench's names.
+        corruption: name from `FLOWBENCH_CORRUPTIONS`, or "clean".
+        severity: severity, 1 to 5; 0 for clean frames.
+        epe: mean EPE over images, pixels.
     """
 
     model: str
@@ -81,7 +81,7 @@ class Experiment:
 
 
 def is_flowbench(content: Any) -> bool:
-    """Whether a file's content has the shape of these.
+    """Whether a file's content has the structure of a FlowBench file.
 
     >>> is_flowbench({"experiments": []}), is_flowbench({"fog": {"rCRE": [1, 2, 3, 4, 5]}})
     (True, False)
@@ -90,10 +90,11 @@ def is_flowbench(content: Any) -> bool:
 
 
 def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
-    """The experiments of a file on clean and on corrupted frames.
+    """Return the experiments on clean and on corrupted frames in a file.
 
     Raises:
-        DataError: an unknown corruption or data set, a severity outside 1 to 5, an error that is not a finite number.
+        DataError: if a corruption or data set is unknown, a severity is outside 1 to 5, or an EPE is not a finite
+            number.
     """
     experiments = []
     for index, entry in enumerate(content["experiments"], 1):
@@ -106,12 +107,12 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
 
 
 def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]:
-    """A line for each model. A model's means are over the severities that all of its corruptions have; one
-    without a corrupted frame is left out. CRE is the difference from the clean error, which is over the same images and
-    pixels. Models on one data set under the same corruptions and severities are one sample set.
+    """Yield a line for each model, averaged over the severities that all of the model's corruptions have. Models
+    without corrupted frames are left out. CRE is the difference from the clean error over the same images and pixels.
+    Models on one data set under the same corruptions and severities form a sample set.
 
     Raises:
-        DataError: a model whose corruptions have no severity in common.
+        DataError: if a model's corruptions have no severity in common.
     """
     models: dict[tuple[str, str, str], dict[tuple[str, int], float]] = {}
     for one in experiments:
@@ -124,7 +125,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]
         if not levels:
             raise DataError(
                 f"FlowBench, {model} {checkpoint} on {dataset}: its corruptions have no severity in common, so their "
-                "means are of different things; give the files of one severity"
+                "means cannot be compared; give the files of one severity"
             )
         values = {name: fsum(errors[name, level] for level in levels) / len(levels) for name in names}
         values[AVERAGE] = fsum(values.values()) / len(names)
@@ -155,13 +156,13 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
             known = ", ".join(FLOWBENCH_CORRUPTIONS)
             raise DataError(f"{where}: unknown corruption '{plain(str(corruption), 40)}'; FlowBench has {known}")
         if isinstance(severity, bool) or severity not in SEVERITIES:
-            raise DataError(f"{where}: severity {plain(repr(severity), 40)}; there are 1 to 5")
+            raise DataError(f"{where}: severity {plain(repr(severity), 40)}; expected 1 to 5")
     metrics = entry.get("metrics")
     if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: no 'epe' among its metrics")
+        raise DataError(f"{where}: its metrics have no 'epe'")
     names = [entry.get(part) for part in ("model", "checkpoint")]
     if not all(isinstance(name, str) and name for name in names):
-        raise DataError(f"{where}: no model and checkpoint in it")
+        raise DataError(f"{where}: the model or the checkpoint is missing")
     model, checkpoint = (plain(str(name), 40) for name in names)
     return Experiment(
         model, checkpoint, dataset, corruption, int(severity), finite_number(metrics["epe"], f"{where}, epe")
@@ -169,7 +170,7 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
 
 
 def _setting(dataset: str, model: str, checkpoint: str) -> str:
-    """What the catalogue says about the checkpoint of this name: FlowBench takes its models from ptlflow."""
+    """Return the setting of the checkpoint with this name from the catalogue; FlowBench uses ptlflow's models."""
     for entry in entries_of(f"{PTLFLOW}{model}"):
         if entry.checkpoint == checkpoint:
             return setting_of(training_of_entry(entry), FLOWBENCH_DATASETS[dataset])

@@ -1,10 +1,11 @@
-"""Rows of attacks in FlowBench's `metrics_DATASET.json` (see `flowbench`), with what makes each of them doubtful.
+"""Read the attack results in FlowBench's `metrics_DATASET.json` (see `flowbench`) and flag questionable rows.
 
 Besides model, checkpoint, data set and `metrics`, such an experiment has "attack" (fgsm, bim, pgd, cospgd, pcfa or
-weather), "norm" ("inf", or "two": the plain norm of one frame; absent for pcfa, whose bound is a root mean square over
-both), "epsilon" in 0..1, rounded to four digits, "iterations", "targeted" and "target". The metrics have `epe`, to the
-target where there is one and to the truth otherwise, `epe_ground_truth` with a target, and in some files the changes
-that were reached (`l2_delta12`, a root mean square; `l_inf_delta12`). Files per iteration (`..._i3`) are left out.
+weather), "norm" ("inf", or "two" for the Euclidean norm of one frame; absent for pcfa, whose bound is a root mean
+square over both frames), "epsilon" in 0..1, rounded to four digits, "iterations", "targeted" and "target". The metrics
+contain `epe` (the distance to the target if there is one, otherwise to the ground truth), `epe_ground_truth` if there
+is a target, and in some files the size of the perturbation (`l2_delta12`, a root mean square; `l_inf_delta12`). Files
+per iteration (`..._i3`) are left out.
 """
 
 from __future__ import annotations
@@ -22,36 +23,36 @@ from .json_file import finite_number, read_json_file
 
 STORED_ATTACKS = ("fgsm", "bim", "pgd", "cospgd", "pcfa", "weather")
 FLAGS = {
-    "beyond_budget": "its frames leave the stated budget",
-    "budget_unknown": "the change that was reached is not stored, or not in the norm of the budget",
+    "beyond_budget": "its frames exceed the stated budget",
+    "budget_unknown": "the size of the perturbation is not stored, or not in the norm of the budget",
     "no_budget": "the stored budget is rounded to zero",
     "bim_step": "the step is the whole budget: not BIM",
     "pixels_without_truth": "its loss counts pixels without ground truth, as zero flow",
-    "random_weather": "the code that optimises the particles renders those it started from",
+    "random_weather": "the code optimises the particles but renders the initial ones",
     "fgsm_above_iterative": "FGSM is stronger at the same budget: a masked gradient, or badly chosen steps",
-    "repeats_differ": "a stored repeat of it differs by more than 5 %",
+    "repeats_differ": "a stored repetition differs by more than 5 %",
 }
-"""What makes a stored row doubtful, by a short name."""
+"""Short name -> reason why a stored row is questionable."""
 
 _ROUNDED = 5.1e-5
-"""Half a unit of the fourth digit of the stored budget, and float32's rounding of the change."""
+"""Half a unit of the fourth decimal of the stored budget, plus the float32 rounding error of the perturbation."""
 _NORMS = {"inf": "linf", "two": "frame"}
 _MOST_ROWS = 100_000
 
 
 @dataclass(frozen=True)
 class StoredAttack:
-    """One row.
+    """One row of FlowBench's attack results.
 
     Attributes:
-        model, checkpoint, dataset, attack: as FlowBench calls them.
-        norm: "linf", "frame" (the plain norm of one frame), "rms", or "" for weather.
-        budget: in the units of frames in 0..1; None for weather.
-        iterations: None for a single step.
-        target: "none", "zero" or "negative".
-        epe: to the truth, px; None where it is not stored.
-        to_target: to the target, px; None without one.
-        reached: the change in the norm of the budget; None if it is not stored.
+        model, checkpoint, dataset, attack: FlowBench's names.
+        norm: norm of the budget: "linf", "frame" (the Euclidean norm of one frame), "rms", or "" for weather.
+        budget: bound of the norm for frames in 0..1; None for weather.
+        iterations: number of iterations; None for a single step.
+        target: target of the attack: "none", "zero" or "negative".
+        epe: EPE with respect to the ground truth, px; None if not stored.
+        to_target: distance to the target, px; None without a target.
+        reached: size of the perturbation in the norm of the budget; None if not stored.
         flags: keys of `FLAGS`, sorted.
     """
 
@@ -70,7 +71,7 @@ class StoredAttack:
 
     @property
     def setting(self) -> tuple[Any, ...]:
-        """Everything but the results."""
+        """All fields except the results."""
         return (
             self.model,
             self.checkpoint,
@@ -84,10 +85,10 @@ class StoredAttack:
 
 
 def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
-    """The rows of attacks in files of FlowBench, in their order.
+    """Read the attack results in FlowBench files, in the order of the files.
 
     Raises:
-        DataError: a file that cannot be read, is not FlowBench's, or holds what such a file cannot hold.
+        DataError: if a file cannot be read, is not a FlowBench file, or contains invalid values.
     """
     rows = []
     for path in paths:
@@ -106,7 +107,7 @@ def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
 
 
 def audit_stored_attacks(rows: Sequence[StoredAttack], audited: str) -> Audit:
-    """Which rows are beyond their budget, of those whose change is stored."""
+    """Find the rows that exceed their budget, among rows whose perturbation size is stored."""
     known = [row for row in rows if row.reached is not None and row.budget is not None]
     findings = [
         Finding(
@@ -119,8 +120,8 @@ def audit_stored_attacks(rows: Sequence[StoredAttack], audited: str) -> Audit:
             recomputed=row.reached,
             tolerance=_ROUNDED,
             message=plain(
-                f"{row.model} {row.checkpoint} on {row.dataset}, {row.attack}, target {row.target}: the change is "
-                f"{row.reached:.4g} ({row.norm}), the budget {row.budget:.4g}",
+                f"{row.model} {row.checkpoint} on {row.dataset}, {row.attack}, target {row.target}: perturbation "
+                f"{row.reached:.4g} ({row.norm}), budget {row.budget:.4g}",
                 400,
             ),
         )
@@ -138,24 +139,24 @@ def _by_iteration(entry: dict[str, Any]) -> bool:
 def _row(entry: dict[str, Any], where: str) -> StoredAttack:
     metrics, dataset = entry.get("metrics"), entry.get("dataset")
     if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: no 'epe' among its metrics")
+        raise DataError(f"{where}: its metrics have no 'epe'")
     if not isinstance(dataset, str) or not dataset:
-        raise DataError(f"{where}: no data set in it")
+        raise DataError(f"{where}: the data set is missing")
     names = [entry.get(part) for part in ("model", "checkpoint")]
     if not all(isinstance(name, str | int) and not isinstance(name, bool) and str(name) for name in names):
-        raise DataError(f"{where}: no model and checkpoint in it")
+        raise DataError(f"{where}: the model or the checkpoint is missing")
     model, checkpoint = (plain(str(name), 40) for name in names)
     attack, targeted, iterations = entry["attack"], entry.get("targeted"), entry.get("iterations")
     target = entry.get("target") if targeted else "none"
     if not isinstance(targeted, bool) or target not in ("none", "zero", "negative"):
-        raise DataError(f"{where}: target {plain(repr(target), 40)}; there are zero and negative")
+        raise DataError(f"{where}: target {plain(repr(target), 40)}; expected zero or negative")
     if iterations is not None and (isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1):
         raise DataError(f"{where}: iterations {plain(repr(iterations), 40)}; expected a whole number from 1")
     norm, budget = "", None
     if attack != "weather":
         norm = "rms" if attack == "pcfa" else _NORMS.get(str(entry.get("norm")), "")
         if not norm:
-            raise DataError(f"{where}: norm {plain(repr(entry.get('norm')), 40)}; there are inf and two")
+            raise DataError(f"{where}: norm {plain(repr(entry.get('norm')), 40)}; expected inf or two")
         budget = finite_number(entry.get("epsilon"), f"{where}, epsilon")
     measured = {"linf": "l_inf_delta12", "rms": "l2_delta12"}.get(norm)
     reached = finite_number(metrics[measured], f"{where}, {measured}") if measured in metrics else None
@@ -186,7 +187,7 @@ def _row(entry: dict[str, Any], where: str) -> StoredAttack:
 
 
 def _compared(rows: Sequence[StoredAttack]) -> list[StoredAttack]:
-    """Add the flags that follow from several rows."""
+    """Add the flags that depend on several rows."""
     repeats: dict[tuple[Any, ...], list[float]] = {}
     single: dict[tuple[Any, ...], float] = {}
     for row in rows:

@@ -1,4 +1,4 @@
-"""Read a JSON file from elsewhere: of limited size, without repeated names, with every number checked."""
+"""Read JSON files of other programs, with a size limit and checks for repeated names and invalid numbers."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ _LARGEST_NUMBER = 1e9
 
 
 def read_json_file(path: Path) -> Any:
-    """Read a JSON file. Python's `json.dump` writes NaN, which is read here and refused where it is used.
+    """Read a JSON file. NaN, which Python's `json.dump` can write, is accepted here and rejected where the number is
+    used.
 
     Raises:
-        DataError: no such file, more than 16 MiB, not JSON, or a name that is given twice.
+        DataError: if the file does not exist, exceeds 16 MiB, is not JSON, or contains a name twice.
     """
     path = path.expanduser()
     try:
@@ -32,7 +33,7 @@ def read_json_file(path: Path) -> Any:
 
 
 def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
-    """A finite number, as a length in pixels or (`signed`) a difference of two.
+    """Return a finite number: a length in pixels or, if `signed`, a difference of lengths.
 
     >>> finite_number(2, "r.json, fog"), finite_number(-0.5, "r.json, fog", signed=True)
     (2.0, -0.5)
@@ -42,7 +43,7 @@ def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise DataError(f"{where}: {plain(repr(value), 40)} is not a number")
-    if not abs(value) <= _LARGEST_NUMBER:  # NaN is not below anything
+    if not abs(value) <= _LARGEST_NUMBER:  # comparisons with NaN are false
         raise DataError(f"{where}: {plain(repr(value), 40)} is not a finite number of pixels")
     if value < 0 and not signed:
         raise DataError(f"{where}: {float(value):g}: a length in pixels cannot be below 0")

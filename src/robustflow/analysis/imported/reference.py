@@ -1,14 +1,14 @@
-"""`results.json` of the paper's reference code.
+"""Read `results.json` of the paper's reference code.
 
-Written by models/RAFT/benchmark.py (KITTI-FC) and benchmark_gopro.py (GoPro-FC) of the public repository
+The file is written by models/RAFT/benchmark.py (KITTI-FC) and benchmark_gopro.py (GoPro-FC) of the public repository
 ZhonghuaYi/optical_flow_robustness_benchmark, commit 445880d, to benchmark_results/PROJECT/results.json:
 
     {"fog": {"CRE": [5 values], "rCRE": [...], "clean_EPE": [...], "corrupt_EPE": [...],
              "CRE_mean": ..., "rCRE_mean": ..., "clean_EPE_mean": ..., "corrupt_EPE_mean": ..., "result": "..."},
      "clean": {"clean_EPE": [1 value], "CRE": [[]], "CRE_mean": NaN, ...}, ...}
 
-On GoPro-FC, which has no ground truth, there is only rCRE. Values are means over images of means over pixels, of
-severities 1 to 5 in this order; "brightness" is what the paper calls high light.
+On GoPro-FC, which has no ground truth, there is only rCRE. The values are for severities 1 to 5 in this order, averaged
+over pixels and then over images. "brightness" is the corruption that the paper calls high light.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ _SOURCE = "results.json of the reference code"
 
 @dataclass(frozen=True)
 class Results:
-    """A file.
+    """The content of one `results.json`.
 
     Attributes:
-        model: the folder it is in, which the reference code names after the model, the setting and the time.
-        benchmark: "kitti-fc" or "gopro-fc".
+        model: name of the file's folder, which the reference code names after the model, the setting and the time.
+        benchmark: name of the benchmark, "kitti-fc" or "gopro-fc".
         values: (metric, corruption or "clean") -> mean over severities.
     """
 
@@ -54,7 +54,7 @@ class Results:
 
 
 def is_reference(content: Any) -> bool:
-    """Whether a file's content has the shape of these.
+    """Whether a file's content has the structure of such a `results.json`.
 
     >>> is_reference({"fog": {"rCRE": [1, 2, 3, 4, 5]}}), is_reference({"experiments": []})
     (True, False)
@@ -68,10 +68,10 @@ def is_reference(content: Any) -> bool:
 
 
 def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
-    """The values of a file.
+    """Parse the content of a file.
 
     Raises:
-        DataError: an unknown corruption, not five values, or one that is not a finite number.
+        DataError: if a corruption is unknown, the number of values is not five, or a value is not a finite number.
     """
     values: dict[tuple[str, str], float] = {}
     for written, entry in content.items():
@@ -85,7 +85,7 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
             if written_metric in entry:
                 values[metric, name] = _mean(entry[written_metric], f"{where}, {written_metric}", metric == "cre")
     if not values:
-        raise DataError(f"{path}: no corruption in it; this file says nothing of robustness")
+        raise DataError(f"{path}: it contains no corruption; robustness cannot be measured")
     clean = _clean(content, path)
     if clean is not None:
         values["epe", CLEAN] = clean
@@ -95,8 +95,8 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
 
 
 def lines(files: Sequence[Results], note: str) -> Iterator[ModelResult]:
-    """A line for each file. Files of one benchmark under the same corruptions are one sample set: the
-    release has one set of frames."""
+    """Yield a line for each file. Files of one benchmark with the same corruptions form a sample set, because the
+    release has only one set of frames."""
     for file in files:
         wanted = benchmark_facts(file.benchmark).paper_corruptions
         frames = f"Reference code, {file.benchmark}, {averaged_over(_averaged(file), wanted)}"
@@ -111,7 +111,7 @@ def _mean(written: Any, where: str, signed: bool) -> float:
 
 
 def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
-    """The clean EPE of the entry "clean", otherwise that of any corruption; all have the same."""
+    """Return the clean EPE from the entry "clean" or else from any corruption; all contain the same value."""
     for written in (CLEAN, *content):
         values = content.get(written, {}).get("clean_EPE")
         if isinstance(values, list) and values:
@@ -120,7 +120,7 @@ def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
 
 
 def _averaged(file: Results) -> tuple[str, ...]:
-    """The corruptions that averages are over: the paper's, without elastic_transform."""
+    """Return the corruptions to average: those of the paper, without elastic_transform."""
     names = {corruption for _, corruption in file.values}
     return tuple(name for name in PAPER_ORDER if name in names)
 

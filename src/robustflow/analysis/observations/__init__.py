@@ -1,4 +1,4 @@
-"""The ten observations of the paper, each as a computation on results with a verdict."""
+"""The paper's ten observations, each checked by a computation on results that ends in a verdict."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["Observation", "Statement", "Verdict", "observations"]
 
 LEAST_FAMILIES = 5
 LEAST_PAIRS = 20
-"""Number of models and families below which there is too little evidence for a statement about models in general."""
+"""Minimum number of image pairs for a verdict; `LEAST_FAMILIES` is the minimum number of model families."""
 
 _OF_RCRE = (9, 10)
 _OBSERVATIONS = (
@@ -45,16 +45,16 @@ def observations(
     costs: Mapping[str, Cost] | None = None,
     methods: Mapping[str, Method] | None = None,
 ) -> list[Observation]:
-    """The paper's observations checked on results.
+    """Check the paper's observations on results.
 
     Args:
-        results: measured on the same frames per benchmark: published ones, or those of runs, not both.
-        costs: FLOPs and CREr by model, for observation 6.
-        methods: the kind of method of each model, by name; the paper's models by default.
+        results: published results or results of runs, not both, measured on the same frames per benchmark.
+        costs: model name -> FLOPs and CREr, for observation 6.
+        methods: model name -> method; by default, those of the paper's models.
 
-    A statement holds, or does not, if its 95 % interval excludes the other side; otherwise there is too little
-    evidence. Intervals of statements about models in general are over families (variants of one method count once),
-    those of statements about named models over corruptions. On fewer than `LEAST_PAIRS` image pairs, or with fewer than
+    A statement holds, or does not hold, if its 95 % interval excludes the opposite; otherwise there is too little
+    evidence. For statements about models in general, intervals are over families (variants of one method count once);
+    for statements about named models, over corruptions. On fewer than `LEAST_PAIRS` image pairs, or with fewer than
     `LEAST_FAMILIES` families of models, the numbers are given without a verdict: "too little evidence".
 
     >>> from robustflow.analysis.published.tables import published_costs, published_results

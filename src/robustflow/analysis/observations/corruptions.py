@@ -1,4 +1,4 @@
-"""Observations 7 and 8: which corruptions are serious."""
+"""Observations 7 and 8: which corruptions increase the error most."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ _VISUAL = ("contrast", "saturate", "fog")
 
 
 def dark_and_overexposed(evidence: Evidence) -> Observation:
-    """7: on average over models, Low-Light costs more than High-Light and Over than Under Exposure."""
+    """Check observation 7: averaged over models, Low-Light increases the EPE more than High-Light, and Over Exposure
+    more than Under Exposure."""
     parts = []
     for worse, milder in (("low_light", "high_light"), ("over_exposure", "under_exposure")):
         every = [entry for entry in evidence.entries if evidence.has(entry, worse, milder)]
@@ -33,7 +34,8 @@ def dark_and_overexposed(evidence: Evidence) -> Observation:
 
 
 def most_models(evidence: Evidence, claim: str, gap: dict[ModelInSetting, float]) -> Statement:
-    """Whether a number is above 0 for most families of models (their mean), and for which models it is not."""
+    """Check whether a number, averaged within each model family, is positive for most families, and name the models for
+    which it is not."""
     against = [entry for entry, value in gap.items() if value <= 0]
     families = evidence.by_family(gap, gap.__getitem__)
     margin = of_majority(sum(value > 0 for value in families.values()), len(families), "family")
@@ -48,7 +50,7 @@ def most_models(evidence: Evidence, claim: str, gap: dict[ModelInSetting, float]
 
 
 def local_information(evidence: Evidence) -> Observation:
-    """8: noise, JPEG and occluding weather cost more CRE than contrast, saturation and fog."""
+    """Check observation 8: noise, JPEG and occluding weather cause a higher CRE than contrast, saturation and fog."""
     title = "Corruptions that lose local information are more influential than corruptions that lose visual effects"
     entries = [e for s in evidence.settings() for e in evidence.discussed(s) if evidence.has(e, *_LOCAL, *_VISUAL)]
     claim = "mean CRE under noise, JPEG, spatter, frost and snow is above that under contrast, saturate and fog"

@@ -1,8 +1,8 @@
-"""Results in the form that the observations need.
+"""Prepare results for checking the observations.
 
-CRE is computed from the EPE here, because the published CRE table does not match the EPE table (see `robustflow
-audit`). The paper leaves the knowledge-driven methods and FlowDiffuser out of its discussion (Sec. 5.2); the same is
-done here, except for statements about all models.
+CRE is computed from the EPE because the published CRE table does not match the EPE table (see `robustflow audit`). As
+in the paper's discussion (Sec. 5.2), the knowledge-driven methods and FlowDiffuser are left out, except in statements
+about all models.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _VARIANT = re.compile(r"( \([^()]*\))?( #\d+)?$")
 """The part of a name that distinguishes runs of one model: "RAFT (seed 1)", "RAFT #2"."""
 _SIZE = re.compile(r"[-_ ](?:xs|s|b|m|l|h|t|xl|tiny|small|base|medium|large|huge)$", re.IGNORECASE)
 _ROUNDING = 0.015
-"""Pixels: how much rounding three numbers to hundredths can add up to."""
+"""Largest combined error, in pixels, of three numbers rounded to hundredths."""
 
 
 class Evidence:
     """Results measured on the same frames, by model.
 
     Attributes:
-        entries: models with a clean and an average EPE, in order.
+        entries: (setting, model) of each model with a clean and an average EPE, in order.
         rcre: (setting, model) -> corruption -> RCRE on benchmarks without ground truth (GoPro-FC).
-        costs: by model.
+        costs: model name -> cost.
     """
 
     def __init__(
@@ -61,7 +61,8 @@ class Evidence:
         self.entries = [entry for entry, values in self._epe.items() if {CLEAN, AVERAGE} <= values.keys()]
 
     def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[ModelInSetting]:
-        """Models of a setting, of a kind ("supervised", "unsupervised"), with an encoder (a part of its name)."""
+        """Select the models of a setting, optionally by kind ("supervised", "unsupervised") and by encoder
+        component."""
         chosen = []
         for entry in self.entries:
             method = self.method(entry[1])
@@ -75,15 +76,15 @@ class Evidence:
         return chosen
 
     def settings(self) -> list[str]:
-        """Settings with models to discuss."""
+        """List the settings with models, except "knowledge"."""
         return [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
 
     def method(self, model: str) -> Method | None:
-        """The kind of method and the facts of a model."""
+        """Return the method of a model, if known."""
         return self._methods.get(model) if self._methods is not None else method_of(model)
 
     def family(self, entry: ModelInSetting) -> str:
-        """The family of a model, whose members count once: the variants of one method, of whatever size or option."""
+        """Return the family of a model: all variants of one method, of any size or option, which count once."""
         method = self.method(entry[1])
         if method is not None:
             return method.method
@@ -94,53 +95,54 @@ class Evidence:
     def by_family(
         self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]
     ) -> dict[str, float]:
-        """Family -> the mean of its models' values."""
+        """Return family -> mean value of the family's models."""
         members: dict[str, list[float]] = {}
         for entry in entries:
             members.setdefault(self.family(entry), []).append(value(entry))
         return {family: fmean(values) for family, values in members.items()}
 
     def epe(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
-        """Mean EPE, pixels."""
+        """Return the mean EPE, in pixels."""
         return self._epe[entry][corruption]
 
     def has(self, entry: ModelInSetting, *corruptions: str) -> bool:
-        """Whether a model was measured under all of these."""
+        """Whether a model was measured under all of these corruptions."""
         return entry in self._epe and set(corruptions) <= self._epe[entry].keys()
 
     def clean(self, entry: ModelInSetting) -> float:
-        """EPE on the clean frames, pixels."""
+        """Return the EPE on the clean frames, in pixels."""
         return self._epe[entry][CLEAN]
 
     def cre(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
-        """EPE - clean EPE, pixels."""
+        """Return EPE - clean EPE, in pixels."""
         return self.epe(entry, corruption) - self.clean(entry)
 
     def cre_text(self, entry: ModelInSetting) -> str:
-        """The average CRE that follows from the EPE, and the printed one if rounding cannot explain the difference."""
+        """Format the average CRE computed from the EPE, with the printed one if rounding cannot explain the
+        difference."""
         made, printed = self.cre(entry), self._printed_cre.get(entry)
         if printed is None or not misfits(printed, made, _ROUNDING):
             return f"{made:.2f}"
         return f"{made:.2f} from the EPE (printed: {printed:.2f})"
 
     def log_ratio(self, entry: ModelInSetting) -> float:
-        """ln(EPE / clean EPE) of the means."""
+        """Return ln(EPE / clean EPE), computed from the means."""
         return math.log(self.epe(entry) / self.clean(entry))
 
     def crer(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
-        """CRE / clean EPE."""
+        """Return CRE / clean EPE."""
         return self.cre(entry, corruption) / self.clean(entry)
 
     def family_crer(self, entry: ModelInSetting, family: str) -> float | None:
-        """Mean CREr over the corruptions of a family that were measured; None without any."""
+        """Return the mean CREr over the measured corruptions of a family; None if none was measured."""
         return family_means({name: self.crer(entry, name) for name in self.corruptions(entry)}).get(family)
 
     def corruptions(self, entry: ModelInSetting) -> list[str]:
-        """The paper's corruptions a model was measured under."""
+        """List the paper's corruptions under which a model was measured."""
         return [name for name in PAPER_ORDER if name in self._epe[entry]]
 
 
 def named(entries: list[ModelInSetting], most: int = 6) -> str:
-    """Names for a sentence: "ID GMA, ID SKFlow"."""
+    """List the models for a sentence: "ID GMA, ID SKFlow"."""
     shown = ", ".join(" ".join(entry) for entry in entries[:most])
     return shown + (f" and {len(entries) - most} more" if len(entries) > most else "") if entries else "none"

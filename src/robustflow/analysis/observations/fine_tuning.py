@@ -1,4 +1,4 @@
-"""Observations 4 and 5: what training on the benchmark's own domain (OOD to ID) does to a model's robustness."""
+"""Observations 4 and 5: how training on the benchmark's domain (OOD to ID) changes a model's robustness."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .verdict import UNKNOWN, Observation, Statement, Verdict, part
 
 
 def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
-    """4: the CREr of supervised models rises from OOD to ID."""
+    """Check observation 4: the CREr of supervised models rises from OOD to ID."""
     pairs = _both_settings(evidence)
     title = "The relative robustness of supervised methods drop in ID scenario"
     claim = "CREr rises from OOD to ID"
@@ -41,7 +41,7 @@ def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
 
 
 def weather_is_why(evidence: Evidence) -> Observation:
-    """5: from OOD to ID the CREr of the Weather family rises most."""
+    """Check observation 5: from OOD to ID, the CREr of the Weather family rises most."""
     pairs = _both_settings(evidence)
     title = "Relative robustness drop from OOD to ID is mainly from the instability in Weather conditions"
     rises: dict[ModelInSetting, dict[str, float]] = {}
@@ -86,7 +86,7 @@ def _mean(evidence: Evidence, values: dict[ModelInSetting, float]) -> Margin:
 
 
 def _csflow_increase(evidence: Evidence) -> list[Statement]:
-    """A number of the paper computed again; whether it is right is arithmetic, so it needs no interval."""
+    """Recompute a number that the paper states. The verdict depends on arithmetic only, so there is no interval."""
     ood, entry = ("OOD", "CSFlow"), ("ID", "CSFlow")
     if not {ood, entry} <= set(evidence.entries):
         return []
@@ -106,6 +106,6 @@ def _csflow_increase(evidence: Evidence) -> list[Statement]:
 
 
 def _both_settings(evidence: Evidence) -> list[tuple[ModelInSetting, ModelInSetting]]:
-    """(OOD, ID) of every supervised model that was measured in both."""
+    """Return the (OOD, ID) pair of every supervised model that was measured in both settings."""
     ood = set(evidence.discussed("OOD", "supervised"))
     return [(("OOD", m), (s, m)) for s, m in evidence.discussed("ID", "supervised") if ("OOD", m) in ood]

@@ -1,4 +1,4 @@
-"""Observations 9 and 10: small displacements (GoPro-FC)."""
+"""Observations 9 and 10: robustness under small displacements (GoPro-FC)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NEEDS = "needs GoPro-FC results of FlowFormer and others"
 
 
 def flowformer_is_best(evidence: Evidence) -> Observation:
-    """9: FlowFormer has the lowest average RCRE, and the lowest under most corruptions."""
+    """Check observation 9: FlowFormer has the lowest RCRE, on average and under most corruptions."""
     title = "FlowFormer shows as the best robust model in small displacement condition"
     rcre = {entry: values for entry, values in evidence.rcre.items() if AVERAGE in values}
     claim = "FlowFormer has the lowest average RCRE"
@@ -38,7 +38,7 @@ def flowformer_is_best(evidence: Evidence) -> Observation:
 
 
 def _common(evidence: Evidence, entries: Sequence[ModelInSetting]) -> list[str]:
-    """The corruptions under which all of these were measured."""
+    """List the corruptions under which all of these models were measured."""
     first, *others = (evidence.rcre[entry] for entry in entries)
     return [name for name in first if name != AVERAGE and all(name in values for values in others)]
 
@@ -46,7 +46,8 @@ def _common(evidence: Evidence, entries: Sequence[ModelInSetting]) -> list[str]:
 def _lowest(
     evidence: Evidence, claim: str, entry: ModelInSetting, order: Sequence[ModelInSetting], main: bool = False
 ) -> Statement:
-    """Whether a model has the lowest RCRE among the best of each family; `order` is by the average."""
+    """Check whether a model has the lowest RCRE among the best models of all families, which `order` lists by
+    average."""
     best: dict[str, ModelInSetting] = {}
     for other in order:
         best.setdefault(evidence.family(other), other)
@@ -65,7 +66,8 @@ def _lowest(
 
 
 def foundation_model_does_not_help(evidence: Evidence) -> Observation:
-    """10: SAMFlow has a higher average RCRE than FlowFormer, and is not better than the median CNN."""
+    """Check observation 10: SAMFlow has a higher average RCRE than FlowFormer, and is not better than the median
+    CNN."""
     title = "VFM does not help in small displacement condition"
     entries = [entry for entry, values in evidence.rcre.items() if AVERAGE in values]
     sam = [entry for entry in entries if evidence.family(entry) == "SAMFlow"]
@@ -97,7 +99,7 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
         part(
             "SAMFlow has a higher average RCRE than most CNN-based models",
             than_cnn.verdict if than_cnn else THIN,
-            f"best SAMFlow {best:.2f}, middle of {len(cnn)} CNN-based models {middle:.2f}; mean of SAMFlow - middle "
+            f"best SAMFlow {best:.2f}, median of {len(cnn)} CNN-based models {middle:.2f}; mean of SAMFlow - median "
             f"{than_cnn}",
             True,
             {"best_samflow": best, "middle_cnn": middle},

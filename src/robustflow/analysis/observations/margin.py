@@ -1,7 +1,7 @@
-"""Margins of claims, with intervals over what they generalise to: families of models, or corruptions.
+"""Margins of claims, with confidence intervals over model families or corruptions.
 
-Published results are means without values per image, so nothing can be computed about other images, only about other
-models or corruptions.
+Published results are means without values per image, so conclusions can be generalised to other models or corruptions,
+but not to other images.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _TAIL = (1 + LEVEL) / 2
 
 @dataclass(frozen=True)
 class Margin:
-    """A number that is above 0 where its claim holds.
+    """A number that is positive if its claim holds.
 
     Attributes:
-        estimate: the number.
-        low, high: its 95 % interval; None where there are too few values for one.
-        over: describes what the interval generalises to.
+        estimate: value of the number.
+        low, high: ends of the 95 % interval; None if there are too few values.
+        over: population of the interval, for example "9 families".
     """
 
     estimate: float
@@ -42,7 +42,7 @@ class Margin:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the interval excludes the other side.
+        """The verdict: whether the interval lies above 0, below 0, or contains 0.
 
         >>> Margin(0.4, -0.1, 0.9, "12 families").verdict
         'too little evidence'
@@ -61,13 +61,13 @@ class Margin:
 
 
 def all_hold(margins: Sequence[Margin]) -> Verdict:
-    """The verdict on several claims at once."""
+    """Return the joint verdict on several claims."""
     verdicts = {margin.verdict for margin in margins}
     return "does not hold" if "does not hold" in verdicts else THIN if THIN in verdicts else "holds"
 
 
 def of_mean(values: Sequence[float], over: str) -> Margin:
-    """The mean of values, one for each `over` ("family", "corruption"), with Student's interval.
+    """Compute the mean of values, one per unit named by `over` ("family", "corruption"), with Student's interval.
 
     >>> str(of_mean([1.0, 2.0, 3.0], "family"))
     '+2.00 [-0.48, +4.48] over 3 families'
@@ -76,13 +76,14 @@ def of_mean(values: Sequence[float], over: str) -> Margin:
 
 
 def of_difference(larger: Sequence[float], smaller: Sequence[float], over: str) -> Margin:
-    """The mean of some values minus that of others, with Welch's interval."""
+    """Compute the difference of two means with Welch's interval."""
     words = f"{len(larger)} and {_units(len(smaller), over)}"
     return _student(float(np.mean(larger) - np.mean(smaller)), [larger, smaller], words)
 
 
 def of_correlation(first: Sequence[float], second: Sequence[float], over: str) -> Margin | None:
-    """Spearman's rank correlation with the interval of Bonett and Wright (2000); None if one of the two is constant."""
+    """Compute Spearman's rank correlation with the interval of Bonett and Wright (2000); None if one variable is
+    constant."""
     rho = spearman(first, second)
     if rho is None:
         return None
@@ -92,7 +93,7 @@ def of_correlation(first: Sequence[float], second: Sequence[float], over: str) -
 
 
 def of_majority(some: int, count: int, over: str) -> Margin:
-    """The share of some of several, less a half, with the exact interval of Clopper and Pearson (1934).
+    """Compute a share minus one half, with the exact interval of Clopper and Pearson (1934).
 
     >>> of_majority(10, 10, "family").verdict, of_majority(5, 5, "family").verdict
     ('holds', 'too little evidence')
@@ -104,11 +105,11 @@ def of_majority(some: int, count: int, over: str) -> Margin:
 
 
 def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
-    """The best and the worst rank that each of several models may have, the smallest value first, by paired t-tests
-    over the corruptions, corrected for all pairs.
+    """Compute the best and the worst possible rank of each model (lower values rank first) by paired t-tests over the
+    corruptions, corrected for all pairs.
 
     Args:
-        values: name -> a value for each corruption, at least two, in one order.
+        values: model name -> one value per corruption, at least two, in the same order for all models.
 
     >>> places({"a": [1.0, 1.1, 0.9], "b": [5.0, 5.2, 4.9], "c": [5.1, 4.9, 5.2]})
     {'a': (1, 1), 'b': (2, 3), 'c': (2, 3)}
@@ -126,7 +127,7 @@ def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
 
 
 def among(best: int, ranks: Sequence[tuple[int, int]]) -> Verdict:
-    """Whether models are among the `best` first, by the ranks that each may have."""
+    """Return the verdict on whether all models are among the first `best`, given their possible ranks."""
     if any(first > best for first, _ in ranks):
         return "does not hold"
     return "holds" if all(last <= best for _, last in ranks) else THIN
@@ -144,7 +145,7 @@ def _units(count: int, over: str) -> str:
 
 
 def _student(estimate: float, groups: Sequence[Sequence[float]], over: str) -> Margin:
-    """An estimate from the means of groups of values, with Satterthwaite's degrees of freedom."""
+    """Compute an estimate from the means of groups of values, with Satterthwaite's degrees of freedom."""
     if any(len(values) < 2 for values in groups):
         return Margin(estimate, None, None, over)
     parts = [float(np.var(values, ddof=1)) / len(values) for values in groups]

@@ -1,4 +1,4 @@
-"""Observations 1, 2, 3 and 6: accuracy and robustness of models, and what they cost."""
+"""Observations 1, 2, 3 and 6: accuracy, robustness and computing cost of models."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ _LEAST = 5
 
 
 def accuracy_and_robustness(evidence: Evidence) -> Observation:
-    """1: corrupted EPE and CRE grow with the clean EPE, setting by setting (Spearman over families of models)."""
+    """Check observation 1: corrupted EPE and CRE grow with the clean EPE within each setting (Spearman over model
+    families)."""
     parts = []
     families = {
         setting: evidence.by_family(evidence.discussed(setting), evidence.clean) for setting in evidence.settings()
@@ -28,7 +29,7 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
             claim = f"{name} grows with clean EPE ({setting})"
             margin = of_correlation(clean, list(evidence.by_family(entries, value).values()), "family")
             if margin is None:
-                message = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
+                message = f"{setting}: all models have the same clean EPE or {name}, so no correlation exists"
                 parts.append(part(claim, UNKNOWN, message, True))
                 continue
             message = f"{setting}: Spearman {margin} ({len(entries)} models)"
@@ -43,7 +44,8 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
 
 
 def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
-    """The same correlation for the ratio of the errors, which does not grow where corruption multiplies every error."""
+    """Check the same correlation for the ratio of the errors, which is constant if corruption multiplies all errors by
+    the same factor."""
     parts = []
     for setting in settings:
         entries = [e for e in evidence.discussed(setting) if evidence.clean(e) > 0 < evidence.epe(e)]
@@ -62,14 +64,15 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
             parts.append(part(claim, margin.verdict, message, numbers=numbers))
     message = (
         "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE alone "
-        "makes a correlation, of the other sign, and errors that all grow by one factor make one of this sign. CRE is "
-        "made from the printed EPE here; where a printed CRE differs, both are given"
+        "causes a negative correlation, and errors that all grow by one factor cause a positive one. CRE is "
+        "computed from the printed EPE here; where a printed CRE differs, both are given"
     )
-    return [*parts, part("the correlation of CRE with clean EPE is not arithmetic alone", UNKNOWN, message)]
+    return [*parts, part("the correlation of CRE with clean EPE is not only an arithmetic artefact", UNKNOWN, message)]
 
 
 def samflow_and_csflow(evidence: Evidence) -> Observation:
-    """2: SAMFlow and CSFlow are among the three best supervised methods (best variant each) in EPE and CRE."""
+    """Check observation 2: the best variants of SAMFlow and CSFlow are among the three best supervised methods in EPE
+    and CRE."""
     parts = []
     for setting in ("OOD", "ID"):
         supervised = evidence.discussed(setting, "supervised")
@@ -104,8 +107,8 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
 def _places(
     evidence: Evidence, models: dict[str, ModelInSetting], value: Callable[[ModelInSetting, str], float]
 ) -> tuple[dict[str, tuple[int, int]], str]:
-    """The possible ranks of models, by name, and what they generalise to; none with fewer than two models or
-    corruptions."""
+    """Return the possible ranks of models, by name, and a description of the tests; no ranks with fewer than two models
+    or corruptions."""
     first, *others = models.values()
     names = [name for name in evidence.corruptions(first) if all(evidence.has(entry, name) for entry in others)]
     over = f"(paired tests over {len(names)} corruptions, corrected for all pairs of {len(models)})"
@@ -132,7 +135,7 @@ def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
 
 
 def unsupervised_are_stable(evidence: Evidence) -> Observation:
-    """3: unsupervised models have a lower CREr than supervised ones (ID)."""
+    """Check observation 3: unsupervised models have a lower CREr than supervised ones (ID)."""
     supervised, unsupervised = (evidence.discussed("ID", kind) for kind in ("supervised", "unsupervised"))
     title = "Unsupervised methods are more stable to corruptions"
     claim = "unsupervised models have a lower CREr than supervised ones"
@@ -188,7 +191,8 @@ def _lowest_of(evidence: Evidence, entries: list[ModelInSetting], name: str) -> 
 
 
 def cost_considered(evidence: Evidence) -> Observation:
-    """6: in average rank of FLOPs and CREr (ID), unsupervised models are ahead of supervised ones."""
+    """Check observation 6: unsupervised models have a better average rank of FLOPs and CREr (ID) than supervised
+    ones."""
     title = "After considering computing cost, unsupervised methods show the highest priority"
     ranks = cost_ranks(evidence.costs) if evidence.costs else {}
     kinds = {name: method.type for name in evidence.costs if (method := evidence.method(name)) is not None}
@@ -226,6 +230,6 @@ def cost_considered(evidence: Evidence) -> Observation:
 
 
 def _ends(margin: Margin, name: str) -> dict[str, float]:
-    """The numbers of a margin, by name."""
+    """Return the numbers of a margin by name."""
     known = {name: margin.estimate, "low": margin.low, "high": margin.high}
     return {key: value for key, value in known.items() if value is not None}

@@ -1,4 +1,4 @@
-"""A statement about results, the numbers for it, and the verdict."""
+"""Statements about results, with the supporting numbers and a verdict."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ THIN: Verdict = "too little evidence"
 
 
 class Statement(FrozenFinite):
-    """One statement of an observation as a computation.
+    """One statement of an observation, checked by a computation.
 
     Attributes:
-        claim: describes what is computed.
-        verdict: whether it holds.
-        message: describes the numbers.
-        numbers: the same by name.
-        main: whether the observation depends on it; the others are further sentences below its heading.
+        claim: statement that is checked.
+        verdict: whether the claim holds.
+        message: description of the numbers.
+        numbers: name -> number.
+        main: whether the verdict on the observation depends on this statement.
     """
 
     claim: str
@@ -33,9 +33,9 @@ class Observation(FrozenFinite):
     """An observation of the paper.
 
     Attributes:
-        number: 1 to 10.
-        title: in the paper's words.
-        parts: its computations.
+        number: number of the observation, 1 to 10.
+        title: the observation in the paper's words.
+        parts: statements that make up the observation.
     """
 
     number: int
@@ -44,7 +44,7 @@ class Observation(FrozenFinite):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict on its main parts together."""
+        """The joint verdict on the main parts."""
         verdicts = [part.verdict for part in self.parts if part.main]
         if "does not hold" in verdicts:
             return "does not hold"
@@ -54,7 +54,7 @@ class Observation(FrozenFinite):
 
 
 def without_verdict(observation: Observation, reason: str) -> Observation:
-    """The numbers of an observation without a verdict, because they come from too few models or image pairs."""
+    """Remove the verdict from an observation whose numbers come from too few models or image pairs."""
     parts = [
         one
         if one.verdict == UNKNOWN
@@ -67,5 +67,5 @@ def without_verdict(observation: Observation, reason: str) -> Observation:
 def part(
     claim: str, verdict: Verdict, message: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Statement:
-    """Make a statement."""
+    """Create a statement."""
     return Statement(claim=claim, verdict=verdict, message=message, numbers=numbers or {}, main=main)

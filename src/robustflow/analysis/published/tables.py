@@ -1,4 +1,4 @@
-"""The paper's published results: its tables 1 to 4, 7 and 8 as data, value by value as printed.
+"""The paper's published results: tables 1 to 4, 7 and 8 as data, with every value as printed.
 
 Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruptions". Nothing is corrected here:
 `robustflow audit` lists the inconsistencies in the tables.
@@ -20,18 +20,19 @@ PAPER = "paper"
 """The sample set of the published values."""
 
 PAPER_PAIRS = 80
-"""Image pairs of KITTI-FC that the paper evaluates on (Sec. 4.2); it does not say how many GoPro-FC has."""
+"""Number of KITTI-FC image pairs in the paper's evaluation (Sec. 4.2); the paper does not state the number for
+GoPro-FC."""
 
 _NOT_DISCUSSED = ("FlowDiffuser",)
 
 COUNTED_ITERATIONS = 12
-"""Iterations of iterative models for which Tab. 3 counts the cost (Sec. 4.2)."""
+"""Number of iterations for which Tab. 3 states the cost of iterative models (Sec. 4.2)."""
 
 _TABLES = ("kitti_fc_epe", "kitti_fc_cre", "kitti_fc_rcre", "gopro_fc_rcre")
 
 
 class Method(Frozen):
-    """A method as the paper describes it (Tab. 1); "" if it has no such part."""
+    """A method as described in the paper (Tab. 1); the encoder or decoder is "" if the method has none."""
 
     method: str
     type: Literal["knowledge", "supervised", "unsupervised"]
@@ -45,10 +46,10 @@ class Cost(Frozen):
     """Size, computing cost and relative robustness of a model (Tab. 3), with the printed ranks.
 
     Attributes:
-        parameters_m: parameters, millions.
-        flops_g: floating-point operations of one prediction, 10^9.
-        crer_ood, crer_id: CRE / clean EPE in each setting; None where it was not evaluated.
-        flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: 1 is best.
+        parameters_m: number of parameters, millions.
+        flops_g: floating-point operations per prediction, 10^9.
+        crer_ood, crer_id: CRE / clean EPE in each setting; None if not evaluated.
+        flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: printed ranks, where 1 is best.
     """
 
     model: str
@@ -66,7 +67,7 @@ class Cost(Frozen):
 
 @cache
 def published_results() -> tuple[ModelResult, ...]:
-    """KITTI-FC EPE, CRE and RCRE of 29 variants and GoPro-FC RCRE of 11.
+    """Return the KITTI-FC EPE, CRE and RCRE of 29 variants and the GoPro-FC RCRE of 11.
 
     >>> lines = published_results()
     >>> len(lines), lines[0].benchmark, len(lines[0].values)
@@ -79,7 +80,7 @@ def published_results() -> tuple[ModelResult, ...]:
 
 @cache
 def published_costs() -> dict[str, Cost]:
-    """Tab. 3 by model, in the paper's order.
+    """Return Tab. 3 by model, in the paper's order.
 
     >>> published_costs()["SAMFlow-H"].flops_g
     1026.0
@@ -90,8 +91,8 @@ def published_costs() -> dict[str, Cost]:
 
 
 def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
-    """Models that figures and observations of these results leave out: for the paper's results, the learned ones that
-    it leaves out of its own discussion (Sec. 5.2); for any other results none.
+    """List the models that figures and observations leave out: for the paper's results, the learned models that the
+    paper leaves out of its discussion (Sec. 5.2); for all other results, none.
 
     >>> not_discussed(published_results())
     ('FlowDiffuser',)
@@ -100,13 +101,13 @@ def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
 
 
 def of_paper(results: Iterable[ModelResult]) -> bool:
-    """Whether published values are among results."""
+    """Whether the results include published values."""
     return any(line.frames == PAPER for line in results)
 
 
 @cache
 def published_methods() -> dict[str, Method]:
-    """Tab. 1 by method, in the paper's order.
+    """Return Tab. 1 by method, in the paper's order.
 
     >>> published_methods()["CSFlow"].encoder
     'CNN'
@@ -116,7 +117,7 @@ def published_methods() -> dict[str, Method]:
 
 
 def method_of(model: str) -> Method | None:
-    """The method a published variant belongs to (SAMFlow-T, -B and -H are SAMFlow); None for other models.
+    """Return the method of a published variant (SAMFlow-T, -B and -H belong to SAMFlow); None for other models.
 
     >>> method_of("SAMFlow-H").encoder, method_of("Mine")
     ('Transformer+SAM', None)
