@@ -1,5 +1,6 @@
-"""Steps of BrightFlow's training, with the flows and colour offsets of the pack `training_brightflow` in place of the
-networks' outputs."""
+"""Training steps of BrightFlow, with the flows and colour offsets of the pack `training_brightflow` in place of the
+networks' outputs.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ PACK = "parity/training_brightflow"
 RECIPES = {"kitti": "unsupervised", "sintel": "sintel"}
 STEPS = 75_000
 LOSS, GRADIENT = 1e-5, 1e-2
-"""Relative; of a gradient, of its largest."""
+"""Relative tolerances; those of a gradient are relative to its largest value."""
 INPUTS = {"flow": "flow", "stud": "student", "correc_aug": "offsets_augmented"}
 KEYS = {name: key for key, name in INPUTS.items()}
 TERMS = {"photometric": "photo", "smoothness": "smooth", "self_supervision": "self", "corrector": "correc"}
@@ -36,7 +37,7 @@ TERMS = {"photometric": "photo", "smoothness": "smooth", "self_supervision": "se
 
 @dataclass
 class Given:
-    """The pack, and the inputs whose gradients are compared."""
+    """The pack and the inputs whose gradients are compared."""
 
     cases: dict[str, Any]
     arrays: dict[str, np.ndarray]
@@ -44,7 +45,7 @@ class Given:
     inputs: dict[str, Tensor] = field(default_factory=dict)
 
     def enlarged(self, name: str) -> Tensor:
-        """(pair, direction, ...) of a grid at the crop's size."""
+        """A grid at the crop's size, indexed by (pair, direction, ...)."""
         grid = self.inputs.setdefault(name, torch.from_numpy(self.arrays[name]).requires_grad_(True))
         fine = F.interpolate(grid.flatten(0, -4), tuple(self.cases["crop"]), mode="bilinear", align_corners=True)
         return fine.unflatten(0, grid.shape[:-3])
@@ -68,7 +69,7 @@ def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
     plain, whole = kinds
     first, second = whole.crops(*cases["crop"])
     nothing = torch.zeros(2, *cases["crop"])
-    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # to distinguish it from other frames
+    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # distinguishes it from other frames
     batch = Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), None, None, whole, plain)
     return cases, arrays, Batch(**{**vars(batch), "changed": students})
 
@@ -90,7 +91,7 @@ class Answers:
         }
 
     def _which(self, image: Tensor) -> tuple[str, int]:
-        """The kind of an image, and which frame it is."""
+        """The kind of an image, and the index of its frame."""
         for kind, crops in self._crops.items():
             for frame in (0, 1):
                 if torch.allclose((image + 1) * 127.5, crops[frame], atol=1e-3):
@@ -116,7 +117,7 @@ class Answers:
 
 @dataclass
 class Outcome:
-    """What one step gave."""
+    """The results of one training step."""
 
     terms: dict[str, float]
     gradients: dict[str, Tensor]

@@ -1,4 +1,4 @@
-"""A data set of training pairs in KITTI's layout, made of textures, and a request to train on it."""
+"""A data set of training pairs in KITTI's layout, made of textures, and a request for training on it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robustflow.testing import TexturePairs
 
 @pytest.fixture(scope="session")
 def chairs(tmp_path_factory) -> Path:
-    """A folder that holds FlyingChairs: eight pairs of moving textures, all of the training part."""
+    """A folder in FlyingChairs' layout: eight pairs of moving textures, all in the training part."""
     folder = tmp_path_factory.mktemp("flow") / "FlyingChairs_release"
     data = folder / "data"
     data.mkdir(parents=True)
@@ -32,7 +32,7 @@ def chairs(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def request_for(chairs, tmp_path):
-    """A request to train RAFT-small on it for a few updates; keywords change the recipe, its data or the request."""
+    """A request that trains RAFT-small for a few updates; keywords change the recipe, its data or the request."""
     pytest.importorskip("torch", reason="needs the torch extra")
     pytest.importorskip("torchvision", reason="needs the torch extra")
     from robustflow.training.recipe import Recipe, load_recipe

@@ -1,5 +1,6 @@
 """A pack of training steps (`parity/training_*` of the shared data): its batch and weights, and the steps that the
-project makes from them with the recipe's own loss, optimiser and schedule."""
+project computes from them with the recipe's own loss, optimiser and schedule.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +27,12 @@ from robustflow.training.schedules import rate_of
 from ..parity.weight_rule import digest, weights
 
 STEPS = 200
-"""Length of the training for which every pack's schedule is made."""
+"""Length of the training for which every pack's schedule is defined, in updates."""
 
 
 @dataclass(frozen=True)
 class TrainingPack:
-    """A folder with its `cases.json` and `expected.npz`."""
+    """A folder with `cases.json` and `expected.npz`."""
 
     folder: Path
     header: dict[str, Any]
@@ -48,7 +49,7 @@ class TrainingPack:
         return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float()
 
     def batch(self, step: int = 0, times: list[int] | None = None) -> Batch:
-        """The batch of a step; with a time and noise where the case has `times`."""
+        """The batch of a step, with time and noise if the case has `times`."""
         with np.load(self.folder / "truth.npz") as file:
             truth, valid = (torch.from_numpy(file[key]).float() for key in ("flow", "valid"))
         batch = Batch(self.frames(1), self.frames(2), truth, valid, ("0", "1"))
@@ -73,7 +74,7 @@ class TrainingPack:
 
 @dataclass
 class Step:
-    """Results of one step before the weights changed; gradients, before clipping, only of the first step."""
+    """Results of one step before the weights change; gradients, before clipping, only for the first step."""
 
     loss: float
     norm: float
@@ -90,14 +91,14 @@ def steps(
     count: int,
     loss_of: Callable[[Any], tuple[Tensor, dict[str, float]]] | None = None,
 ) -> Iterator[Step]:
-    """Make steps with the optimiser, clipping and schedule of a recipe.
+    """Compute steps with the optimiser, clipping and schedule of a recipe.
 
     Args:
-        network: from `TrainingPack.network`.
-        recipe: for `STEPS` steps.
-        batch_of: the batch of a step.
-        count: of steps.
-        loss_of: the loss of a batch; by default that of the recipe.
+        network: network from `TrainingPack.network`.
+        recipe: recipe of a training with `STEPS` steps.
+        batch_of: function that returns the batch of a step.
+        count: number of steps.
+        loss_of: function that returns the loss of a batch; the recipe's loss by default.
     """
     loss_of = loss_of or (lambda batch: loss_of_batch.loss_of_batch(network, batch, recipe))
     optimizer = build_optimizer(network, recipe)
@@ -116,7 +117,7 @@ def steps(
 
 @contextmanager
 def flows_kept() -> Iterator[list[Tensor]]:
-    """Record the predictions that go into the sequence loss within the block."""
+    """Record the predictions that enter the sequence loss within the block."""
     kept: list[Tensor] = []
     real = loss_of_batch.sequence_loss
 
@@ -130,7 +131,7 @@ def flows_kept() -> Iterator[list[Tensor]]:
 
 
 def gradients_of(network: TrainedNetwork) -> dict[str, Tensor]:
-    """A copy of the gradient of each parameter that has one, by its name in the authors' files."""
+    """A copy of the gradient of each parameter that has one, by the parameter's name in the authors' files."""
     return {
         name.removeprefix("net.").removeprefix("model."): value.grad.clone()
         for name, value in network.named_parameters()

@@ -1,4 +1,4 @@
-"""What a training wrote into its folder, and what stops one."""
+"""The files that a training writes into its folder, and a way to stop it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def lines(folder: Path) -> list[dict]:
 
 
 class StopAfter:
-    """Requests the end after some updates."""
+    """Requests a stop after a number of updates."""
 
     def __init__(self, updates: int) -> None:
         self.left = updates

@@ -1,4 +1,4 @@
-"""Augmentation: draws have the originals' distribution, and the flow still fits the pictures."""
+"""Augmentation: draws have the originals' distribution, and the flow still matches the pictures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.training
 DRAWS = 2000
 SHAPE, CROP = (436, 1024), (368, 768)
 _ALPHA = 1e-4
-"""Chance that a right distribution fails one of these tests, whose draws are fixed."""
+"""Probability that a correct distribution fails one of these tests, whose draws are fixed."""
 
 
 def drawn(sparse: bool, flip: bool = True, log2_scale: tuple[float, float] = (-0.2, 0.6)) -> list[Geometry]:
@@ -47,14 +47,14 @@ def test_scales_of_dense_pairs():
     least = max((CROP[0] + 8) / SHAPE[0], (CROP[1] + 8) / SHAPE[1])
     assert min(min(scale) for scale in scaled) == pytest.approx(least)
     stretched = np.log2([x / y for x, y in scaled if x > least and y > least])
-    # Both axes are stretched by 2^U(-.2, .2) with probability 0.8: their ratio is triangular, or 1.
+    # Both axes are stretched by 2^U(-.2, .2) with probability 0.8, so their ratio is triangular, or 1.
     assert np.abs(stretched).max() <= 0.4
     unequal = stretched[np.abs(stretched) > 1e-12]
     assert stats.kstest(unequal, stats.triang(0.5, loc=-0.4, scale=0.8).cdf).pvalue > _ALPHA
 
 
 def test_scales_of_sparse_pairs_are_uniform_powers_and_equal():
-    # From a crop so small that no scale is cut off.
+    # The crop is so small that no scale is cut off.
     every = [draw_geometry(Rng.of("s", n), SHAPE, (96, 128), (-0.3, 0.5), True, True) for n in range(DRAWS)]
     scales = [one.scale for one in every if one.scale is not None]
     assert share(len(scales), 0.8)
@@ -146,7 +146,7 @@ def test_a_frame_smaller_than_the_crop_is_always_enlarged():
 
 @pytest.mark.parametrize("augmentation", ["dense", "sparse"])
 def test_the_flow_stays_true_to_the_pictures(augmentation):
-    """The second frame, sampled along the flow, equals the first one as well after augmentation as before."""
+    """The second frame, sampled along the flow, matches the first one as closely after augmentation as before."""
     sample = TexturePairs(count=1, size=(200, 260), reach=6, seed=2).load("0")
     part = Part(data="sintel", augmentation=augmentation, log2_scale=(-0.1, 0.4), flip=True)
     assert sample.flow is not None
@@ -174,7 +174,7 @@ def test_the_flow_stays_true_to_the_pictures(augmentation):
     ],
 )
 def test_real_truth_stays_true_to_real_pictures(data, options, augmentation):
-    """On pairs with measured flow the warp error stays what it is without augmentation, occlusions included."""
+    """On pairs with measured flow the warp error, occlusions included, is the same as without augmentation."""
     dataset = load_dataset(data, shared_folder("data", data), **options)
     part = Part(data=data, augmentation=augmentation, log2_scale=(-0.2, 0.4), flip=True)
     for key in dataset.keys():  # noqa: SIM118 (it is no mapping)
@@ -210,7 +210,7 @@ def test_a_draw_applied_twice_gives_the_same_and_leaves_its_input_alone():
 
 
 def warp_error(first, second, flow, mask) -> float:
-    """Mean absolute difference in grey levels of frame 1 and frame 2 fetched along the flow."""
+    """Mean absolute difference in grey levels between frame 1 and frame 2 warped along the flow."""
     height, width = flow.shape[:2]
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     x, y = x + flow[..., 0], y + flow[..., 1]

@@ -1,4 +1,4 @@
-"""BrightFlow's loss, corrector and rates against the original's numbers."""
+"""BrightFlow's loss, corrector and learning rates compared with the original's numbers."""
 
 from __future__ import annotations
 
@@ -59,8 +59,9 @@ def _alone(given: Given, pair: int) -> Given:
 
 @pytest.mark.parametrize("case", RECIPES)
 def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
-    """So that a training of several processes, each with a share of the batch, makes the same updates; below the limit
-    of the self-supervision, which each process applies to the mean of its share."""
+    """Training in several processes, each with a share of the batch, makes the same updates. This holds below the limit
+    of the self-supervision, which each process applies to the mean of its share.
+    """
     arrays = {**given.arrays, **{name: given.arrays[name] / 4 for name in ("student", "teacher")}}
     whole = Given(given.cases, arrays, given.batch)
     together, *singly = (step(one, case, 60000, gradients=True) for one in (whole, _alone(whole, 0), _alone(whole, 1)))

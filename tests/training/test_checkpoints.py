@@ -1,4 +1,4 @@
-"""Checkpoints of a training: damaged, forged or of something else, and disks that take none."""
+"""Checkpoints of a training: damaged, forged or unrelated files, and disks that cannot store any."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
 
 @pytest.mark.slow
 def test_a_disk_that_is_full_indeed(request_for, tmp_path):
-    """A file system in memory with room for only one checkpoint."""
+    """An in-memory file system with room for only one checkpoint."""
     request = request_for(steps=4, checkpoints=Checkpoints(2))
     request.output.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]

@@ -92,7 +92,9 @@ def test_the_time_is_one_for_a_step_and_the_noise_is_the_positions():
 
 
 def test_the_gradient_of_the_windows_place_is_that_of_all_pairs_sampled_there():
-    """Rounded straight through; sampled as the RAFT family does, whose float32 decides the side of the derivative."""
+    """Values are rounded straight through and sampled as in the RAFT family, where float32 determines the side of the
+    derivative.
+    """
     generator = torch.Generator().manual_seed(3)
     height, width = 11, 14
     features = torch.randn(2, 1, 8, height, width, generator=generator).unbind()

@@ -17,7 +17,7 @@ _factors = st.floats(0.5, 1.5)
 
 
 def by_pillow(image: np.ndarray, jitter: Jitter) -> np.ndarray:
-    """What torchvision's ColorJitter does with a Pillow image."""
+    """Apply the operations of torchvision's ColorJitter to a Pillow image."""
     picture = Image.fromarray(image)
     for operation in jitter.order:
         if operation == "hue":

@@ -1,4 +1,4 @@
-"""The loop: an interrupted and resumed training gives the same bits as an undisturbed one; and what is refused."""
+"""The loop: a training that is interrupted and resumed gives the same bits as an undisturbed one; refused input."""
 
 from __future__ import annotations
 
@@ -153,7 +153,9 @@ def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_
 
 
 def test_one_of_two_processes_is_told_to_stop_and_both_do(request_for, tmp_path):
-    """A signal reaches the processes at different moments; the one that stops must not leave the other waiting."""
+    """A signal reaches the processes at different moments; a process that stops must not leave the other
+    one waiting.
+    """
     import pickle
 
     request = request_for("both", steps=200, batch=2, device="cpu")

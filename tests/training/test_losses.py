@@ -1,4 +1,4 @@
-"""Losses against naive loops and against autograd's numerical derivative."""
+"""Losses compared with naive loops and with numerical derivatives."""
 
 import numpy as np
 import pytest

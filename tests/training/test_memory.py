@@ -1,4 +1,4 @@
-"""The memory that a plan estimates, against a count at a different crop and number of iterations from the table's."""
+"""The memory that a plan estimates is compared with a count at a crop and number of iterations outside the table."""
 
 from __future__ import annotations
 

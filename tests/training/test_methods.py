@@ -25,12 +25,12 @@ pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.slow]
 STEPS = 3
 SUPERVISED = [name for name in trained_methods() if "unsupervised" not in recipes_of(name)]
 LIGHT = ("raft_small",)
-"""Methods small enough for half precision on a CPU, where a convolution of bfloat16 takes a minute."""
+"""Methods small enough for half precision on a CPU, where a bfloat16 convolution takes a minute."""
 _NO_BATCHNORM = ("flowformer", "flowformer_pp", "flowdiffuser", "tiny")
 
 
 def three_steps(method: str, precision: str, folder: Path, data: Path) -> Request:
-    """A request for three updates on KITTI's pairs, cut small."""
+    """A request for three updates on small crops of KITTI's pairs."""
     stage = "ood" if "ood" in recipes_of(method) else next(iter(recipes_of(method)))
     recipe = load_recipe(method, stage)
     if not recipe.method.startswith(("raft_", "samflow", "flowdiffuser", "tiny")):
@@ -52,8 +52,9 @@ def three_steps(method: str, precision: str, folder: Path, data: Path) -> Reques
 
 
 def assert_learned(request: Request) -> None:
-    """Losses are finite; every trained parameter has a gradient, except those the recipe calls unused; frozen ones did
-    not change; BatchNorm's statistics changed, or not, as the recipe says."""
+    """Losses are finite; every trained parameter has a gradient, except those that the recipe calls unused; frozen
+    parameters did not change; BatchNorm's statistics changed only if the recipe says so.
+    """
     recipe, folder = request.recipe, request.output
     entries = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     assert len(entries) == STEPS
@@ -67,14 +68,15 @@ def assert_learned(request: Request) -> None:
         for name, value in network.named_parameters()
         if value.requires_grad
     ]
-    # Adam's first moment is a mean of the gradients so far, so a gradient of any step is still in it.
+    # Adam's first moment averages the gradients so far, so it contains the gradient of every step.
     without = {
         name for number, name in enumerate(learning) if number not in moments or not moments[number]["exp_avg"].any()
     }
     assert without == {name for name in learning if recipe.unused and name.startswith(recipe.unused)}
     same = {name for name in before if torch.equal(before[name], after[name])}
-    # What has not moved had a gradient below AdamW's epsilon, which is rounding: that of a key's bias, which adds the
-    # same to every score that softmax compares.
+    # A parameter that has not changed had a gradient below AdamW's epsilon, which is rounding error: the gradient of a
+    # key's
+    # bias, which adds the same value to every score that softmax compares.
     still = [number for number, name in enumerate(learning) if name in same and name not in without]
     assert all(moments[number]["exp_avg"].abs().max() < 1e-8 for number in still)
     frozen = {name for name in before if recipe.frozen and name.startswith(recipe.frozen)}
@@ -99,8 +101,9 @@ def test_three_steps(method, shared, tmp_path):
 
 
 def _csflow_within_the_frame(recipe: Recipe, folder: Path) -> Path:
-    """CSFlow begins with a flow that is a sum of correlations. Those of random weights are thousands of pixels long, so
-    that it only sees zeros beyond the frame; features of a thirtieth of the size bring it back inside."""
+    """CSFlow begins with a flow that is a sum of correlations. With random weights that flow is thousands of pixels
+    long, so the network sees only zeros outside the frame; features scaled by a thirtieth keep the flow inside.
+    """
     _, network = load_network(recipe, "random")
     weights = network.weights()
     for name in ("fnet.conv2.weight", "fnet.conv2.bias"):

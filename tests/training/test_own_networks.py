@@ -1,4 +1,4 @@
-"""Networks of the user: trained, seeded, and with a loss they state themselves."""
+"""Networks of the user: trained, seeded, and with a loss that they define themselves."""
 
 from __future__ import annotations
 

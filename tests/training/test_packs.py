@@ -1,5 +1,6 @@
 """The originals' own training steps and losses, from every `training_*` pack of the shared data, within the tolerances
-that the packs' READMEs give."""
+in the packs' READMEs.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 
 def packs(holding: str) -> list[str]:
-    """The packs that hold a file."""
+    """The packs that contain a file."""
     return sorted(path.parent.name for path in (shared_root() / "parity").glob(f"training_*/{holding}"))
 
 

@@ -1,4 +1,4 @@
-"""Recipes: the values of the paper's tables, and what is refused."""
+"""Recipes have the values of the paper's tables, and invalid recipes are refused."""
 
 import csv
 import tomllib
@@ -109,7 +109,7 @@ def test_brightflow_erases_nothing_and_flips(stage):
 def test_updates_are_counted_as_the_originals_do():
     assert load_recipe("raft", "ood").updates == 100_001
     assert load_recipe("gma", "ood").updates == 120_000
-    assert load_recipe("samflow_b", "ood").updates == 120_000  # of two steps each
+    assert load_recipe("samflow_b", "ood").updates == 120_000  # two steps each
 
 
 @pytest.mark.parametrize("method", trained_methods())

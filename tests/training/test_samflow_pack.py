@@ -1,5 +1,6 @@
-"""SAMFlow-T's training steps against the original's: two optimiser steps of one pair each, and mistakes that their
-numbers must reject."""
+"""SAMFlow-T's training steps compared with the original's: two optimiser steps of one pair each, and mistakes that the
+original's numbers must reject.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +20,11 @@ from .pack_steps import STEPS, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
-"""Tolerances from the pack's README: of both steps, relative; of a gradient, relative to its largest value; of the
-final weights."""
+"""Tolerances from the pack's README: relative for both steps; for a gradient, relative to its largest value; for the
+final weights.
+"""
 NO_GRADIENT = ("k_proj.bias", ".k.bias")
-"""Parameters whose true gradient is 0: softmax cancels what is added to every score."""
+"""Parameters whose true gradient is 0, because softmax cancels a value that is added to every score."""
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def pack() -> TrainingPack:
 
 @pytest.fixture(scope="module")
 def recipe(pack) -> Recipe:
-    """The recipe with the settings of the original's things stage, and one pair an update."""
+    """The recipe with the settings of the original's things stage, and one pair per update."""
     header, ood = pack.header, load_recipe("samflow_t", "ood")
     assert (header["num_steps"], header["lr"], header["clip"]) == (STEPS, ood.learning_rate, ood.optimizer.clip)
     optimizer = {**ood.optimizer.model_dump(), "weight_decay": header["wdecay"]}
@@ -40,7 +42,7 @@ def recipe(pack) -> Recipe:
 
 
 def alone(batch: Batch, number: int) -> Batch:
-    """One pair of a batch, as the original has one per process."""
+    """One pair of a batch, because the original has one per process."""
     only = slice(number, number + 1)
     return Batch(batch.image1[only], batch.image2[only], batch.flow[only], batch.valid[only], batch.names[only])
 
@@ -54,7 +56,7 @@ def test_two_steps_of_samflow_are_the_originals(pack, recipe):
         assert step.norm == pytest.approx(expected[number]["grad_norm"], rel=NORM[number])
         assert step.rate == pytest.approx(expected[number]["rate"], rel=1e-9)
     first, norms = found[0], expected[0]["gradient_norms"]
-    assert first.gradients.keys() == {name for name, norm in norms.items() if norm}  # None: frozen; 0: unused
+    assert first.gradients.keys() == {name for name, norm in norms.items() if norm}  # None if frozen, 0 if unused
     for name, gradient in first.gradients.items():
         if not name.endswith(NO_GRADIENT):
             assert gradient.norm().item() == pytest.approx(norms[name], rel=GRADIENT), name

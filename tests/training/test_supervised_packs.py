@@ -1,5 +1,6 @@
-"""Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser beside those of their authors' code, from the
-packs `training_*` of the shared data; and mistakes that the packs' numbers must reject."""
+"""Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser compared with those of their authors' code,
+from the packs `training_*` of the shared data; and mistakes that the packs' numbers must reject.
+"""
 
 from __future__ import annotations
 
@@ -48,13 +49,17 @@ EACH_STEP = pytest.mark.parametrize(
     ("name", "case", "number"), [(*case, number) for case, count in CASES.items() for number in range(count)]
 )
 _LOSS = {"flowdiffuser": (2e-6, 1e-3)}
-"""Relative tolerance of the loss in the first step and in later ones, where it is not (1e-6, 1e-4)."""
+"""Relative tolerance of the loss in the first step and in later ones, for cases other than the default (1e-6, 1e-4)."""
 _NORM = {"flowdiffuser": (1e-4, 1e-3)}
-"""Relative tolerance of the norm of all gradients in the first step and in later ones, where it is not 1e-4."""
+"""Relative tolerance of the norm of all gradients in the first step and in later ones, for cases other than the default
+1e-4.
+"""
 _GRADIENT = {"flowdiffuser": 5e-4}
-"""Tolerance of a gradient relative to its largest value, where it is not 1e-3."""
+"""Tolerance of a gradient relative to its largest value, for cases other than the default 1e-3."""
 ROUNDING = 1e-6
-"""Gradients of parameters without effect (biases before a norm, or of keys that softmax compares) are rounding."""
+"""Parameters without effect (biases before a norm, or biases of keys that softmax compares), whose gradients are
+rounding error.
+"""
 
 
 def pack_of(name: str) -> TrainingPack:
@@ -89,7 +94,7 @@ def made(name: str, case: str) -> tuple[list[Step], dict[str, torch.Tensor]]:
 
 
 def loss_with(name: str, network, batch=None) -> float:
-    """The loss of the first step of things with a network, or a batch, in which something is changed."""
+    """The loss of the first step of the things stage after a change in the network or the batch."""
     with torch.no_grad():
         return loss_of_batch(network, batch or batch_of(name), recipe_of(name, "things"))[0].item()
 
@@ -161,7 +166,7 @@ def test_weights_after_the_steps_are_the_originals(name, case):
     moved = sum(expected["rate"][: CASES[name, case]])
     for key in [key for key in pack.arrays if key.startswith(f"{case}/after/")]:
         norm = expected["gradient_norms"].get(parameter := key.rpartition("/")[2])
-        if not norm or norm > ROUNDING:  # of rounding Adam makes whole steps
+        if not norm or norm > ROUNDING:  # Adam turns rounding errors into full-size steps
             assert np.abs(weights[parameter].numpy() - pack.arrays[key]).mean() <= 1e-2 * moved, key
 
 
@@ -176,7 +181,9 @@ def test_loss_over_other_pixels_is_rejected(name):
 
 
 def test_matching_of_gmflownet_with_other_frames_or_pixels_is_rejected():
-    """The README's numbers for frames in 0..1, where nothing is occluded, and without pixels of unknown truth."""
+    """The README's numbers are for frames in 0..1, where nothing is occluded, and for excluded pixels of
+    unknown truth.
+    """
     pack, batch = pack_of("gmflownet"), batch_of("gmflownet")
     expected = pack.header["cases"]["things"]
     with torch.no_grad():
@@ -185,7 +192,7 @@ def test_matching_of_gmflownet_with_other_frames_or_pixels_is_rejected():
     right = true_matches(batch.image1, batch.image2, batch.flow)
     assert torch.equal(right, torch.from_numpy(pack.arrays["matches"]).long())
     assert int((right >= 0).sum()) == expected["matches"] == 326
-    known = torch.where(batch.valid[:, None] > 0, batch.flow, 1e4)  # a vector that leaves the frame matches nothing
+    known = torch.where(batch.valid[:, None] > 0, batch.flow, 1e4)  # a vector that leaves the frame has no match
     for frames, truth, matches, loss in (
         ((batch.image1, batch.image2), batch.flow, 326, 7.6263),
         ((batch.image1 / 255, batch.image2 / 255), batch.flow, 464, 8.1807),
@@ -221,7 +228,7 @@ def test_flowformer_with_each_pairs_own_context_or_padded_crops_is_rejected():
 
 
 def test_flowformer_pp_with_the_contexts_of_other_pairs_is_rejected():
-    """The README's 5.5e-5 of the loss, and 30 % and more of the gradients of the contexts' projections."""
+    """The README states 5.5e-5 for the loss, and 30 % and more for the gradients of the contexts' projections."""
     expected, network = pack_of("flowformer_pp").header["cases"]["things"]["loss"][0], network_of("flowformer_pp")
     for module in network.modules():
         if hasattr(module, "context_proj"):
@@ -295,7 +302,7 @@ def _far_reach(patch, network, batch):
     ],
 )
 def test_flowdiffuser_from_another_start_is_rejected(monkeypatch, mistake, change):
-    """Rejected by the change of the loss that the README gives."""
+    """The change of the loss, stated in the README, rejects the mistake."""
     network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
     wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
     right = pack_of("flowdiffuser").header["cases"]["things"]["loss"][0]

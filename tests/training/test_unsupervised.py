@@ -1,4 +1,4 @@
-"""Training without labels: real steps of each method on real pairs, exact resume, and a pair learned by heart."""
+"""Training without labels: real steps of each method on real pairs, exact resume, and overfitting to one pair."""
 
 from __future__ import annotations
 
@@ -139,8 +139,9 @@ def test_the_stages_of_arflow(stage):
 
 @pytest.mark.slow
 def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
-    """Without labels: in the raw stage the photometric loss falls, and EPE falls far below half of its start and of
-    zero flow's; the second stage continues from there and stays there."""
+    """Without labels, the photometric loss falls in the raw stage, and EPE falls far below half of its start and of
+    zero flow's; the second stage continues from there without getting worse.
+    """
     folder = tmp_path / "data"
     for path in shared("data/middlebury").rglob("*"):
         if path.is_file() and path.parent.name == "Hydrangea":
@@ -159,10 +160,10 @@ def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
     )
     last = run_training(first)
     photometric = [line["photometric"] for line in entries(first.output)]
-    errors = [line["epe"] for line in entries(first.output) if "epe" in line]  # an exchanged pair has no truth
+    errors = [line["epe"] for line in entries(first.output) if "epe" in line]  # a swapped pair has no ground truth
     assert sum(photometric[-5:]) < 0.7 * sum(photometric[:5])
     assert sum(errors[-5:]) < 0.5 * sum(errors[:5])
-    assert sum(errors[-5:]) / 5 < 0.5  # pixels; the mean length of the flow is 1.2
+    assert sum(errors[-5:]) / 5 < 0.5  # in pixels; the mean length of the flow is 1.2
     run_training(replace(first, recipe=second.changed(steps=20, **small), output=tmp_path / "second", start=str(last)))
     again = entries(tmp_path / "second")
     assert max(line["epe"] for line in again if "epe" in line) < 0.5

@@ -1,4 +1,4 @@
-"""Losses and transforms of training without labels, against independently written formulas."""
+"""Losses and transforms of training without labels, compared with independently written formulas."""
 
 from __future__ import annotations
 
@@ -71,17 +71,17 @@ def test_the_masked_census_does_not_see_what_is_hidden():
     seen[..., :10] = 1
     before = masked_census(first, second, seen)
     hidden = second.clone()
-    hidden[..., 13:] = 127.0  # three pixels, the window's radius, from what is seen
+    hidden[..., 13:] = 127.0  # at least three pixels, the window's radius, from visible pixels
     assert masked_census(first, hidden, seen) == before
     assert masked_census(first, second, torch.zeros_like(seen)) == 0
 
 
 def test_the_dilated_warp_fetches_from_the_whole_frame():
-    """Against SciPy's sampling of the whole frame, for two frames of other sizes in one batch."""
+    """Sampling agrees with SciPy's sampling of the whole frame, for two frames of different sizes in one batch."""
     rng = np.random.default_rng(3)
     sizes = [(30, 40), (26, 44)]
     frames = [rng.random((3, *size)).astype(np.float32) for size in sizes]
-    whole = torch.full((2, 3, 30, 44), 7.0)  # values beyond a frame mean nothing
+    whole = torch.full((2, 3, 30, 44), 7.0)  # values outside a frame are meaningless
     for number, frame in enumerate(frames):
         whole[number, :, : frame.shape[1], : frame.shape[2]] = torch.from_numpy(frame)
     corners = torch.tensor([[5.0, 8.0], [20.0, 3.0]])
@@ -158,7 +158,7 @@ def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
     target = torch.full((1, 3, 4, 5), 100.0)
     target[..., 1, 1] = 115.0  # here 120 is closer than 100
     flow = torch.zeros(1, 2, 4, 5)
-    flow[:, 0] = 1.0  # which lands one pixel to the right
+    flow[:, 0] = 1.0  # which ends one pixel to the right
     kept = kept_offsets(target, torch.full_like(target, 100.0), torch.full_like(target, 120.0), flow)
     assert kept.nonzero().tolist() == [[0, 0, 1, 2]]
     half = torch.zeros(1, 1, 4, 5)

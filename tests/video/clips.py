@@ -30,20 +30,19 @@ def shown_as(fill: Fill, index: int) -> int:
 
 
 def pictures(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
-    """The clip as I420."""
+    """The clip in I420."""
     return [rgb_to_i420(frame) for frame in frames(count, height, width)]
 
 
 def clip(
     path: Path, count: int, height: int = 48, width: int = 64, encoding: Encoding | None = None, fps: int = 960
 ) -> ClipFile:
-    """The clip on disk."""
     encoding = encoding or lossless("veryfast")
     return write_clip(path, pictures(count, height, width), (height, width), Fraction(fps), encoding)
 
 
 def folder(path: Path, count: int, height: int = 48, width: int = 64) -> Path:
-    """The clip as PNG files."""
+    """Write the clip as PNG files."""
     path.mkdir(parents=True)
     for index, frame in enumerate(frames(count, height, width), start=1):
         write_image(path / f"{index:06d}.png", frame)

@@ -1,8 +1,8 @@
 """A rendered scene with real textures, whose picture and flow are known at any time.
 
-A textured background slides and slowly turns; a textured disk flies over it. Everything is evaluated in float64 by
-bilinear sampling at exact positions, so `picture(t)` for any real `t` is the same continuous scene, and the mean of
-many of them is true motion blur.
+A textured background moves and slowly rotates; a textured disk flies over it. Everything is evaluated in float64 by
+bilinear sampling at exact positions, so `picture(t)` shows the same continuous scene for any real `t`, and the mean of
+many pictures is true motion blur.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ def _texture(name: str) -> np.ndarray:
 
 @dataclass
 class Scene:
-    """`background` velocity, `turn` in rad and `disk` velocity per unit of time, all in pixels of the picture."""
+    """Velocity `background`, rotation `turn` in rad and velocity `disk`, each per unit of time; velocities in pixels of
+    the picture.
+    """
 
     height: int = 144
     width: int = 176

@@ -29,13 +29,15 @@ def decode(clip, packets) -> tuple[list[np.ndarray], Fill]:
 
 
 def ruined(packets, indices) -> list[Packet]:
-    """The packets of some frames overwritten, as no decoder can read them."""
+    """Overwrite the packets of some frames with bytes that no decoder can read."""
     return [Packet(b"\xff" * len(p.data), p.index) if p.index in indices else p for p in packets]
 
 
 @pytest.mark.parametrize("amount", [50_000_000, 1_000_000, 100_000, 20_000, 5_000, 2_000])
 def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
-    """If no frame needs another, every frame that was not hit is decoded as if nothing had happened, in its place."""
+    """If no frame depends on other frames, every undamaged frame is decoded as if nothing had happened, at its
+    position.
+    """
     clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, lossless("ultrafast", every_frame=True))
     pictures = clips.pictures(COUNT, HEIGHT, WIDTH)
     stream = corrupted_stream(clip, "bit_error", amount)
@@ -44,7 +46,7 @@ def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
     assert sorted(shown) == list(range(COUNT))
     for index in set(range(COUNT)) - hit:
         assert clips.shown_as(stream.fill, index) == index
-        # a broken frame can leave a residual in FFmpeg's decoder, with which the next frame begins
+        # a broken frame can leave a residual in FFmpeg's decoder, from which the next frame starts
         assert index - 1 in hit or (shown[index] == pictures[index]).all()
         distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
         assert int(np.argmin(distances)) == index
@@ -59,7 +61,7 @@ def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(tmp_
     stream = corrupted_stream(clip, "bit_error", amount)
     shown = [picture for _, picture in stream.pictures]
     assert len(shown) == COUNT
-    # in coded order nothing before the first hit can depend on it
+    # in coded order nothing before the first damage can depend on it
     order = [packet.index for packet in read_packets(clip)]
     hit = set(stream.damage.frames_hit)
     before = order[: next((i for i, index in enumerate(order) if index in hit), len(order))]
@@ -75,7 +77,7 @@ def test_lost_first_picture_shows_the_first_that_decodes(tmp_path):
 
 
 def test_lost_first_idr_of_a_predicted_stream(tmp_path):
-    """Nothing can be shown until the next intra-coded frame; from there on everything is in its place."""
+    """Nothing can be shown until the next intra-coded frame; from there on every frame is at its position."""
     ten = Encoding("gop of ten", (*lossless("veryfast").options, ("g", "10")))
     clip = clips.clip(tmp_path / "a.mp4", 30, encoding=ten)
     shown, fill = decode(clip, ruined(read_packets(clip), {0}))
@@ -117,7 +119,7 @@ def test_twice_the_same(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [1, 100])
 def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
-    """About 1 MB and about 100 MB, N from 50 M to 2 000, intra-coded frames that can be distinguished."""
+    """Clips of about 1 MB and 100 MB, N from 50 M to 2 000, with intra-coded frames that can be distinguished."""
     clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
     assert 0.7 * megabytes < clip.path.stat().st_size / 1e6 < 1.4 * megabytes
     for amount in (50_000_000, 5_000_000, 1_000_000, 100_000, 10_000, 2_000):
@@ -155,7 +157,7 @@ def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
     encoding = lossless("ultrafast", every_frame=True)
     cycle = frames + frames[-2:0:-1]
     count = 20
-    for _ in range(3):  # frames differ in size, so come nearer step by step
+    for _ in range(3):  # frames differ in size, so approach the target step by step
         shown = (cycle[index % len(cycle)] for index in range(count))
         clip = write_clip(path, shown, (height, width), Fraction(960), encoding)
         count = max(1, round(count * megabytes * 1e6 / path.stat().st_size))

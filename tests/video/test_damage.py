@@ -1,4 +1,4 @@
-"""The noise filter: byte for byte FFmpeg's, and the rule written out as a plain loop."""
+"""The noise filter gives the same bytes as FFmpeg's and as a plain loop over its definition."""
 
 from __future__ import annotations
 

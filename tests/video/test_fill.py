@@ -1,4 +1,4 @@
-"""Filling lost frames, against a plain definition of what must be shown, for any loss and any order."""
+"""Filling lost frames compared with a plain definition of the frames to show, for any loss and any order."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_order_of_arrival_does_not_matter(order, strangers):
 
 
 def test_the_buffer_is_bounded():
-    """A picture that comes later than the buffer allows is dropped."""
+    """A picture that arrives later than the buffer allows is dropped."""
     late = REORDER + 5
     arrivals = [(index, picture(index)) for index in range(1, 1 + late)] + [(0, picture(0))]
     fill = Fill(late + 1)

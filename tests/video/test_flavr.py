@@ -16,7 +16,7 @@ pytestmark = pytest.mark.torch
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    """A network of one output, and its weights in the authors' layout."""
+    """A network with one output, and its weights in the authors' layout."""
     torch.manual_seed(0)
     net = FLAVR(n_outputs=1).eval().requires_grad_(False)
     path = tmp_path_factory.mktemp("flavr") / "FLAVR_2x.pth"

@@ -1,4 +1,4 @@
-"""Object motion blur: the arithmetic, and how near it is to the true time integral of a moving scene."""
+"""Object motion blur: the arithmetic, and its deviation from the true time integral of a moving scene."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_four_times_the_frames_are_nearer_to_the_time_integral():
 
 
 def integral_psnr(scene: Scene) -> dict[int, tuple[float, float]]:
-    """PSNR in dB against the true integral, per c: with interpolation by 4, and with only the recorded frames."""
+    """PSNR in dB against the true integral for each c: with interpolation by 4, and with only the recorded frames."""
     centre = 6
     source = [scene.frame(time) for time in range(2 * centre + 1)]
     master = list(interpolate(source, FlowInterpolator(), 4))  # frame k is at time 1 + k / 4

@@ -1,4 +1,4 @@
-"""Rolling shutter of a clip: which row comes from which frame, and how near it is to a moving scene."""
+"""Rolling shutter of a clip: the source frame of each row, and the deviation from a moving scene."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ def test_the_longest_readout_stays_within_the_frames_around_a_key_frame(height):
 
 
 def test_rows_are_the_pictures_of_their_times():
-    """Of a rendered scene at 960 frames per second: half a frame's motion from the exact picture, at most."""
+    """For a scene rendered at 960 frames per second, the deviation from the exact picture is at most half a frame's
+    motion.
+    """
     scene = Scene(60, 80, background=(0.2, 0.1), disk=(-0.3, 0.15))
     made = rolling_frames(lambda index: scene.frame(index), 20, READOUTS)
     for readout, frame in made.items():

@@ -41,7 +41,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
 
 
 def test_what_was_measured_comes_before_what_was_published(small_run, many_images):
-    """Benchmarks are ordered by their runs, and benchmarks without runs by their models."""
+    """Benchmarks are ordered by their number of runs, and those without runs by their number of models."""
 
     def order(*runs):
         return [board.benchmark for board in whole_content(runs).boards]
