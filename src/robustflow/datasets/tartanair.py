@@ -101,7 +101,7 @@ class TartanAir(PairDataset):
         return present([*maps, flight / "pose_left.txt"], "TartanAir", "depth_left/ and pose_left.txt of the flights")
 
     def training_truth(self, pair: PairFiles) -> Truth | None:
-        """The same."""
+        """See `PairDataset.training_truth`."""
         return self.truth(pair)
 
 

@@ -1,1 +1,1 @@
-"""Experiments that train networks and measure them, as commands that can be stopped and continued."""
+"""Experiments that train and evaluate networks, as commands that can be interrupted and resumed."""

@@ -1,5 +1,5 @@
-"""What is compared: the same network, start, data and number of updates, with different corruptions on the training
-frames."""
+"""The arms of the experiment: the same network, initial weights, data and number of updates, with different corruptions
+of the training frames."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from ..corruptions import FAMILIES, IMAGE_PAIR
 
 TRAINED = ("digital", "illumination", "weather", "noise", "blur")
-"""Families that training frames can have; those of whole clips cannot be applied to a pair of images."""
+"""Corruption families for training frames; families for whole clips cannot be applied to a pair of images."""
 LEFT_OUT = ("noise", "weather")
-"""Families that an arm is trained without and measured under: the two under which errors grow most."""
+"""Families held out from training and used for evaluation: the two with the largest increase in error."""
 PLAIN, ALL = "plain", "all"
 
 
 @dataclass(frozen=True)
 class Arm:
-    """A way of training.
+    """An arm of the experiment.
 
     Attributes:
-        name: "plain", "all", or "no_FAMILY".
-        families: whose corruptions are applied to the training frames.
+        name: name of the arm: "plain", "all", or "no_FAMILY".
+        families: families of the corruptions applied to the training frames.
     """
 
     name: str
@@ -28,12 +28,12 @@ class Arm:
 
     @property
     def corruptions(self) -> list[str]:
-        """The corruptions of its families that can be applied to a pair of images."""
+        """Return the corruptions of the arm's families that can be applied to a pair of images."""
         return [name for family in self.families for name in members(family)]
 
 
 def members(family: str) -> list[str]:
-    """The corruptions of a family that can be applied to a pair of images.
+    """Return the corruptions of a family that can be applied to a pair of images.
 
     >>> members("noise")
     ['gaussian_noise', 'shot_noise', 'impulse_noise']
@@ -42,7 +42,7 @@ def members(family: str) -> list[str]:
 
 
 def arms() -> list[Arm]:
-    """The arms: without corruptions, with all, and with all families but one.
+    """Return the arms: without corruptions, with all families, and with all families except one.
 
     >>> [arm.name for arm in arms()]
     ['plain', 'all', 'no_noise', 'no_weather']
@@ -52,7 +52,7 @@ def arms() -> list[Arm]:
 
 
 def measured() -> list[str]:
-    """The corruptions that every network is measured under.
+    """Return the corruptions under which every network is evaluated.
 
     >>> len(measured())
     7

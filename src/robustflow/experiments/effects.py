@@ -1,4 +1,4 @@
-"""The effect of an arm: differences to training without corruptions, with intervals over seeds and pairs."""
+"""Effects of the arms: differences from training without corruptions, with intervals over seeds and pairs."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ Runs = Mapping[tuple[str, str, int], Run]
 
 @dataclass(frozen=True)
 class Effect:
-    """A mean difference to the arm without corruptions, in pixels (of `crer`: as a fraction); below 0 is better.
+    """A mean difference from the arm without corruptions, in pixels (for `crer`, as a fraction); negative values are
+    improvements.
 
     Attributes:
-        difference: mean over seeds and pairs.
-        error: standard error; None, as the next four, with too few pairs or seeds.
-        freedom: its degrees of freedom.
-        low, high: ends of its 95 % interval for other pairs and seeds.
-        p: two-sided, for no difference; not corrected.
-        plain, value: means of both.
+        difference: mean difference over seeds and pairs.
+        error: standard error; None, like the next four fields, with too few pairs or seeds.
+        freedom: degrees of freedom of the standard error.
+        low, high: bounds of the 95 % confidence interval over pairs and seeds.
+        p: two-sided p-value for no difference, uncorrected.
+        plain, value: means of the plain arm and of this arm.
     """
 
     difference: float
@@ -45,17 +46,18 @@ class Effect:
 
 
 def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
-    """Every effect on a data set.
+    """Return all effects on a data set.
 
     Args:
-        runs: by (arm, data set, seed).
-        dataset: one of them.
-        seeds: those compared, see `left_out`.
+        runs: runs by (arm, data set, seed).
+        dataset: name of the data set.
+        seeds: seeds to compare, see `left_out`.
 
     Returns:
-        A row for each arm, what it is measured under (a family, a corruption, "clean"), whether the arm was trained
-        with it (null for "clean"), and quantity, with the fields of `Effect`. CREr is a ratio of means over pairs and
-        seeds, because a pair whose clean error is next to nothing would outweigh all others; it has no interval.
+        One row per arm, condition (a family, a corruption, or "clean") and quantity, with a flag for whether the arm
+        was trained with the condition (null for "clean") and the fields of `Effect`. CREr is a ratio of means over
+        pairs and seeds, because a pair with a clean error near zero would dominate a mean of ratios; CREr has no
+        interval.
     """
     names = [arm.name for arm in arms()]
     scores = {name: [_scores(runs[name, dataset, seed]) for seed in seeds] for name in names}
@@ -79,8 +81,8 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
 
 
 def left_out(runs: Runs, dataset: str) -> dict[int, str]:
-    """The seeds that are not compared on a data set, and why: a network is missing, or its clean error is not below
-    half of zero flow's."""
+    """Return the seeds excluded from the comparison on a data set, with the reason: a network is missing, or its clean
+    error is not below half the error of zero flow."""
     reasons = {}
     for seed in sorted({seed for _, of, seed in runs if of == dataset}):
         for arm in arms():
@@ -115,7 +117,7 @@ def _seen(arm: str, under: str) -> bool | None:
 
 
 def _scores(run: Run) -> dict[str, dict[str, Array]]:
-    """Per pair: the errors under each family and corruption, means over severities and corruptions."""
+    """Return the errors of each pair under each family and corruption, as means over severities and corruptions."""
     rows = run.rows.filter(pl.col("n_valid") > 0).with_columns(
         epe=pl.col("epe_sum") / pl.col("n_valid"), rcre=pl.col("rcre_all_sum") / pl.col("n_all")
     )

@@ -1,4 +1,4 @@
-"""The experiment in words and tables, as Markdown; nothing is claimed that its intervals do not support."""
+"""Report the experiment in words and tables, as Markdown; every claim is supported by an interval."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _POWER = 0.8
 
 
 def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
-    """The page, and every effect as a table (see `effects`).
+    """Return the page, and a table of all effects (see `effects`).
 
     Args:
-        runs: by (arm, data set, seed); a seed with an arm missing is left out.
+        runs: runs by (arm, data set, seed); a seed with a missing arm is left out.
     """
     parts, tables = [], []
     for dataset in dict.fromkeys(of for _, of, _ in runs):
@@ -45,7 +45,7 @@ def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
 
 
 def _hypotheses(table: pl.DataFrame, hypotheses: Sequence[Hypothesis]) -> str:
-    """A sentence for each, with Holm's correction over these."""
+    """Return one sentence per hypothesis, with Holm's correction over all of them."""
     tested = [_one(table, each.arm, each.family, each.quantity) for each in hypotheses]
     if any(effect["p"] is None for effect in tested):
         few = f"With fewer than {FEWEST_SEEDS} seeds or {FEWEST_PAIRS} pairs there is no test"
@@ -74,7 +74,8 @@ def _change(effect: dict[str, Any]) -> str:
 
 
 def _detectable(effect: dict[str, Any]) -> float:
-    """The difference that two tests at half the level find with the power, if the standard error stays."""
+    """Return the difference that two tests at half the level detect with the given power, assuming the same standard
+    error."""
     return float(sum(stdtrit(effect["freedom"], level) for level in (1 - LEVEL / 4, _POWER)) * effect["error"])
 
 

@@ -1,4 +1,4 @@
-"""MeanInterval and p-value of a mean difference for other pairs and other seeds, by a bootstrap over both."""
+"""Confidence interval and p-value of a mean difference, by a bootstrap over pairs and seeds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.special import stdtr, stdtrit
 Array = npt.NDArray[np.float64]
 
 FEWEST_PAIRS, FEWEST_SEEDS = 10, 3
-"""Below which there is neither interval nor p-value."""
+"""Minimum numbers of pairs and seeds for an interval and a p-value."""
 _LEVEL = 0.95
 _RESAMPLES = 4000
 
@@ -30,19 +30,19 @@ class MeanInterval(NamedTuple):
 
 
 def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | None:
-    """The interval of the mean, for other seeds and other pairs.
+    """Return the confidence interval of the mean over seeds and pairs.
 
     A bootstrap-t (Efron and Tibshirani 1993, ch. 12): seeds and pairs are both resampled, as in Owen (2007), and each
-    resample's mean is divided by its own standard error, so skewed pairs move the interval's ends apart as they should.
-    A handful of seeds has too few distinct resamples for that, so neither end is nearer to the mean than Student's t
-    puts it, with the degrees of freedom of Satterthwaite (1946). The p-value is the larger of the two likewise.
+    resample's mean is divided by its own standard error, so that the interval reflects skewed distributions. A few
+    seeds have too few distinct resamples, so both bounds are at least as far from the mean as those of Student's t with
+    Satterthwaite's degrees of freedom (1946). Likewise, the p-value is the larger of the two.
 
     Args:
-        differences: (seeds, pairs).
-        resamples: of the bootstrap.
+        differences: differences, float64 (seeds, pairs).
+        resamples: number of bootstrap resamples.
 
     Returns:
-        None with fewer than `FEWEST_PAIRS` pairs or `FEWEST_SEEDS` seeds.
+        The interval, or None with fewer than `FEWEST_PAIRS` pairs or `FEWEST_SEEDS` seeds.
 
     >>> values = np.random.default_rng(0).normal(1.0, 0.5, (6, 50))
     >>> result = interval(values)
@@ -71,7 +71,7 @@ def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | 
 
 
 def _bootstrapped(differences: Array, mean: float, resamples: int) -> Array:
-    """Errors of resampled means over their standard errors."""
+    """Return the errors of resampled means divided by their standard errors."""
     means, of_seeds, of_pairs = _variances(differences, *(_weights(count, resamples) for count in differences.shape))
     errors = np.sqrt(of_seeds + of_pairs)
     return (means - mean)[errors > 0] / errors[errors > 0]
@@ -79,13 +79,13 @@ def _bootstrapped(differences: Array, mean: float, resamples: int) -> Array:
 
 @cache
 def _weights(count: int, resamples: int) -> Array:
-    """How often each of `count` is drawn in each resample: (resamples, count)."""
+    """Return how often each of `count` items is drawn in each resample, (resamples, count)."""
     return np.random.default_rng(count).multinomial(count, np.full(count, 1 / count), resamples).astype(float)
 
 
 def _variances(differences: Array, seed_weights: Array, pair_weights: Array) -> tuple[Array, Array, Array]:
-    """Weighted means, and their variances over seeds and over pairs, for weights of (resamples, seeds) and (resamples,
-    pairs)."""
+    """Return weighted means and their variances over seeds and over pairs, for weights of shape (resamples, seeds) and
+    (resamples, pairs)."""
     seeds, pairs = differences.shape
     by_seed = pair_weights @ differences.T / pairs
     by_pair = seed_weights @ differences / seeds

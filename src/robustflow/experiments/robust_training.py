@@ -1,8 +1,9 @@
-"""Does training with corruptions make flow robust, also against corruptions not used in training?
+"""Experiment: does training with corruptions make flow estimation robust, including to corruptions not used in
+training?
 
-For each seed `tiny` is trained from random weights, without corruptions, until it can match; from there each arm
-continues with its corruptions. Every network is measured as soon as it is trained, on held-out flying shapes and on
-real pairs. A complete training or run is not repeated.
+For each seed, `tiny` is trained from random weights without corruptions until it can match; each arm then continues
+with its corruptions. Every network is evaluated as soon as it is trained, on held-out flying shapes and on real pairs.
+Completed trainings and runs are not repeated.
 """
 
 from __future__ import annotations
@@ -30,26 +31,26 @@ from .effects import Runs
 from .hypotheses import DATASET
 
 METHOD, START, STAGE = "tiny", "small", "small_robust"
-"""The network, and the recipes of its training from random weights and of the arms'."""
+"""The network, the recipe for training from random weights, and the recipe of the arms."""
 _COMPLETE = "complete"
-"""File in the folder of a training that has made all of its updates."""
+"""File that marks a completed training in its folder."""
 _SEED_OF_ARMS = 1000
-"""Added to a seed for the arms, so that their draws are not those of the first training again."""
+"""Offset added to the seed of the arms, so that they do not repeat the random draws of the initial training."""
 _SAVE_EVERY = 20
-"""Updates that a kill can cost."""
+"""Number of updates between checkpoints, which is the maximum loss if the process is killed."""
 _POLL_S = 5.0
 _BATCH = 8
-"""Pairs of frames predicted together."""
+"""Number of pairs predicted in one batch."""
 
 
 @dataclass(frozen=True)
 class EvaluationSet:
-    """A set of pairs that every network is measured on.
+    """A set of pairs on which every network is evaluated.
 
     Attributes:
-        dataset: its registered name.
-        data: its folder; None for flying shapes.
-        options: of the data set.
+        dataset: registered name of the data set.
+        data: path of its folder; None for flying shapes.
+        options: options of the data set.
     """
 
     dataset: str
@@ -59,15 +60,14 @@ class EvaluationSet:
 
 @dataclass(frozen=True)
 class TrainingExperiment:
-    """The experiment.
-
-    Attributes:
-        output: folder of everything it writes.
-        evaluation_sets: to measure every network on.
-        seeds: how many, from 0: of the initial weights, and of order, augmentation and corruption of the training.
-        steps: of each training; None for the recipes'.
-        severities: those to measure.
-        loaders: processes that prepare batches in advance.
+    """The settings of the experiment. Attributes:
+        output: path of the output folder.
+        evaluation_sets: sets of pairs on which every network is evaluated.
+        seeds: number of seeds, counted from 0. A seed determines the initial weights, and the order, augmentation and
+            corruption of the training data.
+        steps: number of updates of each training; None for the number in the recipe.
+        severities: severities to evaluate.
+        loaders: number of processes that prepare batches in advance.
     """
 
     output: Path
@@ -78,16 +78,16 @@ class TrainingExperiment:
     loaders: int = 1
 
     def training(self, seed: int, name: str) -> Path:
-        """The folder of a training: "start", or that of an arm."""
+        """Return the folder of a training: "start", or an arm's folder."""
         return self.output / "trainings" / f"seed-{seed}" / name
 
 
 def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[EvaluationSet, ...]:
-    """Held-out flying shapes, and each NAME=FOLDER.
+    """Return the held-out flying shapes, followed by the data set of each NAME=FOLDER.
 
     Raises:
-        UsageError: not NAME=FOLDER, a name that no data set has, or one without ground truth.
-        DataError: another layout.
+        UsageError: a text is not NAME=FOLDER, the data set is unknown, or it has no ground truth.
+        DataError: the layout of a folder is different.
     """
     sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
@@ -105,21 +105,21 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
 def run_experiment(
     experiment: TrainingExperiment, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
 ) -> Runs | None:
-    """Train and measure what is still missing, all arms of a seed before the next seed.
+    """Train and evaluate the missing networks, all arms of a seed before the next seed.
 
-    Several processes can share a folder: each takes the next network that no other works on, and at the end waits for
-    the others.
+    Several processes can share a folder: each works on the next network that no other process has claimed, and finally
+        waits for the others.
 
     Args:
-        experiment: what to train and measure.
-        say: called with messages about the progress.
-        stop: called after each update; True ends there, and a later call continues.
+        experiment: settings of the experiment.
+        say: function called with progress messages.
+        stop: function called after each update; if it returns True, training stops there, and a later call resumes it.
 
     Returns:
-        Runs by (arm, data set, seed); None if it was stopped.
+        Runs by (arm, data set, seed), or None if the experiment was stopped.
 
     Raises:
-        RunError: the folder holds trainings with other steps.
+        RunError: the folder contains trainings with a different number of steps.
         UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
     """
     runs: dict[tuple[str, str, int], Run] = {}
@@ -140,7 +140,7 @@ def run_experiment(
                 for one in experiment.evaluation_sets:
                     runs[arm.name, one.dataset, seed] = _measured(experiment, arm, seed, checkpoint, one)
             todo.remove((seed, arm))
-            break  # the next one is the first that is missing, which may be free by now
+            break  # continue with the first missing network, which may no longer be claimed
         else:
             time.sleep(_POLL_S)
     return runs
@@ -148,9 +148,9 @@ def run_experiment(
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[bool]:
-    """Whether this process is the only one that works in a folder, until the block ends."""
+    """Lock a folder within the block; the value is whether this process holds the lock."""
     make_folder(folder)
-    lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released by the system when a process is killed
+    lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released when the process is killed
     try:
         lock.acquire(blocking=False)
     except Timeout:
@@ -165,7 +165,8 @@ def claimed(folder: Path) -> Iterator[bool]:
 def _started(
     experiment: TrainingExperiment, seed: int, say: Callable[[str], None], stop: Callable[[], bool]
 ) -> Path | None:
-    """The weights that the arms of a seed start from; None while another process trains them, or if it was stopped."""
+    """Return the initial weights of a seed's arms; None if training was stopped or a different process is training
+    them."""
     folder = experiment.training(seed, "start")
     if (folder / _COMPLETE).exists():
         return _trained(experiment, seed, None, None, stop)
@@ -179,7 +180,8 @@ def _started(
 def _trained(
     experiment: TrainingExperiment, seed: int, arm: Arm | None, start: Path | None, stop: Callable[[], bool]
 ) -> Path | None:
-    """The weights of an arm, or without one those that the arms start from; None if the training was stopped."""
+    """Return the weights of an arm, or without an arm the initial weights of all arms; None if the training was
+    stopped."""
     folder = experiment.training(seed, "start" if arm is None else arm.name)
     recipe = load_recipe(METHOD, START if arm is None else STAGE).changed(steps=experiment.steps)
     resume = (folder / LAST).exists()

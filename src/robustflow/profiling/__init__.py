@@ -1,3 +1,3 @@
-"""What a model costs: parameters, multiply-accumulates, time and memory."""
+"""Measure the cost of a model: parameters, multiply-accumulates, time and memory."""
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Parameters and multiply-accumulates of a network: true ones, and as the library thop counts them.
+"""Count the parameters and multiply-accumulates of a network, both exactly and with the rules of the library thop.
 
-thop is what the paper's table was made with. It sees modules only (convolutions, linear layers, norms, pooling and
-upsampling modules): products of matrices, in correlation volumes and attention, cost nothing there, and neither do
-layers that are not run or whose class is not exactly PyTorch's own. A module that hangs at two places of the network is
-hooked twice and then added twice, so its operations count four times; RAFT has such norms. Its rules are rewritten
-here from its behaviour, because it changes the network it measures and is no longer kept.
+The paper's table was computed with thop, which only counts modules (convolutions, linear layers, norms, pooling and
+upsampling). It ignores matrix products in correlation volumes and attention, layers that are not run, and layers whose
+class is not exactly PyTorch's own. A module used at two places of the network is hooked twice and added twice, so its
+operations count four times; RAFT has such norms. thop's rules are reimplemented here from its behaviour, because thop
+modifies the network and is no longer maintained.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from ..errors import ModelError, RobustFlowError
 
 @dataclass(frozen=True)
 class Counts:
-    """What one prediction costs.
+    """The cost of one prediction.
 
     Attributes:
-        parameters: all that are learned.
-        macs: multiply-accumulates by PyTorch's counter (half its FLOPs): convolutions and matrix products, attention
-            and correlation among them.
-        thop_parameters: of the modules that thop knows and that were run.
-        thop_macs: of those modules, by thop's rules.
+        parameters: number of learned parameters.
+        macs: multiply-accumulates by PyTorch's counter (half its FLOPs): convolutions and matrix products, including
+            attention and correlation.
+        thop_parameters: number of parameters of the modules that thop supports and that were run.
+        thop_macs: multiply-accumulates of the same modules, by thop's rules.
     """
 
     parameters: int
@@ -50,10 +50,10 @@ class Counts:
 
 
 def count(net: nn.Module, height: int, width: int) -> Counts:
-    """Count one call of `net` on two images of (1, 3, height, width), without computing anything.
+    """Count the cost of one call of `net` on two images of (1, 3, height, width), without computing values.
 
-    Tensors have a shape but no values, so it costs a second and no memory; only a network whose shapes depend on values
-    is really run. The network is copied first.
+    Tensors have a shape but no values, so counting takes a second and no memory; only a network whose shapes depend on
+    values is actually run. The network is copied first.
 
     Raises:
         ModelError: the network fails at this size.
@@ -86,7 +86,7 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
 
 @contextmanager
 def _unlogged() -> Iterator[None]:
-    """PyTorch logs the traceback of what fails on tensors without values, besides raising it."""
+    """Suppress the tracebacks that PyTorch logs in addition to raising an error for tensors without values."""
     logger = logging.getLogger(torch._subclasses.fake_tensor.__name__)
     before, logger.disabled = logger.disabled, True
     try:
@@ -136,7 +136,7 @@ class _ThopTally:
 
 
 def _visits(net: nn.Module) -> Iterator[nn.Module]:
-    """Every module, as often as there are ways down to it."""
+    """Yield every module once per path to it."""
     yield net
     for child in net.children():
         yield from _visits(child)

@@ -1,4 +1,4 @@
-"""Seconds and memory of one prediction, really run."""
+"""Measure the time and memory of actual predictions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..models.torch.model import NetworkModel
 
 @dataclass(frozen=True)
 class PredictionCost:
-    """The best of several predictions.
+    """Measurements over several predictions.
 
     Attributes:
-        seconds: of one pair, the shortest time.
-        peak_bytes: on a GPU the most memory that tensors took during a prediction; on a CPU the most memory this
-            process has ever held, libraries and weights included.
-        device: as PyTorch calls it.
+        seconds: shortest time for one pair, in seconds.
+        peak_bytes: peak memory, in bytes: on a GPU, of tensors during a prediction; on a CPU, of the process since its
+            start, including libraries and weights.
+        device: PyTorch's name of the device.
     """
 
     seconds: float
@@ -31,10 +31,10 @@ class PredictionCost:
 
 
 def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
-    """Predict a pair of random frames; one prediction more comes first where a GPU needs it to warm up.
+    """Time predictions on a pair of random frames, after one additional warm-up prediction on a GPU.
 
     Raises:
-        UsageError: a number of repetitions below 1.
+        UsageError: the number of repetitions is below 1.
     """
     if repeat < 1:
         raise UsageError(f"{repeat} repetitions measure nothing: give 1 or more")
@@ -46,7 +46,7 @@ def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int
     seconds = []
     for _ in range(repeat):
         start = time.perf_counter()
-        model.predict(*frames)  # copies the flow to the CPU, which waits for the GPU
+        model.predict(*frames)  # copies the flow to the CPU, which synchronizes with the GPU
         seconds.append(time.perf_counter() - start)
     unit = 1 if sys.platform == "darwin" else 1024
     peak = torch.cuda.max_memory_allocated(model.device) if gpu else 0

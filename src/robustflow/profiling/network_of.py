@@ -1,4 +1,4 @@
-"""The PyTorch network inside a model, where there is one."""
+"""Find the PyTorch network inside a model."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ..models.torch.model import NetworkModel
 
 
 def network_of(model: Any) -> NetworkModel:
-    """The adapter that holds a model's network, without the tiles it may predict in.
+    """Return the adapter that contains a model's network, without the tiling wrapper.
 
     Raises:
-        UsageError: a model that is not a PyTorch network of this project, or one of more than two frames.
+        UsageError: the model is not a PyTorch network of this project, or needs more than two frames.
     """
     while isinstance(model, TiledModel):
         model = model.model

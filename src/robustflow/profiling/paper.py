@@ -1,9 +1,9 @@
-"""The paper's Tab. 3, parameters and FLOPs, counted again the way it was counted (Sec. 4.2).
+"""Reproduce the parameters and FLOPs in the paper's Tab. 3 with the paper's method (Sec. 4.2).
 
-Its FLOPs are thop's multiply-accumulates of 12 iterations on 1x3x432x720; ARFlow's are of the 256x832 that it
-stretches KITTI to. FlowFormer++ was counted without the padding to multiples of 32 that it gets when it predicts.
-BrightFlow and SAMFlow were counted with a full-resolution flow after every iteration, as in training; ours make the
-last alone when they predict, which saves eleven masks of upsampling weights.
+The paper's FLOPs are thop's multiply-accumulates for 12 iterations at 1x3x432x720, and for ARFlow at 256x832, to which
+it resizes KITTI. FlowFormer++ was counted without the padding to multiples of 32 used in prediction. BrightFlow and
+SAMFlow were counted with a full-resolution flow after every iteration, as in training; in prediction our versions only
+upsample the last flow, which saves eleven masks of upsampling weights.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ _EVERY_FLOW = ("brightflow", "samflow_t", "samflow_b", "samflow_h")
 
 
 class EveryFlow(nn.Module):
-    """A network whose `flows` are computed, one for every iteration, where its own call gives the last."""
+    """Wrapper that makes a network compute all `flows`, one per iteration, instead of only the last."""
 
     def __init__(self, net: nn.Module) -> None:
         super().__init__()
         self.net = net
 
     def forward(self, image1: Tensor, image2: Tensor) -> Any:
-        """Images (1, 3, H, W) to what `flows` of the network gives."""
+        """Return the result of the network's `flows` for images (1, 3, H, W)."""
         return self.net.flows(image1, image2)
 
 
 @dataclass(frozen=True)
 class Counted:
-    """A method of the paper's table, counted the way the paper counted it.
+    """A method of the paper's table, counted with the paper's method.
 
     Attributes:
-        method: what its paper calls it.
-        model: the name it is loaded by.
-        size: (height, width) it was counted at.
-        counts: ours; None where the model is not available here, and `missing` says why.
+        method: name of the method in its paper.
+        model: name of the registered model.
+        size: input size (height, width) used for the count, in pixels.
+        counts: our counts; None if the model is not available here, with the reason in `missing`.
     """
 
     method: str
@@ -56,11 +56,11 @@ class Counted:
 
 
 def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
-    """One method after the other.
+    """Count one method after the other.
 
     Args:
-        published: methods of the catalogue, as their papers call them.
-        frames: height and width.
+        published: methods of the catalogue, by the names in their papers.
+        frames: height and width of the frames, in pixels.
     """
     names = {entry.method: name for name, entry in methods().items()}
     for method in published:

@@ -1,4 +1,4 @@
-"""Check an attack of your own before a benchmark runs on it."""
+"""Check a user-defined attack before using it in a benchmark."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..sample import Flow, Frame
 from ..severity import SEVERITIES
 
 _SHAPES = ((32, 40), (17, 23))
-"""An even and an odd size."""
+"""An even and an odd frame size."""
 
 
 class _Smooth:
-    """u and v are tanh of weighted sums of a pixel's values in both frames: a gradient everywhere, in NumPy and in
-    PyTorch."""
+    """A model whose u and v are tanh of weighted sums of a pixel's values in both frames, which has a gradient
+    everywhere, in NumPy and in PyTorch."""
 
     _weights = np.array([[[3, -2, 1], [-1, 2, -3]], [[-1, 1, 2], [2, -3, 1]]], np.float32) / 4
 
@@ -38,19 +38,19 @@ class _Smooth:
 
 
 def check_attack(attack: Any, seed: int = 0) -> str:
-    """Try an attack on a small differentiable model at all five severities, and return its name.
+    """Check an attack on a small differentiable model at all five severities, and return its name.
 
-    What it returns must be float32 of the pair's shape and inside the budget, before and after rounding to 8 bits; no
-    pair that it saw inside the budget may score higher; the frames must not be written to; the same seed must give the
-    same bytes, also from a second object of the class; with ground truth and without; textured, black and white frames
-    of even and odd sizes must work.
+    The result must be float32, have the pair's shape, and lie within the budget before and after rounding to 8 bits. No
+    pair within the budget that the attack evaluated may score higher. The attack must not modify the given frames, and
+    must return the same bytes for the same seed, also from a second object of the class. It must work with and without
+    ground truth, and on textured, black and white frames of even and odd sizes.
 
     Args:
-        attack: a class, an object or the name of an attack; see docs/add-your-attack.md.
-        seed: of the random choices.
+        attack: the attack, as a class, an object or a name; see docs/add-your-attack.md.
+        seed: the seed for the random choices.
 
     Raises:
-        UsageError: what is wrong, at which severity and size.
+        UsageError: a check failed; the message states the problem, the severity and the size.
 
     >>> class Flip:
     ...     needs_gradients = False
@@ -91,7 +91,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
 
 
 def _pairs(shape: tuple[int, int]) -> list[tuple[Frame, Frame]]:
-    """Texture and the same a pixel further; black and white."""
+    """Return test pairs: a texture and the same texture shifted by one pixel; black and white frames."""
     rows, columns = np.indices(shape)
     texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
     return [(texture, np.roll(texture, 1, axis=1)), (np.zeros_like(texture), np.full_like(texture, 255))]

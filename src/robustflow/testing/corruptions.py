@@ -1,4 +1,4 @@
-"""Check a corruption of your own before a benchmark runs on it."""
+"""Check a user-defined corruption before using it in a benchmark."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ from ..sample import Camera, Frame, SceneDepth
 from ..severity import SEVERITIES
 
 _SHAPES = ((48, 64), (33, 61))
-"""An even and an odd size: they reveal code that halves an image."""
+"""An even and an odd frame size, which reveal errors in code that halves an image."""
 
 
 def check_corruption(corruption: Any, seed: int = 0) -> str:
-    """Try a corruption at all five severities, and return its name.
+    """Check a corruption at all five severities, and return its name.
 
-    Every returned frame must be RGB uint8 of the given shape; the given frame must not be written to; the same draw
-    must give the same bytes, also in another order and from a second object of the class; frame 0 must not change
-    because frame 1 was requested; black, white and textured frames of even and odd sizes must work. A corruption that
-    needs depth gets a floor before a wall, with a camera of known and of unknown motion, and only frames 0 and 1.
+    Every returned frame must be RGB uint8 of the given shape, and the given frame must not be modified. The same draw
+    must give the same bytes, also in a different order and from a second object of the class. Frame 0 must not depend
+    on whether frame 1 was requested. Black, white and textured frames of even and odd sizes must work. A corruption
+    that needs depth is tested on a floor in front of a wall, with known and unknown camera motion, and only with frames
+    0 and 1.
 
     Args:
-        corruption: a class, an object or the name of a corruption; see docs/add-your-corruption.md.
-        seed: of the draws.
+        corruption: the corruption, as a class, an object or a name; see docs/add-your-corruption.md.
+        seed: the seed for the random draws.
 
     Raises:
-        UsageError: what is wrong, at which severity and size.
+        UsageError: a check failed; the message states the problem, the severity and the size.
 
     >>> import numpy as np
     >>> class Dim:
@@ -72,14 +73,15 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
 
 
 def _frames(shape: tuple[int, int]) -> list[Frame]:
-    """Texture, the same a pixel further, black, white."""
+    """Return test frames: a texture, the same texture shifted by one pixel, black, and white."""
     rows, columns = np.indices(shape)
     texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
     return [texture, np.roll(texture, 1, axis=1), np.zeros_like(texture), np.full_like(texture, 255)]
 
 
 def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
-    """A floor that rises to a wall 60 m away, not measured in a corner; a step nearer in the second frame."""
+    """Return the depth of a floor that rises to a wall 60 m away, unmeasured in one corner; the camera is one step
+    closer in the second frame."""
     height, width = shape
     rows = np.arange(height, 0, -1, dtype=np.float32)[:, None]
     first = np.minimum(np.float32(2) * height / (height + 1 - rows), np.float32(60)).repeat(width, axis=1)

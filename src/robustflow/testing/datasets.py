@@ -1,4 +1,4 @@
-"""Check a data set of your own before a benchmark runs on it; and a small data set whose flow is known."""
+"""Check a user-defined data set before using it in a benchmark; a small data set with known flow."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from ..sample import Sample
 
 
 class TexturePairs(Samples):
-    """Smooth textures that move by whole pixels, each pair by its own shift, without a file: the flow is exact.
+    """A data set without files: smooth textures that move by whole pixels, with a different shift for each pair, so
+    that the flow is exact.
 
     Args:
-        count: of pairs; their keys are "0", "1", ...
-        size: (H, W) of the frames in pixels.
-        reach: the largest shift along either axis, in pixels.
-        seed: of textures and shifts.
+        count: number of pairs; their keys are "0", "1", ...
+        size: size (H, W) of the frames, in pixels.
+        reach: maximum shift along either axis, in pixels.
+        seed: the seed for the textures and shifts.
 
     Raises:
-        UsageError: no pair, or frames that are not larger than the shift.
+        UsageError: there are no pairs, or the frames are not larger than the shift.
 
     >>> pairs = TexturePairs(count=2, size=(32, 48))
     >>> pairs.keys()
@@ -38,11 +39,11 @@ class TexturePairs(Samples):
     """
 
     name = "texture_pairs"
-    """What it is called in results."""
+    """Name of the data set in results."""
     has_flow = True
-    """Every pair has ground truth."""
+    """True: every pair has ground truth."""
     facts = DatasetFacts(title="Moving textures", description="Textures that move by whole pixels, for tests.")
-    """What a reader of a result needs to know about it."""
+    """Facts about the data set for readers of results."""
 
     def __init__(self, count: int = 3, size: tuple[int, int] = (64, 96), reach: int = 4, seed: int = 0) -> None:
         if count < 1 or not 0 <= reach < min(size):
@@ -54,7 +55,7 @@ class TexturePairs(Samples):
         return [str(number) for number in range(self._count)]
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`: there are none."""
+        """See `Dataset.files`: always empty."""
         return []
 
     def load(self, key: str) -> Sample:
@@ -62,7 +63,7 @@ class TexturePairs(Samples):
         occluded.
 
         Raises:
-            KeyError: no such key.
+            KeyError: the key does not exist.
         """
         if key not in self.keys():
             raise KeyError(f"there is no pair '{key}': keys are 0 to {self._count - 1}")
@@ -82,18 +83,18 @@ class TexturePairs(Samples):
 
 
 def check_dataset(dataset: Any, samples: int = 3) -> str:
-    """Try a data set, and return its name.
+    """Check a data set, and return its name.
 
-    It must have a name, the same keys on every call, samples as declared (frames RGB uint8 of one size, flow float32
-    with a valid mask if `has_flow`, the same bytes when read twice and after being sent to another process), existing
-    files, and an error for a key that does not exist.
+    A data set must have a name, return the same keys on every call, and return samples as declared: RGB uint8 frames of
+    one size, and float32 flow with a valid mask if `has_flow`. Samples must have the same bytes when read twice and in
+    a different process. Its files must exist, and an unknown key must raise an error.
 
     Args:
         dataset: an object with the members of `robustflow.datasets.Dataset`; see docs/add-your-dataset.md.
-        samples: how many to read, spread over the keys.
+        samples: number of samples to read, spread over the keys.
 
     Raises:
-        UsageError: what is wrong.
+        UsageError: a check failed; the message states the problem.
 
     >>> from robustflow.datasets import load_dataset
     >>> check_dataset(load_dataset("motorcycle"))

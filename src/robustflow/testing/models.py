@@ -1,4 +1,4 @@
-"""Check a model of your own before a benchmark runs it; and small models whose flow is known."""
+"""Check a user-defined model before using it in a benchmark; small models with known flow."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..models.window import window_of
 from ..sample import Flow, Frame
 
 _SHAPES = ((128, 160), (121, 147))
-"""An even size, and one that is a multiple of nothing."""
+"""An even frame size, and one that is not a multiple of any common stride."""
 BATCH_TOLERANCE = 1e-4
-"""Pixels by which a batch may change a flow; see `BatchedFlowModel`."""
+"""Maximum change of a flow by batching, in pixels; see `BatchedFlowModel`."""
 
 
 class ConstantFlow:
-    """Predicts one flow everywhere, (u, v) in pixels: the smallest model there is.
+    """A minimal model that predicts the same flow (u, v), in pixels, everywhere.
 
     >>> ConstantFlow(3, -1).predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
     [3.0, -1.0]
@@ -42,7 +42,7 @@ class ConstantFlow:
 
 
 class ZeroFlow(ConstantFlow):
-    """Predicts that nothing moves: a model that is worse than this measures nothing.
+    """A model that predicts zero flow; the baseline that every useful model must beat.
 
     >>> ZeroFlow().predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8)).any()
     np.False_
@@ -53,10 +53,10 @@ class ZeroFlow(ConstantFlow):
 
 
 class ZeroClipFlow:
-    """A multi-frame model that predicts that nothing moves.
+    """A multi-frame model that predicts zero flow.
 
     Args:
-        window: how many frames it is given before and after the pair, as (before, after) or a `Window`.
+        window: number of input frames before and after the pair, as (before, after) or a `Window`.
 
     >>> frames = [np.zeros((2, 2, 3), np.uint8)] * 3
     >>> ZeroClipFlow((1, 0)).predict_clip(frames, 1).shape
@@ -76,11 +76,12 @@ class ZeroClipFlow:
 
 
 class ShiftedTruth:
-    """Predicts a known flow, off by the same (u, v) pixels everywhere, so that its end-point error is known.
+    """A model that predicts a known flow with a constant offset (u, v), in pixels, so that its end-point error is
+    known.
 
     Args:
-        flow: float32 (H, W, 2), the ground truth of the only pair it predicts.
-        u, v: added to it.
+        flow: ground-truth flow of the only pair it predicts, float32 (H, W, 2), in pixels.
+        u, v: offset added to the flow, in pixels.
 
     >>> model = ShiftedTruth(np.ones((2, 2, 2), np.float32), u=3, v=4)
     >>> model.predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
@@ -99,7 +100,7 @@ class ShiftedTruth:
         """See `FlowModel.predict`.
 
         Raises:
-            ModelError: frames of another size than the flow's.
+            ModelError: the frames and the flow differ in size.
         """
         if frame1.shape[:2] != self._flow.shape[:2]:
             raise ModelError(f"the known flow is {self._flow.shape[:2]}, the frames are {frame1.shape[:2]}")
@@ -107,7 +108,8 @@ class ShiftedTruth:
 
 
 class BrightnessFlow:
-    """Predicts (mean of frame 1, mean of frame 2) / 16 everywhere: a model whose numbers depend only on its frames.
+    """A model that predicts (mean of frame 1, mean of frame 2) / 16 everywhere, so that its results depend only on the
+    frames.
 
     >>> BrightnessFlow().predict(np.full((2, 2, 3), 16, np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
     [1.0, 0.0]
@@ -123,19 +125,20 @@ class BrightnessFlow:
 
 
 def check_model(model: Any, seed: int = 0) -> str:
-    """Try a model on textured frames of two sizes, and return its name.
+    """Check a model on textured frames of two sizes, and return its name.
 
-    Its flow must be float (H, W, 2) and finite; the same frames must give the same flow, also after others were
-    predicted and in any order; it must not write into the frames that it is given; and if it predicts batches, they
-    must give the flows of single pairs to 1e-4 px. With `predict_with_confidence` it must give the same flow there, and
-    the same confidence, (H, W) without NaN, twice. A multi-frame model is given a clip of the frames in its window.
+    The flow must be float (H, W, 2) and finite. The same frames must give the same flow, also after predictions on
+    different frames and in any order. The model must not modify its input frames. Batch predictions must match the
+    flows of single pairs to 1e-4 px. `predict_with_confidence` must return the same flow as `predict`, and the same
+    confidence, (H, W) without NaN, on every call. A multi-frame model gets a clip with the frames in its window.
 
     Args:
-        model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch module.
-        seed: of the frames.
+        model: the model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch
+            module.
+        seed: the seed for the frames.
 
     Raises:
-        ModelError: what is wrong, and on frames of which size.
+        ModelError: a check failed; the message states the problem and the frame size.
 
     >>> check_model(ConstantFlow(1, 0))
     'ConstantFlow'
@@ -215,7 +218,7 @@ def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flo
 
 
 def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int]) -> list[Frame]:
-    """Smooth textures that move by (2, 1) pixels from frame to frame."""
+    """Return smooth textures that move by (2, 1) pixels from frame to frame."""
     count = 2
     if isinstance(model, ClipModel):
         window = window_of(model)
