@@ -1,7 +1,7 @@
 """FlyingChairs: 22,872 synthetic pairs with dense ground truth.
 
-    data/00001_img1.ppm  00001_img2.ppm  00001_flow.flo FlyingChairs_train_val.txt (or chairs_split.txt), beside or in
-    data/: line i is 1 (train) or 2 (val) for pair i
+    data/00001_img1.ppm  00001_img2.ppm  00001_flow.flo
+    FlyingChairs_train_val.txt (or chairs_split.txt), next to or in data/: line i is 1 (train) or 2 (val) for pair i
 
 Source: Dosovitskiy et al., ICCV 2015.
 """

@@ -94,7 +94,8 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
 
     Args:
         split: "drive-disjoint", or the path of a file for `read_split`.
-        keys: keys of the data set. dataset: name of the data set.
+        keys: keys of the data set.
+        dataset: name of the data set.
 
     Raises:
         UsageError: the named split belongs to a different data set.

@@ -60,7 +60,9 @@ class EvaluationSet:
 
 @dataclass(frozen=True)
 class TrainingExperiment:
-    """The settings of the experiment. Attributes:
+    """The settings of the experiment.
+
+    Attributes:
         output: path of the output folder.
         evaluation_sets: sets of pairs on which every network is evaluated.
         seeds: number of seeds, counted from 0. A seed determines the initial weights, and the order, augmentation and

@@ -26,7 +26,8 @@ class Runnable:
     """A variant that can be run.
 
     Attributes:
-        variant: the paper's variant. spec: specification of the model to run.
+        variant: the paper's variant.
+        spec: specification of the model to run.
         weights: description of the weights for the table; "" for a method without weights.
         folder: name of the run's folder inside the benchmark's folder; always the same for the same weights.
     """

@@ -40,8 +40,8 @@ class Scene:
     """The layers of a pair from front to back; the last layer is the background.
 
     Attributes:
-        shape: size (H, W) of the frames, in pixels. motions, outlines: parameters of each layer, one row per layer, see
-            `motion` and `outline`.
+        shape: size (H, W) of the frames, in pixels.
+        motions, outlines: parameters of each layer, one row per layer, see `motion` and `outline`.
         fills: texture parameters of each layer: two rows of an affine map from pixels to texels, then gain and offset
             of each channel.
         chosen: index of each layer's texture.
