@@ -45,7 +45,7 @@ def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
     spent = both.manifest.seconds
     assert 0 < sum(spent[f"attack {name}"] for name in both.attacks) <= spent["attack"]
     assert cells["time (s)"].text == f"{spent['attack pgd'] / 4:.2f}"  # two pairs at two severities
-    assert "way gone (%)" not in cells
+    assert "target progress (%)" not in cells
     assert not any(cell.best for section in table.sections for line in section.lines for cell in line.cells)
 
 

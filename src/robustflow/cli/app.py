@@ -28,7 +28,7 @@ def app(
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
-    """Choose or drop two frames, choose a model and corruptions, and watch the frames, flow, error and numbers change.
+    """Select or drop two frames, select a model and corruptions, and watch the frames, flow, error and numbers change.
 
     By default the page is served on this machine only. Its URL contains an access token. Press Ctrl-C to stop.
 

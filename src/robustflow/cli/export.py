@@ -77,7 +77,7 @@ def export(
         str | None, typer.Option("--hub-dataset", help="With huggingface: the benchmark's data set on the Hub.")
     ] = None,
 ) -> None:
-    """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}; or a run's rows or results.
+    """Write a benchmark's frames to clean|<corruption>_<severity>/val/{image_2,flow_occ}, or a run's rows or results.
 
     With --format robustspring the run's model predicts the flow of RobustSpring's frames in --data (spring/test,
     fog/test, ...). Flows are written in the layout that its flow_robust_subsampling expects, and results.csv contains

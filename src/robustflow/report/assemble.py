@@ -131,7 +131,7 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
 
 def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     if not runs:
-        raise UsageError(f"the table '{table}' is made from runs: give at least one run")
+        raise UsageError(f"the table '{table}' is made from runs: name at least one run")
     return runs
 
 

@@ -31,7 +31,7 @@ _COLUMNS = (
     "median (px)",
     "capped (px)",
     "gain (px)",
-    "way gone (%)",
+    "target progress (%)",
     "L-inf",
     "RMS",
     "flows",
@@ -41,9 +41,10 @@ _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
     "Adversarial attacks, not included in any mean over corruptions. Budgets are in grey levels (0 to 255) and apply "
     "to the 8-bit frames that were evaluated. Median: median over the pixels of a pair, averaged over pairs. Capped: "
-    "error per pixel limited to the frame diagonal. Gain: error above that under random noise of the same norm. Way "
-    "gone: progress from the clean flow towards the attack's target. L-inf, RMS: norms reached, in grey levels. Flows "
-    "and time: per pair. An attack gives a lower bound on the worst-case error; stronger attacks may exist."
+    "error per pixel limited to the frame diagonal. Gain: error above that under random noise of the same norm. "
+    "Target progress: movement from the clean flow towards the attack's target. L-inf, RMS: norms reached, in grey "
+    "levels. Flows and time: per pair. An attack gives a lower bound on the worst-case error; stronger attacks may "
+    "exist."
 )
 
 _CURVES = (
