@@ -1,4 +1,4 @@
-"""Which of the user's files decide the bytes of corruptions: part of the identity of whatever is made with them."""
+"""Identify the user files that affect the bytes of corruptions, as part of the identity of results."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 
 OWN_KEY = "corruptions"
-"""The key of the user's own corruptions, and those of installed packages: name to the digest of their source."""
+"""Key for corruptions of the user and of installed packages; its value maps each name to the hash of the source."""
 
 
 def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
-    """What names the files that are set up now, by `Corruption.source_key`; empty where no file of the user's is used.
+    """Return identifiers of the user files in use, by `Corruption.source_key`; empty if no user file is used.
 
-    It does not depend on which of this package's corruptions are requested, so that a later call with others adds to
-    the same run. Other people's corruptions among `names`, and in stacks, count with the digest of their source: a run
-    with an edited one is a different run.
+    The result does not depend on which of this package's corruptions are requested, so that a later call with different
+    ones extends the same run. For external corruptions in `names` and in stacks it contains the hash of the source, so
+    editing one starts a different run.
 
     >>> user_sources()
     {}

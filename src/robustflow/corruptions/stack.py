@@ -1,8 +1,8 @@
-"""Several corruptions one after the other, as one: `"fog+jpeg_compression"`, `"fog:2+jpeg_compression:4"`.
+"""Apply several corruptions in sequence as a stack: `"fog+jpeg_compression"`, `"fog:2+jpeg_compression:4"`.
 
-Real footage is foggy *and* compressed; the paper names this as its first limitation. A part without a severity takes
-the stack's; a part with one keeps it. The order is kept, and every part draws from its own stream, named by its
-position.
+Real footage is foggy *and* compressed; the paper names this as its first limitation. A part without a severity uses the
+severity of the stack; a part with a severity keeps it. The parts are applied in the given order, and each draws from a
+separate random stream, named by its position.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PLUS, _COLON = "+", ":"
 
 
 def is_stack(name: str) -> bool:
-    """Whether a name means a stack rather than one corruption.
+    """Whether a name denotes a stack instead of a single corruption.
 
     >>> is_stack("fog"), is_stack("fog+snow"), is_stack("fog:2")
     (False, True, True)
@@ -33,10 +33,10 @@ def is_stack(name: str) -> bool:
 
 
 def parse_stack(name: str) -> list[tuple[str, int | None]]:
-    """The parts of a stack's name, each with its own severity or None. Imports nothing.
+    """Return the parts of a stack's name, each with its severity or None, without importing anything.
 
     Raises:
-        UsageError: an empty part, an unknown corruption, or a severity outside 1 to 5.
+        UsageError: a part is empty, a corruption is unknown, or a severity is outside 1 to 5.
 
     >>> parse_stack("fog:2+jpeg_compression")
     [('fog', 2), ('jpeg_compression', None)]
@@ -50,7 +50,7 @@ def parse_stack(name: str) -> list[tuple[str, int | None]]:
 
 
 def split_stack(name: str) -> list[tuple[str, int | None]]:
-    """Like `parse_stack`, but a corruption need not be known here: the name may come from a run on another machine.
+    """Parse a name like `parse_stack`, but allow unknown corruptions, e.g. from a run on a different machine.
 
     >>> split_stack("rain+fog:2")
     [('rain', None), ('fog', 2)]
@@ -61,17 +61,17 @@ def split_stack(name: str) -> list[tuple[str, int | None]]:
         if not corruption or (colon and not level.isdecimal()):
             raise UsageError(
                 f"'{name}' is not a stack of corruptions: write NAME or NAME:SEVERITY, joined by '+', "
-                "or module.path:Attribute for a corruption of your own"
+                "or module.path:Attribute for a custom corruption"
             )
         parts.append((corruption, check_severity(int(level)) if level else None))
     return parts
 
 
 def with_targets_registered(name: str) -> str:
-    """A name in which every `module.path:Attribute` is imported and replaced by its corruption's name.
+    """Import every `module.path:Attribute` in a name and replace it with the name of the corruption.
 
     Raises:
-        UsageError: what is named cannot be imported, or is not a corruption.
+        UsageError: an attribute cannot be imported, or is not a corruption.
 
     >>> with_targets_registered("fog:2 + snow")
     'fog:2+snow'
@@ -87,10 +87,10 @@ def with_targets_registered(name: str) -> str:
 
 
 def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
-    """The severities at which a corruption exists and differs: all, with two exceptions.
+    """Return the distinct severities at which a corruption exists, usually all five.
 
-    A stack that fixes every part's severity has one, the highest of them. On the calibrated scale those are missing
-    that the corruption, or a part of the stack, cannot be brought to.
+    A stack in which every part has a fixed severity has a single severity, the highest of its parts. The calibrated
+    scale lacks severities that the corruption, or a part of the stack, cannot reach.
 
     >>> levels_of("fog:2+snow:4", (1, 2, 3)), levels_of("fog:2+snow", (1, 2, 3)), levels_of("fog", (1, 2))
     ((4,), (1, 2, 3), (1, 2))
@@ -108,7 +108,7 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
 
 
 def needs_depth(name: str) -> bool:
-    """Whether a corruption, or a part of a stack, needs the depth of the scene; False for an unknown one.
+    """Whether a corruption, or a part of a stack, needs the depth of the scene; False for unknown corruptions.
 
     >>> needs_depth("fog"), needs_depth("fog_3d"), needs_depth("fog_3d:2+snow")
     (False, True, True)
@@ -125,10 +125,10 @@ class Stack(Corruption):
     """Corruptions applied in order to every frame.
 
     Args:
-        parts: each corruption with its own severity, or None to take the stack's.
+        parts: corruptions with their severities; None to use the severity of the stack.
 
     Raises:
-        UsageError: a severity that its corruption does not have on the scale it was loaded with.
+        UsageError: a severity does not exist for its corruption on the scale with which it was loaded.
 
     >>> from robustflow.corruptions import load_corruption
     >>> load_corruption("fog:2+jpeg_compression").name
@@ -167,7 +167,7 @@ class Stack(Corruption):
         ]
 
     def apply(self, frame: Frame, state: list[Any], index: int) -> Frame:
-        """Every part in turn."""
+        """Apply every part in order."""
         for (part, _), own in zip(self._parts, state, strict=True):
             frame = part.apply(frame, own, index)
         return frame

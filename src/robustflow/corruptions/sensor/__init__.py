@@ -1,1 +1,1 @@
-"""Corruptions by the sensor: what a camera adds between the scene and the file."""
+"""Corruptions of the family "sensor", caused by the camera between the scene and the file."""

@@ -1,8 +1,8 @@
-"""A RAW image of light: photons, read-out, a converter; and how much noise there is at an ISO.
+"""Expose a RAW image: photon noise, read noise and A/D conversion, with a noise level given by the ISO.
 
-The sensor's number of electrons is Poisson distributed about the light's, read-out adds normal noise, and the converter
-rounds and clips to 14 bits between black and white level. Noise is heteroscedastic: its variance is `shot` times the
-light plus `read` squared, in units of the white level, as in Foi et al. (IEEE TIP 2008).
+The number of electrons is Poisson distributed with a mean given by the light, read-out adds normally distributed noise,
+and the converter rounds and clips to 14 bits between the black and white level. Noise is heteroscedastic: its variance
+is `shot` times the light plus `read` squared, in units of the white level, as in Foi et al. (IEEE TIP 2008).
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ Light = npt.NDArray[np.float32]
 Raw = npt.NDArray[np.uint16]
 
 BLACK, WHITE = 2048, (1 << 14) - 1
-"""Levels of no light and of a full pixel, of a 14-bit converter."""
+"""Levels of a 14-bit converter for no light and for a full pixel."""
 _LARGEST_ISO, _LARGEST_SHOT = 12800, 0.012
 _SLOPE, _OFFSET = Decimal("2.18"), Decimal("1.20")
 _WHOLE_BITS, _REST_BITS, _PARTS = 7, 3, 256
 _BLOCK = 256
 EXACT = 64
-"""Mean numbers of electrons below this are Poisson distributed exactly."""
+"""Mean number of electrons below which the Poisson distribution is sampled exactly."""
 
 
 class Sensor(NamedTuple):
-    """How much noise there is.
+    """Noise parameters of a sensor.
 
     Attributes:
-        shot: the light that one electron is, as a share of a full pixel.
-        read: standard deviation of the read noise, as a share of a full pixel.
+        shot: light corresponding to one electron, as a fraction of a full pixel.
+        read: standard deviation of the read noise, as a fraction of a full pixel.
     """
 
     shot: float
@@ -46,10 +46,10 @@ class Sensor(NamedTuple):
 
 @cache
 def sensor_at(iso: int) -> Sensor:
-    """The noise of an ISO, as Brooks et al. fitted it to the cameras of the Darmstadt Noise Dataset.
+    """Return the noise at an ISO, as fitted by Brooks et al. to the cameras of the Darmstadt Noise Dataset.
 
-    Their largest shot noise, 0.012, is ISO 12800 here, so a full pixel holds 10667 electrons at ISO 100; read noise
-    follows from it: log(read^2) = 2.18 log(shot) + 1.20, the middle of their fit.
+    Their largest shot noise, 0.012, is assigned to ISO 12800, so a full pixel contains 10667 electrons at ISO 100. The
+    read noise follows from the centre of their fit: log(read^2) = 2.18 log(shot) + 1.20.
 
     >>> sensor = sensor_at(12800)
     >>> sensor.shot, round(sensor.read, 4), round(sensor.read / sensor.shot, 2)
@@ -60,10 +60,10 @@ def sensor_at(iso: int) -> Sensor:
 
 
 def digitised(light: Light) -> Raw:
-    """The RAW image of light without noise.
+    """Compute the noise-free RAW image of a light distribution.
 
     Args:
-        light: float32 (H, W), as a share of a full pixel.
+        light: float32 (H, W), light as a fraction of a full pixel.
 
     Returns:
         uint16 (H, W), from 0 to `WHITE`.
@@ -72,12 +72,12 @@ def digitised(light: Light) -> Raw:
 
 
 def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
-    """The RAW image of light with the noise of a sensor.
+    """Compute the RAW image of a light distribution with the noise of a sensor.
 
     Args:
-        light: float32 (H, W), as a share of a full pixel, 0 to 1.
-        sensor: how much noise.
-        key: of the frame's stream: pixel i (row-major) is decided by its word i.
+        light: float32 (H, W), light as a fraction of a full pixel, 0 to 1.
+        sensor: noise parameters of the sensor.
+        key: key of the frame's random stream, whose word i determines pixel i (row-major).
 
     Returns:
         uint16 (H, W), from 0 to `WHITE`.
@@ -99,8 +99,9 @@ def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
 
 @cache
 def _poisson_tables() -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-    """Alias tables, one after the other: of the Poisson distributions of mean 0 .. 63, 128 columns each, and of those
-    of the rest of a mean, in parts of 1/256, 8 columns each."""
+    """Return concatenated alias tables for Poisson distributions: means 0 .. 63 with 128 columns each, followed by
+    fractional means in steps of 1/256 with 8 columns each.
+    """
     whole = [_poisson_table(Decimal(mean), _WHOLE_BITS) for mean in range(EXACT)]
     rest = [_poisson_table((part + Decimal("0.5")) / _PARTS, _REST_BITS) for part in range(_PARTS)]
     return np.concatenate(whole), np.concatenate(rest)
@@ -114,10 +115,11 @@ def _poisson_table(mean: Decimal, bits: int) -> npt.NDArray[np.uint32]:
 def _expose(
     light: Any, electrons: Any, level: Any, read: Any, whole: Any, rest: Any, normal: Any, key: Any, out: Any
 ) -> None:
-    """From `EXACT` electrons on, a Poisson number is the rounded quantile of a normal one, corrected for skewness.
+    """Expose the pixels. From `EXACT` electrons on, a Poisson sample is a rounded normal quantile, corrected for
+    skewness.
 
-    Below, it is the sum of one for the mean's whole part, by the low 32 bits of the pixel's word, and one for the rest,
-    by the next 16. The high 16 bits are for the read noise.
+    Below `EXACT`, it is the sum of a sample for the integer part of the mean, from the low 32 bits of the pixel's word,
+    and one for the fractional part, from the next 16 bits. The high 16 bits are used for the read noise.
     """
     words = np.empty(_BLOCK, np.uint64)
     counts, first, second = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)

@@ -1,9 +1,9 @@
 """Convert a picture to the light on a sensor's pixels, and a RAW image back to a picture.
 
-A pixel sees one colour, in the pattern RGGB. Demosaicing is that of Malvar, He and Cutler ("High-quality linear
-interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004). Before it, the RAW image is denoised by a
-bilateral filter over the eight next pixels of the same colour, with Tukey's biweight of a difference in place of a
-Gaussian (Durand and Dorsey, SIGGRAPH 2002), as wide as the sensor's noise at that brightness.
+Each pixel records one colour of the RGGB pattern. Demosaicing is that of Malvar, He and Cutler ("High-quality linear
+interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004). Before demosaicing, the RAW image is
+denoised by a bilateral filter over the eight nearest pixels of the same colour. The range weight is Tukey's biweight
+instead of a Gaussian (Durand and Dorsey, SIGGRAPH 2002), with a width given by the sensor's noise at that brightness.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from .camera import CameraColours, bytes_of_linear, linear_of_bytes
 from .exposure import BLACK, WHITE, Light, Raw, Sensor
 
 KNEE = 0.9
-"""Above this linear value white balance fades out, so that white saturates all channels."""
+"""Linear value above which white balance fades out, so that white saturates all channels."""
 _PAD = 4
-"""Pixels that the filters reach beyond the border: 2 of denoising, 2 of demosaicing. Even, to keep the pattern."""
+"""Padding in pixels: 2 for denoising and 2 for demosaicing; even, so that the Bayer pattern is preserved."""
 _WIDTH = 12.0
-"""Square of the difference from which a neighbour has no weight, in variances of the noise of one pixel."""
+"""Squared difference from which a neighbour has zero weight, in units of the noise variance of one pixel."""
 
 
 def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
-    """The light on each pixel, float32 (H, W), as a share of a full pixel; of an RGB uint8 frame (H, W, 3)."""
+    """Convert an RGB uint8 frame (H, W, 3) to light on the sensor, float32 (H, W), as a fraction of a full pixel."""
     source = contiguous(frame)
     out = np.empty(source.shape[:2], np.float32)
     _mosaic(source, linear_of_bytes(), *_single(camera.from_srgb, camera.gains), out)
@@ -36,12 +36,12 @@ def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
 
 
 def developed(raw: Raw, camera: CameraColours, denoise: Sensor | None) -> Frame:
-    """The picture of a RAW image.
+    """Develop a RAW image.
 
     Args:
-        raw: uint16 (H, W), from 0 to the white level.
-        camera: that took it.
-        denoise: the noise to remove; None leaves the RAW image as it is.
+        raw: RAW image, uint16 (H, W), from 0 to the white level.
+        camera: camera that recorded the RAW image.
+        denoise: noise parameters for denoising; None to skip denoising.
 
     Returns:
         RGB uint8 (H, W, 3).
@@ -91,7 +91,9 @@ def _pad(raw: Any, black: Any, scale: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _denoise(noisy: Any, shot: Any, read: Any, out: Any) -> None:
-    """Leaves a border of two pixels undefined. `shot` and `read` are in units of squared difference."""
+    """Denoise a RAW image, leaving a border of two pixels undefined; `shot` and `read` are in units of squared
+    difference.
+    """
     size = noisy.shape[1] - 4
     for y in range(noisy.shape[0] - 4):
         top, above, here = noisy[y], noisy[y + 1], noisy[y + 2]
@@ -99,7 +101,7 @@ def _denoise(noisy: Any, shot: Any, read: Any, out: Any) -> None:
         for x in range(size):
             a, b, c, d = above[x + 1], above[x + 3], below[x + 1], below[x + 3]
             e, f, g, h = top[x], top[x + 4], bottom[x], bottom[x + 4]
-            green = ((x + y) & 1) == 1  # its next four are diagonal
+            green = ((x + y) & 1) == 1  # the next four neighbours are diagonal
             a, b, c, d = a if green else e, b if green else f, c if green else g, d if green else h
             target[x + 2] = _mean_of_alike(
                 here[x + 2], a, b, c, d, top[x + 2], bottom[x + 2], here[x], here[x + 4], shot, read
@@ -108,7 +110,7 @@ def _denoise(noisy: Any, shot: Any, read: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _mean_of_alike(v: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, shot: Any, read: Any) -> Any:
-    """The mean of v and its neighbours, weighted by how alike they are."""
+    """Return the mean of v and its neighbours, weighted by similarity."""
     one, zero = np.float32(1.0), np.float32(0.0)
     mean = (((a + b) + (c + d)) + ((e + f) + (g + h)) + v) * np.float32(1.0 / 9.0)
     scale = one / (shot * max(mean, zero) + read)
@@ -127,7 +129,7 @@ def _balance(linear: Any, gains: Any) -> None:
     """Invert the gains of `_mosaic`, in place."""
     one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
-    own = np.empty((2, linear.shape[1]), np.float32)  # the gains of the pixels of even and of odd rows
+    own = np.empty((2, linear.shape[1]), np.float32)  # gains of the pixels in even and in odd rows
     for y in range(2):
         for x in range(own.shape[1]):
             own[y, x] = gains[y + (x & 1)]

@@ -1,4 +1,4 @@
-"""RAW noise: what a sensor adds to a picture, through the whole chain of a camera."""
+"""Add sensor noise by simulating the whole processing pipeline of a camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .mosaic import developed, light_on_sensor
 
 @dataclass(frozen=True)
 class RawState:
-    """What a pair shares: the camera and how noisy its sensor is. `stream` names the streams of its frames."""
+    """State of a pair: the camera and its noise parameters; the streams of the frames are spawned from `stream`."""
 
     camera: CameraColours
     sensor: Sensor
@@ -24,11 +24,11 @@ class RawState:
 
 
 class RawNoise(Corruption):
-    """The frame taken again by a noisy sensor; `severities` are ISO numbers.
+    """Simulates capturing the frame with a noisy sensor; `severities` are ISO numbers.
 
-    The picture is taken back to the light on a sensor (`camera`, `mosaic`), exposed with photon and read noise
+    The picture is converted back to the light on a sensor (`camera`, `mosaic`), exposed with photon and read noise
     (`exposure`), and developed again: denoising, white balance, demosaicing, colours, gamma and tone curve. Camera and
-    gains are drawn once for the pair; the noise is new in each frame. In none of the paper's averages.
+    gains are drawn once for the pair; the noise is independent in each frame. Excluded from the paper's averages.
     """
 
     name = "raw_noise"
@@ -36,11 +36,11 @@ class RawNoise(Corruption):
     paper_severities = (800, 1600, 3200, 6400, 12800)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> RawState:
-        """The camera, and the stream that frames spawn theirs from."""
+        """Draw the camera, and the stream from which the frames' streams are spawned."""
         return RawState(draw_camera(rng.spawn("camera")), sensor_at(self.parameter(severity)), rng)
 
     def apply(self, frame: Frame, state: RawState, index: int) -> Frame:
-        """Take one frame again."""
+        """Expose and develop one frame."""
         key = np.uint64(state.stream.spawn("frame", index).key)
         raw = exposed(light_on_sensor(frame, state.camera), state.sensor, key)
         return developed(raw, state.camera, denoise=state.sensor)

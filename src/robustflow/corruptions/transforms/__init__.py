@@ -1,1 +1,1 @@
-"""Corruptions as augmentation in a training pipeline."""
+"""Use corruptions as augmentations in a training pipeline."""

@@ -1,4 +1,4 @@
-"""The corruptions as a transform of torchvision v2 (extra `torch`): tensors in, tensors out."""
+"""Apply corruptions as a torchvision v2 transform on tensors (extra `torch`)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from .transform import CorruptionTransform
 
 
 class TorchCorruption(torch.nn.Module):
-    """`CorruptionTransform` on tensors (C, H, W) with C = 1 or 3, or batches (B, C, H, W): uint8, or float32 in [0, 1].
+    """A `CorruptionTransform` for uint8 or float32 (range [0, 1]) tensors (C, H, W) with C = 1 or 3, or batches (B, C,
+    H, W).
 
     As in torchvision v2 the input may be any structure of lists, tuples and dicts: every `tv_tensors.Image` in it is
-    corrupted, everything else passes through. Without one, every tensor given is an image. The images of a call
-    belong together (frame 1, frame 2, ...) and share a draw; the items of a batch are drawn apart.
+    corrupted, and everything else is returned unchanged. If there is no `tv_tensors.Image`, every tensor is treated as
+    an image. The images of a call belong together (frame 1, frame 2, ...) and share a draw; the items of a batch are
+    drawn independently.
 
-    Args: as for `CorruptionTransform`, whose docstring says how draws differ between the workers of a `DataLoader`.
+    Takes the arguments of `CorruptionTransform`, whose docstring explains how draws differ between `DataLoader`
+    workers.
 
     >>> transform = TorchCorruption(["contrast"], severities=[5])
     >>> first, second = transform(torch.zeros(3, 24, 32), torch.ones(3, 24, 32))
@@ -48,14 +51,14 @@ class TorchCorruption(torch.nn.Module):
         """Corrupt the images among the inputs.
 
         Args:
-            inputs: tensors, or a structure that holds them. Gradients do not flow through a corruption.
-            key: names the draw; items of a batch get separate keys, made from it and their place.
+            inputs: tensors, or a structure that contains tensors. Corruptions do not propagate gradients.
+            key: name of the draw; items of a batch get separate keys, derived from `key` and their index.
 
         Returns:
-            The same structure (one input: that input; several: a tuple), tensors of the same class, dtype and device.
+            The same structure (a tuple for several inputs), with tensors of the same class, dtype and device.
 
         Raises:
-            DataError: no image, or one that `CorruptionTransform` refuses.
+            DataError: there is no image, or `CorruptionTransform` rejects one.
         """
         leaves, structure = tree_flatten(inputs if len(inputs) != 1 else inputs[0])
         kind = tv_tensors.Image if any(isinstance(leaf, tv_tensors.Image) for leaf in leaves) else torch.Tensor
@@ -69,7 +72,7 @@ class TorchCorruption(torch.nn.Module):
         return tree_unflatten(leaves, structure)
 
     def extra_repr(self) -> str:
-        """What `print` shows between the brackets."""
+        """Return the text that `print` shows between the parentheses."""
         return repr(self._transform).partition("(")[2].removesuffix(")")
 
     def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:

@@ -1,11 +1,12 @@
-"""The corruptions as a plain transform, to train with: random name, random severity, on whatever a data loader holds.
+"""Apply random corruptions with random severities to training images, as a plain transform.
 
-Every draw is named, so nothing depends on when it was made. With a `key` a call is a function of (seed, key, images).
-Without one the name is the number of the call, and of the process: in a worker of a torch `DataLoader` the seed that
-torch gave that worker (new in every epoch, fixed by `torch.manual_seed`), in any other child process the process's
-name. So the samples of a data loader never share a draw by accident, whatever the number of workers. Pass a key such as
-f"{epoch}/{index}" for the same bytes whatever their number, and where copies of one transform meet in one process (a
-pool that pickles it with every task): copies count on from where they were made.
+Every draw has a name, so draws do not depend on the order of calls. With a `key`, the result is a function of (seed,
+key, images). Without a key, the name consists of the number of the call and an identifier of the process: in a torch
+`DataLoader` worker the seed that torch assigned to the worker (new in every epoch, fixed by `torch.manual_seed`), in
+other child processes the name of the process. So samples of a data loader never share a draw by accident, for any
+number of workers. Pass a key such as f"{epoch}/{index}" if the bytes must not depend on the number of workers, or if
+copies of a transform are used in one process (a pool that pickles the transform with every task), because copies
+continue counting from the same number.
 """
 
 from __future__ import annotations
@@ -30,11 +31,12 @@ from ..registry import CLIP, IMAGE_PAIR
 from ..stack import is_stack, levels_of, needs_depth, parse_stack
 
 Image = npt.NDArray[Any]
-"""uint8, or float32 in [0, 1]; (H, W, 3) RGB, or grey as (H, W) or (H, W, 1)."""
+"""An image, uint8 or float32 in [0, 1]; RGB (H, W, 3), or grey (H, W) or (H, W, 1)."""
 
 DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "psf_blur")
-"""The default choices: a training step cannot wait for psf_blur, the only one that takes more than a few milliseconds
-per pair."""
+"""Default corruptions; psf_blur is excluded, because it is the only one that takes more than a few milliseconds per
+pair.
+"""
 
 _COLOURED = ("saturate", "spatter", "frost", "psf_blur")
 _NEUTRAL = frozenset((*IMAGE_PAIR, "elastic_transform")) - frozenset(_COLOURED)
@@ -44,16 +46,18 @@ class CorruptionTransform:
     """Corrupts images, pairs and clips at random; callable, picklable, safe in the workers of a data loader.
 
     Args:
-        names: the corruptions to choose from, with equal probability. By default every image-pair corruption but
-            psf_blur, which takes about a second a pair where the others take milliseconds: name it to have it. Stacks
-            such as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
-        severities: the severities to choose from, with equal probability.
-        probability: of corrupting at all.
-        seed: of every draw.
-        variant, scale: see `load_corruption`. A severity that a corruption lacks on the scale is never chosen for it.
+        names: corruptions to choose from, with equal probability. By default all image-pair corruptions except
+            psf_blur, which takes about a second per pair, while the others take milliseconds; name it to include it.
+            Stacks such as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
+        severities: severities to choose from, 1 to 5, with equal probability.
+        probability: probability of applying a corruption, 0 to 1.
+        seed: seed of all draws.
+        variant, scale: variant and severity scale, see `load_corruption`. Severities that a corruption lacks on the
+            scale are never chosen for it.
 
     Raises:
-        UsageError: an unknown or unsuitable name, severities that a corruption lacks, a probability outside [0, 1].
+        UsageError: a name is unknown or unsuitable, a corruption lacks all given severities, or the probability is
+            outside [0, 1].
 
     >>> transform = CorruptionTransform(["gaussian_noise", "contrast"], severities=[1, 2], seed=3)
     >>> image = np.full((24, 32, 3), 0.5, np.float32)
@@ -97,19 +101,19 @@ class CorruptionTransform:
         """Corrupt an image, or frames that belong together.
 
         Args:
-            images: one image; a list or tuple of them (a pair, a clip: drawn once, so that what a pair shares is
-                shared); or a clip as one array (N, H, W, 3).
-            key: names the draw. The same seed, key and images give the same bytes.
+            images: one image; a list or tuple of images (a pair or clip, corrupted with a single draw); or a clip as
+                one array (N, H, W, 3).
+            key: name of the draw. The same seed, key and images give the same bytes.
 
         Returns:
-            New arrays of the same kind, shape and dtype as the input. Pixels are corrupted in 8 bits, so float images
-            come back in steps of 1/255; if nothing is drawn, they come back unchanged.
-            Grey images stay grey: they are corrupted as RGB with equal channels, and one channel is taken back where
-            the corruption treats colours alike, the luma (BT.601) for saturate, spatter, frost and psf_blur.
+            New arrays with the container, shape and dtype of the input. Pixels are corrupted in 8 bits, so float images
+            are returned in steps of 1/255; if no corruption is drawn, they are returned unchanged. Grey images remain
+            grey: they are corrupted as RGB with equal channels. The result is one channel if the corruption treats all
+            channels alike, and the luma (BT.601) for saturate, spatter, frost and psf_blur.
 
         Raises:
-            DataError: images of another dtype (16 bits, float64), other shapes or several sizes, float images with
-                NaN or values outside [0, 1].
+            DataError: images have an unsupported dtype (16 bits, float64) or shape or differ in size, or float images
+                contain NaN or values outside [0, 1].
         """
         single = isinstance(images, np.ndarray) and images.ndim != 4
         frames: list[Image] = [images] if single else list(images)  # type: ignore[list-item]
@@ -197,7 +201,7 @@ def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
 
 
 def _process() -> tuple[str | int, ...]:
-    """What distinguishes this process's draws from those of its siblings."""
+    """Return a text that distinguishes this process's draws from those of sibling processes."""
     data = sys.modules.get("torch.utils.data")
     worker = data.get_worker_info() if data is not None else None
     if worker is not None:
@@ -216,11 +220,11 @@ def _rgb(image: Image) -> Frame:
 
 
 def _like(image: Image, frame: Frame, name: str) -> Image:
-    """`frame` in the shape and dtype of `image`."""
+    """Convert `frame` to the shape and dtype of `image`."""
     out: Image = frame
     if image.ndim == 2 or image.shape[2] == 1:
         parts = {part for part, _ in parse_stack(name)} if is_stack(name) else {name}
-        # luma would weaken noise that is independent from channel to channel
+        # luma would weaken noise that is independent between channels
         grey = frame[..., 0] if parts <= _NEUTRAL else cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
         out = np.ascontiguousarray(grey).reshape(image.shape)
     return out.astype(np.float32) / np.float32(255) if image.dtype == np.float32 else out

@@ -1,1 +1,1 @@
-"""Spatter, fog, frost and snow."""
+"""Corruptions of the family "weather": spatter, fog, frost and snow."""

@@ -15,23 +15,24 @@ from ..base import Corruption
 from ..kernels.plasma import plasma_corner
 
 FogMap = npt.NDArray[np.float32]
-"""float32 (H, W) in [0, 1]."""
+"""A fog map, float32 (H, W) in [0, 1]."""
 
 
 class FogLevel(NamedTuple):
-    """A severity."""
+    """Parameters of a severity."""
 
     strength: float
-    """c: how much of the map is added."""
+    """Strength c with which the map is added."""
     decay: float
-    """Decay of the fractal: the higher, the smoother."""
+    """Decay of the fractal; higher values give smoother fog."""
 
 
 class Fog(Corruption):
-    """A plasma fractal added to both frames, and the contrast lowered (paper, appendix, weather).
+    """Adds a plasma fractal to both frames and reduces the contrast (paper, appendix, weather).
 
-    A severity is (strength c, decay of the fractal); the numbers are the reference code's, the paper gives none.
-    out = (x + c * map) * m / (m + c) in [0, 1], with m the largest value of the frame. One map for the pair.
+    A severity is (strength c, decay of the fractal); the values are from the reference code, since the paper gives
+    none. out = (x + c * map) * m / (m + c) in [0, 1], where m is the largest value of the frame. Both frames share one
+    map.
     """
 
     name = "fog"
@@ -40,7 +41,7 @@ class Fog(Corruption):
     paper_severities = ((1.5, 2.0), (2.0, 2.0), (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, FogMap]:
-        """(strength, the map)."""
+        """Draw the fog map; the state is (strength, map)."""
         fog: FogLevel = self.parameter(severity)
         return float(fog.strength), plasma_corner(rng, *shape, fog.decay)
 
@@ -57,7 +58,7 @@ class Fog(Corruption):
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, fog: Any, gain: Any, strength: Any, out: Any) -> None:
-    """gain * frame + strength * fog; both at most 255 together, as gain * (1 + strength / brightest) is 1."""
+    """Compute gain * frame + strength * fog, at most 255 because gain * (1 + strength / brightest) is 1."""
     height, width = fog.shape
     added = np.empty(3 * width, np.float32)
     for y in range(height):

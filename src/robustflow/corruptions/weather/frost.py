@@ -21,10 +21,12 @@ from ..base import Corruption
 from .frost_assets import TEXTURES, read_texture
 
 Texture = Callable[[int], Frame]
-"""A function that returns texture 0 to 4, RGB uint8."""
+"""A function that returns texture 0 to 4 as RGB uint8 (H, W, 3)."""
 
 _KEPT_BYTES = 128 << 20
-"""Enlarged textures kept: every one for a few frame sizes of KITTI, three at 4K. The newest is always kept."""
+"""Size limit of the cache for enlarged textures: all textures for a few KITTI frame sizes, or three at 4K. The newest
+texture is always kept.
+"""
 _MARGIN = 1.1
 
 _enlarged: OrderedDict[tuple[Texture, int, int, int], Frame] = OrderedDict()
@@ -33,7 +35,7 @@ _lock = Lock()
 
 @lru_cache(maxsize=len(TEXTURES))
 def photograph(slot: int) -> Frame:
-    """Texture `slot` (0 to 4) as it was photographed, RGB uint8."""
+    """Return the original texture `slot` (0 to 4), RGB uint8."""
     encoded = np.frombuffer(read_texture(slot), np.uint8)
     decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
     if decoded is None:
@@ -44,14 +46,16 @@ def photograph(slot: int) -> Frame:
 
 
 def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple[int, int]:
-    """(H, W) of the texture for frames of `shape`: 1.1 times the smallest scale, at least 1, that covers them."""
+    """Return (H, W) of the texture for frames of `shape`: scaled by 1.1 times the smallest factor, at least 1, that
+    covers the frames.
+    """
     height, width = texture(slot).shape[:2]
     scale = max(1.0, shape[0] / height, shape[1] / width) * _MARGIN
     return int(np.ceil(height * scale)), int(np.ceil(width * scale))
 
 
 def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Frame:
-    """The texture for frames of `shape` (H, W), RGB uint8, from the cache where it is there."""
+    """Return the texture for frames of `shape` (H, W), RGB uint8, using the cache."""
     key = (texture, slot, *enlarged_shape(texture, slot, shape))
     with _lock:
         if key in _enlarged:
@@ -66,9 +70,9 @@ def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Fra
 
 
 def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
-    """Cubic convolution (a = -0.75, edges repeated, pixel centres aligned), as OpenCV's INTER_CUBIC.
+    """Resize by cubic convolution (a = -0.75, edges repeated, pixel centres aligned), like OpenCV's INTER_CUBIC.
 
-    OpenCV's own takes a different path, with different rounding, on different processors.
+    OpenCV's implementation rounds differently on different processors.
     """
     rows, row_weights = _taps(image.shape[0], shape[0])
     columns, column_weights = _taps(image.shape[1], shape[1])
@@ -78,7 +82,9 @@ def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
 
 
 def _taps(source: int, target: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """Index int64 (target, 4) and weight float32 (target, 4) of the source pixels of each target pixel."""
+    """Return the indices, int64 (target, 4), and weights, float32 (target, 4), of the source pixels of each target
+    pixel.
+    """
     at = (np.arange(target) + 0.5) * (source / target) - 0.5
     left = np.floor(at)
     t, a = at - left, -0.75
@@ -109,37 +115,37 @@ def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weight
 
 
 class FrostState(NamedTuple):
-    """Where the layer is cut out; the picture itself stays in the cache."""
+    """Position of the frost crop; the texture itself stays in the cache."""
 
     slot: int
-    """Texture, 0 to 4."""
+    """Index of the texture, 0 to 4."""
     top: int
     left: int
     shape: tuple[int, int]
     keep: float
-    """Share of the frame."""
+    """Weight of the frame."""
     add: float
-    """Share of the frost."""
+    """Weight of the frost."""
 
 
 class FrostLevel(NamedTuple):
-    """A severity: out = keep * frame + add * frost."""
+    """Parameters of a severity: out = keep * frame + add * frost."""
 
     keep: float
     add: float
 
 
 class Frost(Corruption):
-    """A photograph of frost over both frames: out = a * x + b * frost (paper, appendix, weather).
+    """Blends both frames with a photograph of frost: out = a * x + b * frost (paper, appendix, weather).
 
-    A severity is (a, b); the numbers are the reference code's, the paper gives none. One of five textures (two of
-    which are the same picture; the library's sixth is never drawn) is enlarged to 1.1 times the size that covers the
-    frame, and cut at a random place: one cut for the pair.
+    A severity is (a, b); the values are from the reference code, since the paper gives none. One of five textures (two
+    of which are the same picture; the library's sixth is never drawn) is enlarged to 1.1 times the size that covers the
+    frame, and cropped at a random position shared by both frames.
 
-    The textures belong to the package `imagecorruptions` and are fetched on first use: see frost_assets.
+    The textures belong to the package `imagecorruptions` and are downloaded on first use, see frost_assets.
 
     Raises:
-        AssetError: from `draw` and `apply`, when the textures are not there and cannot be fetched.
+        AssetError: the textures are missing and cannot be downloaded (raised by `draw` and `apply`).
     """
 
     name = "frost"
@@ -151,7 +157,7 @@ class Frost(Corruption):
     """Return texture 0 to 4, RGB uint8."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> FrostState:
-        """The texture and the place it is cut at."""
+        """Draw the texture and the position of the crop."""
         level: FrostLevel = self.parameter(severity)
         slot = rng.integer(0, len(TEXTURES))
         height, width = enlarged_shape(self.texture, slot, shape)
@@ -159,7 +165,7 @@ class Frost(Corruption):
         return FrostState(slot, top, left, (shape[0], shape[1]), level.keep, level.add)
 
     def apply(self, frame: Frame, state: FrostState, index: int) -> Frame:
-        """Put the frost over one frame."""
+        """Blend one frame with the frost."""
         height, width = state.shape
         frost = enlarged_texture(self.texture, state.slot, state.shape)
         source = contiguous(frame).reshape(height, 3 * width)

@@ -1,13 +1,13 @@
-"""The photographs of frost: where they are looked for, how they are fetched, and that they are the right ones.
+"""Locate, download and verify the photographs of frost.
 
-They belong to the Python package `imagecorruptions` (Apache-2.0) and are not part of this one. Looked for in
+The photographs belong to the Python package `imagecorruptions` (Apache-2.0) and are not part of this one. They are
+searched in this order:
 
-1. the folder named by the environment variable ROBUSTFLOW_FROST_DIR (nothing else is tried where it is set),
-2. an installed `imagecorruptions` or `imagecorruptions-imaug`, which is located but never imported,
-3. the user's cache (see `robustflow.cache`),
-4. the package's wheel, fetched once through pip without its dependencies into that cache.
+1. the folder given by the environment variable ROBUSTFLOW_FROST_DIR (if set, no other location is searched), 2. an
+installed `imagecorruptions` or `imagecorruptions-imaug` package, which is never imported, 3. the user's cache (see
+`robustflow.cache`), 4. the package's wheel, downloaded once by pip without dependencies into that cache.
 
-Every file is checked against its SHA-256 each time it is read.
+The SHA-256 of every file is verified each time it is read.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ WHEEL = "imagecorruptions==1.1.2"
 _INSIDE = "imagecorruptions/frost"
 _PIP_SECONDS = 600
 PART = "frost"
-"""The part of the user's cache that holds the textures."""
+"""Subfolder of the user's cache that contains the textures."""
 
 TEXTURES: dict[str, str] = {
     "frost1.png": "ff9f907860bd7a835d459e32f9d588062b7f61ee267343cc7222b56753a14755",
@@ -38,7 +38,7 @@ TEXTURES: dict[str, str] = {
     "frost4.jpg": "3f8b91ca1a9fa7167b09e773da53f5ae60d0a1fd88f02a783f6e328a72887f6e",
     "frost5.jpg": "5fc6a19df4a429ba68abdcc8f8a4278d4c9f81c9ccafd2c92ab0c8cf8992ebd2",
 }
-"""File names and SHA-256 of the five textures that are drawn from, in the reference code's order."""
+"""File names and SHA-256 hashes of the five textures, in the reference code's order."""
 
 _REMEDY = (
     f"copy {', '.join(TEXTURES)} of the package imagecorruptions into a folder and name it in {FOLDER_VARIABLE}, "
@@ -47,10 +47,10 @@ _REMEDY = (
 
 
 def read_texture(slot: int) -> bytes:
-    """The file of texture `slot` (0 to 4), verified.
+    """Return the verified file of texture `slot` (0 to 4).
 
     Raises:
-        AssetError: it is nowhere on this machine and cannot be fetched, or a named folder holds something else.
+        AssetError: the texture is missing and cannot be downloaded, or the file in the given folder has the wrong hash.
     """
     name = list(TEXTURES)[slot]
     named = os.environ.get(FOLDER_VARIABLE)
@@ -107,9 +107,9 @@ def _say(message: str) -> None:
 
 
 def _fetch(folder: Path) -> None:
-    """Fetch the wheel into a separate folder and move the five files into place, each in one step.
+    """Download the wheel to a separate folder and move each of the five files into place atomically.
 
-    Several processes may do so at once: each move puts the same verified bytes there.
+    Several processes may do this at the same time, since each move puts the same verified bytes in place.
     """
     _say(f"frost needs the photographs of {WHEEL}; fetching its wheel through pip into {folder}")
     try:
@@ -140,7 +140,7 @@ def _download(folder: Path) -> Path:
 
 
 def _unpack(wheel: Path) -> dict[str, bytes]:
-    """The five files of the wheel, verified; nothing else of it is touched."""
+    """Read and verify the five files in the wheel, without extracting anything else."""
     contents = {}
     try:
         with zipfile.ZipFile(wheel) as archive:

@@ -1,8 +1,8 @@
-"""Frost that needs no download, for the benchmark `demo`: fern-like crystals over a cloudy pane instead of photographs.
+"""Generate frost textures for the benchmark `demo` without downloads: fern-like crystals on a cloudy pane.
 
-Five pictures with the mean, the spread and the fineness of the five photographs, drawn from separate streams: the
-same bytes on every machine, whatever the seed of a benchmark. They are not the paper's, and numbers measured with them
-are kept apart from those measured with the photographs.
+The five textures match the photographs in mean, standard deviation and scale. They are drawn from separate streams, so
+their bytes are identical on every machine and for every benchmark seed. They differ from the paper's textures, so their
+results are kept separate from those measured with the photographs.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from ..kernels.plasma import plasma_corner
 from .frost import Frost
 
 SHAPE = (500, 750)
-"""(H, W) of every texture."""
+"""Size (H, W) of every texture, in pixels."""
 
 _STEMS = 6
 _SIXTIETH = (0.5, 0.8660254037844386)
-"""Cosine and sine of 60 degrees, at which ice branches."""
+"""Cosine and sine of 60 degrees, the branching angle of ice."""
 _CLOUDS = 0.55
-"""Share of the pane in the texture's spread; the rest is crystals."""
+"""Weight of the pane in the texture's variation; the remaining weight is that of the crystals."""
 
 
 class TextureStyle(NamedTuple):
-    """What tells one texture from another; after the photograph of the same slot."""
+    """Parameters of a texture, matched to the photograph of the same slot."""
 
     mean: float
-    """Grey levels."""
+    """Mean, in grey levels."""
     spread: float
-    """Standard deviation, grey levels."""
+    """Standard deviation, in grey levels."""
     tint: tuple[float, float, float]
-    """Factors of red, green and blue."""
+    """Factors applied to red, green and blue."""
     crystals: int
     length: int
     """Length of a stem, in pixels."""
@@ -55,7 +55,7 @@ STYLES = (
 
 @lru_cache(maxsize=5)
 def generated_texture(slot: int) -> Frame:
-    """Texture `slot` (0 to 4), RGB uint8 (500, 750, 3).
+    """Generate texture `slot` (0 to 4), RGB uint8 (500, 750, 3).
 
     >>> one = generated_texture(0)
     >>> one.shape, one.dtype.name, bool((one == generated_texture(0)).all())
@@ -64,19 +64,21 @@ def generated_texture(slot: int) -> Frame:
     style, rng = STYLES[slot], Rng.of("robustflow", "generated frost", 1, slot)
     clouds = _standardised(plasma_corner(rng.spawn("clouds"), *SHAPE, 1.7).astype(np.float64))
     ice = _crystals(rng.spawn("crystals"), style)
-    ice = _standardised(ice / (1.0 + np.abs(ice)))  # where many overlap they are not brighter than the rest
+    ice = _standardised(ice / (1.0 + np.abs(ice)))  # overlapping crystals are not brighter than single ones
     grey = _standardised(_CLOUDS * clouds + (1.0 - _CLOUDS) * ice) * style.spread + style.mean
     return np.clip(np.rint(grey[..., None] * np.array(style.tint)), 0, 255).astype(np.uint8)
 
 
 class GeneratedFrost(Frost):
-    """Frost with the generated textures."""
+    """A frost corruption that uses the generated textures."""
 
     texture = staticmethod(generated_texture)
 
 
 def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
-    """Light and shade of all crystals, float64 (H, W): six stems each, with branches at 60 degrees on both sides."""
+    """Compute the shading of all crystals, float64 (H, W): each has six stems, with branches at 60 degrees on both
+    sides.
+    """
     count = style.crystals
     height, width = SHAPE
     y0, x0 = height * rng.uniforms(count), width * rng.uniforms(count)
@@ -104,14 +106,14 @@ def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
 
 
 def _directions(rng: Rng, count: int) -> npt.NDArray[np.float64]:
-    """Unit vectors (x, y), float64 (count, 2), only by square roots, which are the same everywhere."""
+    """Draw unit vectors (x, y), float64 (count, 2), using only square roots, which are identical on every machine."""
     across = np.stack([rng.uniforms(count) - 0.5, rng.uniforms(count) - 0.5], axis=1)
     across[:, 0] += np.where(across[:, 0] < 0, -0.01, 0.01)
     return across / np.sqrt(across[:, :1] * across[:, :1] + across[:, 1:] * across[:, 1:])
 
 
 def _turned(ray: npt.NDArray[np.float64], sixths: int) -> npt.NDArray[np.float64]:
-    """Vectors turned by multiples of 60 degrees."""
+    """Rotate vectors by multiples of 60 degrees."""
     cosine, sine = _SIXTIETH
     for _ in range(sixths % _STEMS):
         ray = np.stack([cosine * ray[:, 0] - sine * ray[:, 1], sine * ray[:, 0] + cosine * ray[:, 1]], axis=1)
@@ -120,7 +122,7 @@ def _turned(ray: npt.NDArray[np.float64], sixths: int) -> npt.NDArray[np.float64
 
 def _splat(out: npt.NDArray[np.float64], y: npt.NDArray[np.float64], x: npt.NDArray[np.float64],
            weight: npt.NDArray[np.float64]) -> None:  # fmt: skip
-    """Add points to the four pixels around each, in proportion; what leaves on one side enters on the other."""
+    """Add points to the four surrounding pixels with bilinear weights, wrapping around at the borders."""
     height, width = SHAPE
     drawn = weight != 0
     y, x, weight = y[drawn], x[drawn], weight[drawn]
@@ -134,7 +136,7 @@ def _splat(out: npt.NDArray[np.float64], y: npt.NDArray[np.float64], x: npt.NDAr
 
 
 def _standardised(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The values with mean 0 and standard deviation 1, by sums of whole numbers, whose order does not matter."""
+    """Normalise values to mean 0 and standard deviation 1, using integer sums, whose order does not matter."""
     whole = np.rint(values * 2.0**20).astype(np.int64)
     mean = int(whole.sum()) / whole.size
     squares = int(((whole >> 8) ** 2).sum()) * 2.0**16

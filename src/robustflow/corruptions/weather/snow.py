@@ -1,4 +1,4 @@
-"""Snow: flakes that are new in every frame and fall in one direction."""
+"""Add snow with new flakes in every frame that fall in a common direction."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from ..kernels.normal_field import UNIT, normal_field
 
 
 class SnowState(NamedTuple):
-    """What the frames share."""
+    """State shared by the frames."""
 
     flakes: Rng
-    """The stream the flakes of each frame are spawned from."""
+    """Stream from which the flakes of each frame are spawned."""
     motion: LineKernel
-    """The direction the flakes are smeared in."""
+    """Motion kernel of the flakes."""
     severity: int
 
 
 class SnowLevel(NamedTuple):
-    """A severity."""
+    """Parameters of a severity."""
 
     mean: float
     """Mean of the noise that is thresholded into flakes, on [0, 1]."""
     deviation: float
-    """Its standard deviation."""
+    """Standard deviation of the noise."""
     zoom: float
-    """Size of a flake."""
+    """Zoom factor of the noise, which sets the flake size."""
     threshold: float
-    """Lower noise makes no flake."""
+    """Threshold below which noise gives no flake."""
     radius: int
-    """Radius of the motion blur, pixels."""
+    """Radius of the motion blur, in pixels."""
     sigma: float
-    """Standard deviation of the motion blur, pixels."""
+    """Standard deviation of the motion blur, in pixels."""
     share: float
-    """Share of the image that is kept under the veil."""
+    """Weight of the original image under the veil."""
 
 
 class Snow(Corruption):
-    """Whitened frames with motion-blurred flakes (paper, appendix, weather; temporal).
+    """Whitens the frames and adds motion-blurred flakes (paper, appendix, weather; temporal).
 
-    A severity is (mean, standard deviation, zoom, threshold, motion radius, motion sigma, share of the image kept);
-    the numbers are the reference code's, the paper gives none. Noise is enlarged, cut off below the threshold and
-    smeared along an angle uniform in -135, ..., -45 degrees; the layer and itself turned by 180 degrees are added to
-    share * x + (1 - share) * max(x, 1.5 * grey + 0.5). The angle is the pair's, the flakes are each frame's own.
+    A severity is (mean, standard deviation, zoom, threshold, motion radius, motion sigma, share of the image kept); the
+    values are from the reference code, since the paper gives none. Noise is enlarged, thresholded and blurred along an
+    angle uniform in -135, ..., -45 degrees; the layer and a copy rotated by 180 degrees are added to share * x + (1 -
+    share) * max(x, 1.5 * grey + 0.5). The frames share the angle; the flakes are new in each frame.
     """
 
     name = "snow"
@@ -67,14 +67,14 @@ class Snow(Corruption):
     )
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> SnowState:
-        """The direction of the fall; the flakes come with each frame."""
+        """Draw the fall direction; the flakes are drawn for each frame."""
         level: SnowLevel = self.parameter(severity)
         return SnowState(
             rng.spawn("flakes"), line_kernel(level.radius, level.sigma, rng.uniform(-135.0, -45.0)), severity
         )
 
     def apply(self, frame: Frame, state: SnowState, index: int) -> Frame:
-        """Let it snow on frame `index`."""
+        """Add snow to frame `index`."""
         level: SnowLevel = self.parameter(state.severity)
         height, width = frame.shape[:2]
         rows, columns = -int(-height // level.zoom), -int(-width // level.zoom)
@@ -96,7 +96,7 @@ class Snow(Corruption):
 
 
 def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
-    """Where `long` points are among `short` ones that span the same range: (index to the left, share of the right)."""
+    """Locate `long` points among `short` points with the same range: (left index, weight of the right neighbour)."""
     at = np.arange(long) * ((short - 1) / max(long - 1, 1))
     left = np.minimum(at.astype(np.int64), max(short - 2, 0))
     return left.astype(np.uint32), (at - left).astype(np.float32)
@@ -106,7 +106,9 @@ def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray
 def _enlarge(
     field: Any, mean: float, unit: float, threshold: float, top: Any, down: Any, left: Any, along: Any, out: Any
 ) -> None:
-    """Bilinear zoom of `mean + unit * field`, zero below the threshold, clipped to [0, 1], in units of 1 / 65280."""
+    """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1]; in units of 1
+    / 65280.
+    """
     last = field.shape[0] - 1, field.shape[1] - 1
     row, slope = np.empty(field.shape[1], np.float32), np.zeros(field.shape[1], np.float32)
     full, floor = np.float32(65280), np.float32(max(threshold, 0.0) * 65280)
@@ -126,7 +128,7 @@ def _enlarge(
 
 @njit(cache=True, nogil=True)
 def _whiten(frame: Any, layer: Any, share: Any, out: Any) -> None:
-    """Veil and flakes are spread over the three channels first, so that the last loop is one over flat rows.
+    """Add veil and flakes. They are copied to all three channels first, so that the last loop runs over flat rows.
 
     `layer` may be larger than the frame.
     """

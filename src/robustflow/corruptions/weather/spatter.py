@@ -1,4 +1,4 @@
-"""Spatter: water or mud on the lens."""
+"""Add spatter: water or mud on the lens."""
 
 from __future__ import annotations
 
@@ -22,39 +22,39 @@ MUD = (63.0, 42.0, 20.0)
 
 
 class SpatterLayer(NamedTuple):
-    """out = x * (1 - opacity * covers) + opacity * colour."""
+    """A spatter layer: out = x * (1 - opacity * covers) + opacity * colour."""
 
     opacity: Plane
-    """float32 (H, W), at least 0."""
+    """Opacity of the layer, float32 (H, W), at least 0."""
     colour: tuple[float, float, float]
-    """RGB, 0 to 255."""
+    """RGB colour of the drops, 0 to 255."""
     covers: bool
-    """Mud hides what is behind it; water adds its colour."""
+    """Whether the drops hide the background (mud) or only add their colour (water)."""
 
 
 class SpatterLevel(NamedTuple):
-    """A severity."""
+    """Parameters of a severity."""
 
     mean: float
     """Mean of the noise that is thresholded into drops, on [0, 1]."""
     deviation: float
-    """Its standard deviation."""
+    """Standard deviation of the noise."""
     sigma: float
-    """Standard deviation of the blur that turns noise into drops, pixels."""
+    """Standard deviation of the blur that turns noise into drops, in pixels."""
     threshold: float
-    """Lower noise makes no drop."""
+    """Threshold below which noise gives no drop."""
     strength: float
-    """Opacity of water, or sigma of the mud's blur."""
+    """Opacity of water, or sigma of the blur for mud."""
     mud: bool
-    """Mud rather than water."""
+    """Whether the drops are mud instead of water."""
 
 
 class Spatter(Corruption):
-    """Drops of water (severities 1 to 3) or mud (4 and 5) on the lens, one layer for the pair (paper, appendix).
+    """Adds drops of water (severities 1 to 3) or mud (4 and 5) on the lens, shared by both frames (paper, appendix).
 
-    A severity is (mean, standard deviation of the noise, sigma of its blur, threshold, opacity of water or sigma of
-    the mud's blur, mud or not); the numbers are the reference code's, the paper gives none. Sizes are in pixels
-    whatever the size of the image, and the colours are the RGB the authors name.
+    A severity is (mean, standard deviation of the noise, sigma of its blur, threshold, opacity of water or sigma of the
+    blur for mud, mud or water); the values are from the reference code, since the paper gives none. Sizes are in pixels
+    for every image size, and the colours are the RGB values given by the authors.
     """
 
     name = "spatter"
@@ -69,7 +69,7 @@ class Spatter(Corruption):
     )
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> SpatterLayer:
-        """The layer."""
+        """Draw the spatter layer."""
         mean, deviation, sigma, threshold, strength, mud = self.parameter(severity)
         noise = gaussian_plane(normal_field(rng, *shape), sigma)
         limit = np.float32((threshold - mean) / (deviation * UNIT))
@@ -82,7 +82,7 @@ class Spatter(Corruption):
         return SpatterLayer(_water(liquid, strength), WATER, covers=False)
 
     def apply(self, frame: Frame, state: SpatterLayer, index: int) -> Frame:
-        """Put the drops over one frame."""
+        """Add the drops to one frame."""
         frame = contiguous(frame)
         out = np.empty_like(frame)
         colour = np.array(state.colour, np.float32)
@@ -91,12 +91,14 @@ class Spatter(Corruption):
 
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
-    """Opacity of drops that are bright at their rims: the reference code's steps, in integers up to the last."""
+    """Compute the opacity of drops with bright rims, with the steps of the reference code, in integers except for the
+    last.
+    """
     near = mean_distance(chamfer_distance(cv2.Canny(liquid, 50, 150), limit=20))
     emboss = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]])
     relief = cv2.blur(cv2.filter2D(cv2.equalizeHist(near), cv2.CV_8U, emboss), (3, 3))
     opacity = liquid * relief.astype(np.float32)
-    # no drop at all, as small images may have: the reference code divides zero by zero
+    # no drops, which can happen in small images; the reference code divides zero by zero
     return opacity * np.float32(strength / max(float(opacity.max()), 1.0))
 
 
@@ -111,7 +113,7 @@ def _quantise(noise: Any, limit: Any, mean: Any, scale: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, opacity: Any, colour: Any, covers: Any, out: Any) -> None:
-    """The layer is spread over the three channels first, so that the last loop is one over flat rows."""
+    """Add the layer. It is copied to all three channels first, so that the last loop runs over flat rows."""
     height, width = opacity.shape
     keep, add = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     red, green, blue = colour[0], colour[1], colour[2]
