@@ -77,7 +77,7 @@ def test_module_and_attribute(module, attribute, options, value):
         ("{module}:Script", {}, ModelError, "SystemExit: 2"),
         ("{module}:number", {}, ModelError, "no method predict"),
         ("no_such_module_here:Model", {}, UsageError, "cannot import 'no_such_module_here'"),
-        ("tools/net.py:Model", {}, UsageError, "name its module, .* tools.net:Model"),
+        ("tools/net.py:Model", {}, UsageError, "is a file; .* give the module: tools.net:Model"),
         ("nowhere/flows", {}, UsageError, "'nowhere/flows': no such file or folder"),
         ("nowhere.ckpt", {}, UsageError, "'nowhere.ckpt': no such file or folder"),
         (__file__, {}, UsageError, "is a file but not an exported network .*--checkpoint FILE"),

@@ -77,7 +77,7 @@ def test_a_fixed_size_is_the_largest_and_tiles_help(tmp_path, size):
     model = network(tmp_path, {"scaling": "0-255"}, size=size)
     assert model.identity()["input"]["size"] == list(size)
     tile = "x".join(map(str, size))
-    with pytest.raises(ModelError, match=rf"up to {tile}, and one is 50x41: export it .* or .* -O tile={tile}"):
+    with pytest.raises(ModelError, match=rf"up to {tile}, not 50x41: export it .* or .* -O tile={tile}"):
         model.predict(*frames(50, 41))
     tiled = rf.load_model(str(tmp_path / "net.onnx"), scaling="0-255", tile=tile)
     first, second = frames(50, 41)
@@ -128,7 +128,7 @@ def test_inputs_in_another_order(tmp_path):
     np.testing.assert_array_equal(model.predict(first, second), np.stack([second[..., 0], first[..., 2]], 2))
     with pytest.raises(UsageError, match="unknown input of the network 'nest': did you mean 'next'"):
         network(tmp_path, {"inputs": "nest,previous"}, names=("previous", "next"))
-    with pytest.raises(ModelError, match=r"inputs are previous .*, next .*, and only next would be given"):
+    with pytest.raises(ModelError, match=r"inputs are previous .*, next .*, and only next would be used"):
         network(tmp_path, {"inputs": "next"}, names=("previous", "next"))
 
 
@@ -181,7 +181,7 @@ def test_integers_are_not_frames(tmp_path):
         ({"device": "gpu"}, UsageError, "unknown device 'gpu' for onnxruntime"),
         ({"sha256": "0" * 64}, ModelError, "expected 0000"),
         ({"order_": "rgb"}, UsageError, "unknown option of model 'onnx' 'order_': did you mean 'order'"),
-        ({"checkpoint": "net.onnx"}, UsageError, "is the network itself; leave out the checkpoint"),
+        ({"checkpoint": "net.onnx"}, UsageError, "is itself the network; leave out the checkpoint"),
     ],
 )
 def test_options_that_cannot_be(tmp_path, options, error, says):
@@ -191,7 +191,7 @@ def test_options_that_cannot_be(tmp_path, options, error, says):
 
 @pytest.mark.skipif("CUDAExecutionProvider" in ort.get_available_providers(), reason="this onnxruntime has CUDA")
 def test_cuda_that_is_not_there_is_an_error(tmp_path):
-    with pytest.raises(ModelError, match=r"no CUDA, so device 'cuda:1' cannot be used: install onnxruntime-gpu"):
+    with pytest.raises(ModelError, match=r"no CUDA support for device 'cuda:1': install onnxruntime-gpu"):
         network(tmp_path, {"device": "cuda:1"})
 
 
@@ -309,7 +309,7 @@ def test_weights_outside_its_folder_are_refused(tmp_path, location):
     (folder / "link").symlink_to(tmp_path / "secret")
     location = location.format(absolute=tmp_path / "secret")
     path = graphs.with_weights_beside(folder / "net.onnx", location)
-    with pytest.raises(ModelError, match=r"refused: it takes weights from '.*', outside its own folder") as error:
+    with pytest.raises(ModelError, match=r"refused: it reads weights from '.*', outside its own folder") as error:
         rf.load_model(str(path))
     assert "\n" not in str(error.value)
     with pytest.raises(Exception, match=r"(?i)external|outside|escape|load model"):

@@ -192,7 +192,7 @@ def search(
     drawn.sort(key=lambda candidate: candidate.cost)
     screened = [refine(c, goal, limits, budget.first_iterations) for c in drawn[: budget.screened]]
     pool = sorted(screened, key=lambda candidate: candidate.cost)[: budget.pool]
-    report(f"{len(drawn)} of {budget.structures} structures trace; best after screening {pool[0].cost:.4f}")
+    report(f"{len(drawn)} of {budget.structures} structures can be traced; best after screening {pool[0].cost:.4f}")
     for number in range(budget.moves):
         choices = rng.spawn("move", number)
         share = choices.uniform()
@@ -207,7 +207,7 @@ def search(
         best = refine(candidate, goal, limits, budget.last_iterations)
         if fills_its_stop(best, goal):
             return best
-    raise RobustFlowError("the search found no lens whose stop is filled from every field point; try another seed")
+    raise RobustFlowError("the search found no lens whose stop is filled from every field point; try a different seed")
 
 
 def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:

@@ -114,14 +114,14 @@ def model_identity(model: Any) -> dict[str, Any]:
         if not isinstance(identity, Mapping):
             raise ModelError(
                 f"the model's identity() returned {type(identity).__name__}; "
-                "expected a dict of what changes its numbers"
+                "expected a dict of everything that affects its results"
             )
         try:
             text = json.dumps({str(key): identity[key] for key in identity}, default=str, allow_nan=False)
         except (TypeError, ValueError, RecursionError) as error:
             raise ModelError(
-                f"the model's identity() cannot be written as JSON ({first_line(error)}); return numbers that are "
-                "finite, texts, and lists and dicts of them"
+                f"the model's identity() cannot be written as JSON ({first_line(error)}); return finite "
+                "numbers, strings, and lists and dicts of these"
             ) from error
         named: dict[str, Any] = json.loads(text)
         return named
@@ -247,7 +247,7 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
             f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy "
-            "array, of a tensor flow.detach().cpu().numpy()"
+            "array, for a tensor flow.detach().cpu().numpy()"
         ) from error
     if array.shape != expected or array.dtype.kind != "f":
         what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"

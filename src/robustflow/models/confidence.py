@@ -51,7 +51,7 @@ def check_confidence(kind: str | None, model: AnyModel) -> None:
     if kind not in CONFIDENCES:
         raise unknown_name("confidence", kind, CONFIDENCES)
     if not isinstance(model, FlowModel) or isinstance(model, ClipModel):
-        raise UsageError("a confidence is measured of models that predict from two frames; leave out --confidence")
+        raise UsageError("a confidence requires a model that predicts from two frames; leave out --confidence")
     if kind == OF_MODEL and not isinstance(model, ConfidentModel):
         raise UsageError(
             "this model returns no confidence (no predict_with_confidence); give --confidence forward-backward"
@@ -87,7 +87,7 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
     if not isinstance(answer, tuple) or len(answer) != 2:
-        raise ModelError(f"predict_with_confidence returned no pair (flow, confidence) on {where}")
+        raise ModelError(f"predict_with_confidence did not return a pair (flow, confidence) on {where}")
     flow = checked_flow(answer[0], frames, where)
     try:
         confidence = np.asarray(answer[1], np.float32)
@@ -101,7 +101,7 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
     if np.isnan(confidence).any():
         raise ModelError(
             f"the model's confidence is NaN at {int(np.isnan(confidence).sum())} pixels on {where}; give a number for "
-            "each, -inf where nothing is known"
+            "each, -inf where it is unknown"
         )
     return np.concatenate([flow, confidence[..., None]], axis=2)
 

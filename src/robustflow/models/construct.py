@@ -14,7 +14,7 @@ from .registry import MODELS
 
 _NOT_FOR_ALL = {
     "device": "runs on the CPU only",
-    "precision": "has no precision to choose",
+    "precision": "has no choice of precision",
     "checkpoint": "has no weights to load",
 }
 """Options that the command line offers for every model, and why some models do not support them."""

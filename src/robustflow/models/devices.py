@@ -49,7 +49,7 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):
-            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; give cpu by itself, and --workers")
+            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; give cpu alone, and --workers")
         return listed
     own = device_of(model)
     if not is_accelerator(own):

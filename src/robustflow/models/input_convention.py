@@ -84,7 +84,7 @@ class InputConvention:
         )
         if self.fit == "pad" and (fitted[0] < height or fitted[1] < width):
             raise ModelError(
-                f"the network takes frames up to {fitted[0]}x{fitted[1]}, and one is {height}x{width}: export it with "
+                f"the network accepts frames up to {fitted[0]}x{fitted[1]}, not {height}x{width}: export it with "
                 f"dynamic height and width, or predict in tiles with -O tile={fitted[0]}x{fitted[1]}"
             )
         return fitted
@@ -138,7 +138,7 @@ def named_convention(
         raise unknown_name("scaling", str(scaling), SCALINGS)
     check_count("multiple", multiple)
     if multiple > _LARGEST:
-        raise UsageError(f"multiple must be {_LARGEST} pixels at most, not {multiple}")
+        raise UsageError(f"multiple must be at most {_LARGEST} pixels, not {multiple}")
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
         asked = "x".join("?" if side is None else str(side) for side in size)
         raise ModelError(f"the network expects frames of {asked}; export it for (N, 3, H, W), with H and W dynamic")

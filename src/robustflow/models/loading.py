@@ -56,13 +56,13 @@ def load_model(name: str, **options: Any) -> AnyModel:
     exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
     if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):
         raise UsageError(
-            f"model '{name}': TorchScript is not read, because reading such a file can run what its author put there; "
+            f"model '{name}': TorchScript is refused, because reading such a file can run code that it contains; "
             "export the network to ONNX, or give the module: package.module:Class"
         )
     if exported is not None:
         if "checkpoint" in options:
             raise UsageError(
-                f"'{name}' is the network itself; leave out the checkpoint, or give it to model '{exported}'"
+                f"'{name}' is itself the network; leave out the checkpoint, or give it to model '{exported}'"
             )
         return load_model(exported, checkpoint=name, **options)
     if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
@@ -71,7 +71,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     architecture = name.removeprefix(PTLFLOW)
     if name.startswith(PTLFLOW) and (architecture not in methods() or methods()[architecture].frames > 2):
         raise UsageError(
-            f"unknown model '{name}': write {architecture}; the prefix is for names that have another meaning"
+            f"unknown model '{name}': write {architecture}; the prefix is only for names of different models here"
         )
     if architecture != name or is_in_ptlflow(name):
         return _load_from_ptlflow(name, architecture, options)
@@ -171,7 +171,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
     if module_name.endswith(".py"):
         meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
-        raise UsageError(f"model '{name}' names a file; name its module, from the folder it is in: {meant}")
+        raise UsageError(f"model '{name}' is a file; from its folder, give the module: {meant}")
     target = import_target(name, "model")
     if is_module(target) and not isinstance(target, AnyModel):
         return _as_torch_model(target, name, options)

@@ -13,7 +13,7 @@ from typing import BinaryIO
 from ..errors import ModelError, UsageError
 
 _NO_MODEL = {
-    b"<": "a web page: the download gave a login or error page instead of the file",
+    b"<": "a web page: the download returned a login or error page instead of the file",
     b"version https://git-lfs": "a pointer of Git LFS: fetch the file itself with `git lfs pull`",
 }
 

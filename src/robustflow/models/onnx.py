@@ -179,7 +179,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
         provider = (_CUDA, {"device_id": device.partition(":")[2] or "0", "use_tf32": "0"})
         if _CUDA not in onnxruntime.get_available_providers():
             raise ModelError(
-                f"this onnxruntime has no CUDA, so device '{device}' cannot be used: install onnxruntime-gpu in its "
+                f"this onnxruntime has no CUDA support for device '{device}': install onnxruntime-gpu in its "
                 "place, or give cpu"
             )
     try:
@@ -283,8 +283,8 @@ def _weights_sha256(path: Path, name: str) -> str:
     file = (folder / name).resolve()
     if not name or not file.is_relative_to(folder):
         raise ModelError(
-            f"{path}: refused: it takes weights from '{name[:200]}', outside its own folder; get the genuine file, or "
-            "save it again with its weights beside it"
+            f"{path}: refused: it reads weights from '{name[:200]}', outside its own folder; get the genuine file, or "
+            "save it again with its weights in the same folder"
         )
     if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
         raise ModelError(f"{path}: refused: its weights '{name[:200]}' are not a regular file; get the genuine file")

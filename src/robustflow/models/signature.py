@@ -91,8 +91,8 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
             raise unknown_name("input of the network", name, known)
     if sorted(wanted) != sorted(known):
         raise ModelError(
-            f"the network's inputs are {describe_arrays(inputs)}, and only {', '.join(wanted)} would be given; export "
-            "it without the others"
+            f"the network's inputs are {describe_arrays(inputs)}, and only {', '.join(wanted)} would be used; export "
+            "it without the other inputs"
         )
     return [known.index(name) for name in wanted]
 
@@ -115,7 +115,7 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
     if 0 < len(lost) < len(inputs):
         raise ModelError(
             f"the network does not read its input {', '.join(lost)[:60]}: the exporter was given one tensor for both "
-            "frames and took them for one input; export it with two tensors"
+            "frames and treated them as one input; export it with two tensors"
         )
 
 

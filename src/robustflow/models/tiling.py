@@ -91,7 +91,7 @@ class TiledModel:
         if min(self._tile) <= OVERLAP:
             raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
         if max(self._tile) > LARGEST:
-            raise UsageError(f"tile {tile}: height and width must be {LARGEST} pixels at most; leave tile out")
+            raise UsageError(f"tile {tile}: height and width must be at most {LARGEST} pixels; leave out tile")
         self._weights = tile_weights(*self._tile)[..., None]
 
     @property

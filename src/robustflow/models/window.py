@@ -73,8 +73,8 @@ def window_of(model: Any) -> Window:
     whole = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
     if not (whole and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
         raise ModelError(
-            f"the model's window is {declared!r}; declare (before, after): how many frames it wants before frame 1 and "
-            f"after frame 2, one at least, and perhaps as a third what happens at the ends: {', '.join(get_args(Ends))}"
+            f"the model's window is {declared!r}; declare (before, after): the number of frames before frame 1 and "
+            f"after frame 2, at least one in all, and optionally the behaviour at the ends: {', '.join(get_args(Ends))}"
         )
     return Window(*parts)
 

@@ -37,9 +37,9 @@ class PsfField:
         """
         values = np.asarray(stack, np.float64)
         if values.shape != SHAPE:
-            raise DataError(f"a PSF stack has the shape {SHAPE}, this one {values.shape}")
+            raise DataError(f"expected a PSF stack of shape {SHAPE}, got {values.shape}")
         sums = values.sum((2, 3), keepdims=True)
         if not np.isfinite(values).all() or (sums <= 0.0).any():
-            raise DataError("a PSF of this stack has no energy or values that are not finite")
+            raise DataError("a PSF in this stack has no energy or non-finite values")
         self.stack: npt.NDArray[np.float32] = np.ascontiguousarray(values / sums, np.float32)
         self.digest = hashlib.sha256(self.stack.tobytes()).hexdigest()

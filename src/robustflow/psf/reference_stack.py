@@ -40,7 +40,7 @@ def find_stack(folder: Path, rms: float) -> Path:
     files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
     if len(files) != 1:
         raise AssetError(
-            f"{folder} holds {len(files)} files named *rms{rms:.4f}*.pth, one is needed; "
+            f"{folder} contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; "
             "give the folder with the five PSF stacks of the reference code"
         )
     return files[0]
@@ -92,7 +92,7 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
     except Exception as error:  # torch raises a different exception type for each kind of invalid file
         raise DataError(f"{path} is not a PSF stack that can be read safely; give an unchanged .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
-        raise DataError(f"{path} does not hold one float32 tensor of shape {SHAPE}; give an unchanged .pth file")
+        raise DataError(f"{path} is not a single float32 tensor of shape {SHAPE}; give an unchanged .pth file")
     return np.asarray(tensor.numpy(), np.float32)
 
 
@@ -116,7 +116,7 @@ def _check_declared(path: Path, data: bytes) -> None:
         raise DataError(f"{path} is not a PSF stack that can be read safely; give an unchanged .pth file") from error
     largest = max([largest, *numbers])
     if largest > LARGEST:
-        raise DataError(f"{path} declares a content of {largest} bytes or elements, a PSF stack has 2.9 million bytes")
+        raise DataError(f"{path} declares {largest} bytes or elements, but a PSF stack has 2.9 million bytes")
 
 
 def _numbers(stream: io.BytesIO) -> list[int]:

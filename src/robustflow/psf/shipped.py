@@ -70,6 +70,4 @@ def check_digest(name: str, digest: str) -> None:
         DataError: the digest differs from the manifest.
     """
     if manifest().get(name) != digest:
-        raise DataError(
-            f"'{name}' in {DATA} is not the file that was shipped (its SHA-256 differs); reinstall robustflow"
-        )
+        raise DataError(f"'{name}' in {DATA} is not the shipped file (its SHA-256 differs); reinstall robustflow")

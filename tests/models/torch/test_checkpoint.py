@@ -86,7 +86,7 @@ def test_a_payload_is_refused_and_not_run(tmp_path, state, zipped, place):
     content = {"value": {**state, "x": payload}, "beside": {"state_dict": state, "x": payload}, "whole": payload}[place]
     path = tmp_path / "weights.pth"
     torch.save(content, path, _use_new_zipfile_serialization=zipped)
-    with pytest.raises(ModelError, match=r"nothing in it was run.*system") as error:
+    with pytest.raises(ModelError, match=r"refused without running its code.*system") as error:
         load(path)
     one_line(error)
     assert not marker.exists()
@@ -110,14 +110,14 @@ def test_what_stands_for_things_beside_weights_runs_nothing(tmp_path, state):
             return argparse.Namespace, (), {"__class__": 1, "x": Payload(marker)}
 
     torch.save({"state_dict": state, "args": Crafted()}, tmp_path / "weights.pth")
-    with pytest.raises(ModelError, match="nothing in it was run"):
+    with pytest.raises(ModelError, match="refused without running its code"):
         load(tmp_path / "weights.pth")
     assert not marker.exists()
 
 
 def test_a_whole_module_is_refused(tmp_path):
     torch.save(torch.nn.Linear(2, 2), tmp_path / "module.pth")
-    with pytest.raises(ModelError, match=r"not a file of plain weights.*save its state_dict") as error:
+    with pytest.raises(ModelError, match=r"more than plain weights.*save only its state_dict") as error:
         load(tmp_path / "module.pth")
     one_line(error)
 
@@ -212,11 +212,11 @@ def test_missing_or_a_folder(tmp_path):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ([1, 2], "holds list, not weights by name"),
-        ({}, "holds dict, not weights by name"),
-        ({"state_dict": {}}, "holds dict, not weights by name"),
+        ([1, 2], "contains list, not weights by name"),
+        ({}, "contains dict, not weights by name"),
+        ({"state_dict": {}}, "contains dict, not weights by name"),
         ({"epoch": 3}, "entry 'epoch' is int, not a tensor"),
-        ({3: torch.zeros(2)}, "entry '3' is named by no text"),
+        ({3: torch.zeros(2)}, "entry '3' is under a non-string key"),
     ],
 )
 def test_files_without_weights(tmp_path, content, says):

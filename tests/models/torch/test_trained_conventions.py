@@ -69,20 +69,20 @@ RIGHT = {
     "list in a dictionary": ({"returns": lambda flows: {"flows": flows, "info": 0 * flows[0]}}, {"output": "flows"}),
     "channels last": ({"returns": lambda flows: flows[-1].permute(0, 2, 3, 1)}, {}),
 }
-OTHER_WAY = "it points the other way, as the flow from frame 2 to frame 1 does"
+OTHER_WAY = "it has the opposite sign, like the flow from frame 2 to frame 1"
 REFUSED = {
     "frames reversed": ({"backward": True}, {}, OTHER_WAY),
     "frames reversed, list": ({"backward": True, "returns": lambda flows: flows}, {}, OTHER_WAY),
     "negated": ({"returns": lambda flows: -flows[-1]}, {}, OTHER_WAY),
     "(v, u)": ({"returns": lambda flows: flows[-1].flip(1)}, {}, r"its components are \(v, u\); return"),
-    "(-v, -u)": ({"returns": lambda flows: -flows[-1].flip(1)}, {}, r"\(v, u\); it points the other way"),
-    "u left": ({"returns": lambda flows: flows[-1] * _signs(-1.0, 1.0)}, {}, "the sign of u is the opposite"),
-    "v up": ({"returns": lambda flows: flows[-1] * _signs(1.0, -1.0)}, {}, "the sign of v is the opposite"),
-    "divided by 20": ({"returns": lambda flows: flows[-1] / 20}, {}, "u has to be multiplied by 20 and v by 20"),
+    "(-v, -u)": ({"returns": lambda flows: -flows[-1].flip(1)}, {}, r"\(v, u\); it has the opposite sign"),
+    "u left": ({"returns": lambda flows: flows[-1] * _signs(-1.0, 1.0)}, {}, "the sign of u is inverted"),
+    "v up": ({"returns": lambda flows: flows[-1] * _signs(1.0, -1.0)}, {}, "the sign of v is inverted"),
+    "divided by 20": ({"returns": lambda flows: flows[-1] / 20}, {}, "u must be multiplied by 20 and v by 20"),
     "divided by 4": ({"returns": lambda flows: flows[-1] / 4}, {}, "multiplied by 4 and v by 4"),
     "times 20": ({"returns": lambda flows: flows[-1] * 20}, {}, r"multiplied by 0\.05 and v by 0\.05"),
     "-1..1 over the image": ({"returns": lambda flows: flows[-1] / _signs(96.0, 64.0)}, {}, "by 95 and v by 63"),
-    "(v, u) / 20": ({"returns": lambda flows: flows[-1].flip(1) / 20}, {}, r"\(v, u\); u has to be multiplied by 20"),
+    "(v, u) / 20": ({"returns": lambda flows: flows[-1].flip(1) / 20}, {}, r"\(v, u\); u must be multiplied by 20"),
     "0-255 for -1-1": ({}, {"scaling": "0-255"}, r"better, best first: scaling=-1-1, order=rgb \(0\.17 px\)"),
     "0-1 for 0-255": ({"scaling": "0-255"}, {"scaling": "0-1"}, "better, best first: scaling=0-255, order=rgb"),
 }
@@ -104,8 +104,8 @@ WARNED = {
     ),
     "coarsest alone": ({"returns": lambda flows: flows[0]}, {}, "off by 1.7 px .* check .* its finest flow"),
     "second level alone": ({"returns": lambda flows: flows[1]}, {}, "off by 0.68 px"),
-    "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "u has to be multiplied by 2 and v by 2"),
-    "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, r"u has to be multiplied by 0\.5 and v by 0\.5"),
+    "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "u must be multiplied by 2 and v by 2"),
+    "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, r"u must be multiplied by 0\.5 and v by 0\.5"),
     "zero": ({"returns": lambda flows: 0 * flows[-1]}, {}, "as networks without trained weights are"),
     "-1-1 for 0-255": ({"scaling": "0-255"}, {}, "better, best first: scaling=0-255, order=rgb"),
 }

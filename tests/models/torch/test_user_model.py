@@ -221,7 +221,7 @@ def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
         ({"layout": "both"}, "unknown layout 'both'"),
         ({"multiple": 0}, "multiple must be a whole number from 1"),
         ({"precision": "fp64"}, "unknown precision 'fp64'"),
-        ({"sha256": "0" * 64}, "sha256 is that of a checkpoint's file"),
+        ({"sha256": "0" * 64}, "sha256 applies to a checkpoint's file"),
     ],
 )
 def test_options_that_cannot_be(options, says):

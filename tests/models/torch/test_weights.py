@@ -83,7 +83,7 @@ def test_a_value_too_large_for_float32_is_refused(tmp_path, state):
 )
 def test_values_of_another_kind_are_refused(tmp_path, state, value, holds):
     torch.save({**state, "first.bias": value}, tmp_path / "weights.pth")
-    with pytest.raises(ModelError, match=rf"'first\.bias' holds {holds}.*, expected float32;") as error:
+    with pytest.raises(ModelError, match=rf"'first\.bias' contains {holds}.*, expected float32;") as error:
         load(tmp_path / "weights.pth")
     one_line(error)
 

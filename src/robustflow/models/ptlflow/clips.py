@@ -87,7 +87,7 @@ def ptlflow_clip_model(
     window = clip.window
     if before is not None:
         if not clip.streams:
-            raise UsageError(f"model '{name}' is made for {_frames(window)} frames; leave out before")
+            raise UsageError(f"model '{name}' requires {_frames(window)} frames; leave out before")
         check_count("before", before)
         window = window._replace(before=before)
 

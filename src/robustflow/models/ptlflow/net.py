@@ -51,7 +51,7 @@ class PtlflowNet(nn.Module):
         """
         flows, outputs = self._in_training(image1, image2)
         if "soft_corr_map" not in outputs:
-            raise ModelError("this network of ptlflow matches nothing before its iterations; take the loss 'sequence'")
+            raise ModelError("this ptlflow network has no matching step before its iterations; use the loss 'sequence'")
         return flows, outputs["soft_corr_map"]
 
     def _in_training(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], dict[str, Tensor]]:
@@ -59,7 +59,7 @@ class PtlflowNet(nn.Module):
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
             raise ModelError(
-                "this network of ptlflow keeps the flows of its iterations to itself; it cannot be trained here"
+                "this ptlflow network does not return the flows of its iterations; it cannot be trained here"
             )
         return list(outputs["flow_preds"]), outputs
 

@@ -131,12 +131,10 @@ def _load(path: Path, file: BinaryIO) -> Any:
     except pickle.UnpicklingError as error:
         lines = str(error).splitlines()
         reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
-        reason = reason.partition(" Please use")[0][
-            :200
-        ]  # torch's message suggests an option that would run code in the file
+        reason = reason.partition(" Please use")[0][:200]  # drops torch's advice to run the file's code
         raise ModelError(
-            f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
-            "authors' file, or save its state_dict alone with torch.save where you trust it"
+            f"{path}: refused without running its code: it contains more than plain weights ({reason}); get the "
+            "authors' file, or, if you trust it, save only its state_dict with torch.save"
         ) from None
     except Exception as error:  # torch has no specific exception type for a truncated or inconsistent file
         raise damaged(path, error) from None
@@ -148,13 +146,13 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
             content = content[name]
     if not isinstance(content, dict) or not content:
         raise ModelError(
-            f"{path}: holds {type(content).__name__}, not weights by name; save the network's state_dict()"
+            f"{path}: contains {type(content).__name__}, not weights by name; save the network's state_dict()"
         )
     for key, value in content.items():
         if not (isinstance(key, str) and isinstance(value, Tensor)):
-            what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "named by no text"
+            what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "under a non-string key"
             raise ModelError(
-                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that holds one as "
+                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that contains one as "
                 f"{', '.join(HELD_AS)}"
             )
     return dict(content)

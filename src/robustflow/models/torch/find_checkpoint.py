@@ -93,9 +93,7 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
-        except (
-            Exception
-        ) as error:  # a missing connection, a missing permission and a wrong hash raise different exceptions
+        except Exception as error:  # connection, permission and hash failures raise different exceptions
             reason = getattr(error, "reason", None) or first_line(error)
             raise ModelError(
                 f"model '{model}': cannot fetch {url} ({reason}); put that file at {path}, or give the path of a copy "

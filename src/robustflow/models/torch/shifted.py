@@ -77,18 +77,18 @@ class Reading(NamedTuple):
         """Describe how the flow differs from (u, v) in pixels.
 
         >>> Reading(False, (-1.02, -0.98), 0.01).describe()
-        'it points the other way, as the flow from frame 2 to frame 1 does'
+        'it has the opposite sign, like the flow from frame 2 to frame 1'
         >>> Reading(True, (20.1, -19.7), 0.01).describe()
-        'its components are (v, u); the sign of v is the opposite; u has to be multiplied by 20 and v by 20'
+        'its components are (v, u); the sign of v is inverted; u must be multiplied by 20 and v by 20'
         """
         words = ["its components are (v, u)"] if self.swapped else []
         u, v = self.factors
         if u < 0 and v < 0:
-            words.append("it points the other way, as the flow from frame 2 to frame 1 does")
+            words.append("it has the opposite sign, like the flow from frame 2 to frame 1")
         elif u < 0 or v < 0:
-            words.append(f"the sign of {'u' if u < 0 else 'v'} is the opposite")
+            words.append(f"the sign of {'u' if u < 0 else 'v'} is inverted")
         if _apart((abs(u), abs(v)), _EXACT):
-            words.append(f"u has to be multiplied by {abs(u):.2g} and v by {abs(v):.2g}")
+            words.append(f"u must be multiplied by {abs(u):.2g} and v by {abs(v):.2g}")
         return "; ".join(words)
 
 

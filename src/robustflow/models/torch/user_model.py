@@ -154,7 +154,7 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
     except Exception as error:
         raise ModelError(
             f"the module {kind} cannot be copied ({type(error).__name__}: {' '.join(str(error).split())}"
-            f"{traceback_hint(error)}); build it again and give that one"
+            f"{traceback_hint(error)}); pass a newly built module"
         ) from error
 
 
@@ -165,7 +165,7 @@ def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None
         load_weights(module, read, name)
         return read.sha256
     if sha256 is not None:
-        raise UsageError("sha256 is that of a checkpoint's file: give the checkpoint, or leave out sha256")
+        raise UsageError("sha256 applies to a checkpoint's file: give the checkpoint, or leave out sha256")
     digest = hashlib.sha256()
     for key, value in sorted(module.state_dict().items()):
         if isinstance(value, Tensor):

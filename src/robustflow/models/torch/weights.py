@@ -110,7 +110,7 @@ def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: 
         kind = str(value.dtype if value.layout is torch.strided else value.layout).removeprefix("torch.")
         kind += "" if value.device.type == "cpu" else f" without values (on the device {value.device.type})"
         raise ModelError(
-            f"{checkpoint.path}: '{name}' holds {kind}, expected {str(target.dtype).removeprefix('torch.')}; "
+            f"{checkpoint.path}: '{name}' contains {kind}, expected {str(target.dtype).removeprefix('torch.')}; "
             "save the weights as plain floating-point tensors"
         )
 
