@@ -1,8 +1,9 @@
-"""What an attack costs beside the model's own forward and backward passes, CPU seconds for a step.
+"""Measure the cost of an attack relative to the model's own forward and backward passes, in CPU seconds per step.
 
     python bench/attacks.py [--steps 5] [--rounds 3]
 
-One thread. The same gradients are asked for without an attack and by steps of PGD; the ratio of the best rounds counts.
+The script uses one thread. The same gradients are computed without an attack and by steps of PGD; the reported ratio is
+that of the fastest rounds.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from robustflow.models.torch.reproducible import reproducible
 from robustflow.testing import TexturePairs
 
 CASES = (("tiny", {}, (375, 1242)), ("raft_small", {"checkpoint": "random"}, (256, 320)))
-"""Model, its options, (H, W) of the frames."""
+"""A model, its options, and the size (H, W) of the frames."""
 
 
 def passes(model: Any, ball: Ball, steps: int) -> None:
-    """Forward and backward, and nothing else."""
+    """Run only forward and backward passes."""
     images = torch.from_numpy(ball.clean)
     with reproducible():
         for _ in range(steps):
@@ -40,7 +41,7 @@ def passes(model: Any, ball: Ball, steps: int) -> None:
 
 
 def attack(problem: Problem, steps: int) -> None:
-    """Steps of PGD."""
+    """Run steps of PGD."""
     images = problem.ball.clean
     for _ in range(steps):
         _, gradient = problem.slope(images)
@@ -48,7 +49,7 @@ def attack(problem: Problem, steps: int) -> None:
 
 
 def spent(call: Callable[..., None], *arguments: Any) -> float:
-    """CPU seconds of a call."""
+    """Measure the CPU seconds of a call."""
     start = time.process_time()
     call(*arguments)
     return time.process_time() - start

@@ -1,11 +1,11 @@
-"""How long the augmentation of a training pair takes, beside the originals' way of doing the same, in turns.
+"""Compare the time for augmenting a training pair with that of the originals' implementation.
 
     python bench/augmentation.py [--rounds 40]
 
-One thread; CPU milliseconds for a pair, the mean over the draws of each round, the best of three rounds. Both apply the
-same draws: ours as `train` does; the originals' as RAFT's loader does, with torchvision's colour jitter on Pillow
-images, OpenCV's resize of the whole frame, and NumPy's scattering of sparse points. Results are compared first: the
-frames are equal byte for byte.
+The script prints CPU milliseconds per pair with one thread: the mean over the draws of each round, the best of three
+rounds. Both apply the same draws: ours in the way of `train`, the originals' in the way of RAFT's loader, with
+torchvision's colour jitter on Pillow images, OpenCV's resize of the whole frame, and NumPy's scattering of sparse
+points. Results are compared first: the frames are equal byte for byte.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from robustflow.training.augmentation.augment import Augmentation, apply_augment
 from robustflow.training.recipe import Part, mix_parts
 
 CASES = (("Sintel", "ood", 0, (436, 1024), (368, 768)), ("KITTI", "id", 0, (375, 1242), (288, 960)))
-"""Title, mix, its part, (H, W) of the frames, crop."""
+"""Title, mix, part of the mix, size (H, W) of the frames, crop."""
 
 
 def as_the_originals(frames: Any, flow: Any, valid: Any, drawn: Augmentation) -> Any:
-    """RAFT's loader with draws that are given."""
+    """RAFT's loader with given draws."""
     first, second = _jittered(frames, drawn.jitters)
     if drawn.rectangles:
         colour = np.mean(second.reshape(-1, 3), axis=0)
@@ -89,7 +89,6 @@ def _scattered(flow: Any, valid: Any, x: float, y: float) -> Any:
 
 
 def ours(frames: Any, flow: Any, valid: Any, drawn: Augmentation) -> Any:
-    """Augment as `train` does."""
     (first, second), flow, valid = apply_augmentation(frames, flow, valid, drawn)
     return first, second, flow, valid
 

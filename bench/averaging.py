@@ -1,9 +1,9 @@
-"""Peak memory and seconds of averaging a run of a million rows, as `run` does at its end.
+"""Measure the peak memory and seconds for averaging a run of a million rows, as `run` does at its end.
 
     python bench/averaging.py [--pairs 9901]
 
-A run is generated: every image-pair corruption at every severity, 101 rows a pair, in shards of the size that `run`
-leaves. A separate process then computes the means; the memory that it needed before it touched the run is given, too.
+The script generates a run with every image-pair corruption at every severity, 101 rows per pair, in shards as large as
+those of `run`. A separate process then computes the means; its memory before it reads the run is also printed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
 
 SHARD = 100
-"""Pairs in a shard."""
+"""Number of pairs in a shard."""
 
 _AVERAGE = """
 import hashlib, json, pathlib, re, sys, time
@@ -38,7 +38,9 @@ print(f"{mib():.0f} MiB at most, {before:.0f} MiB before, {time.perf_counter() -
 
 
 def generate(folder: Path, pairs: int) -> Path:
-    """Write a run of `pairs` pairs: copies of a small run's rows, their sums scaled by a factor of each row."""
+    """Write a run of `pairs` pairs: copies of a small run's rows, with sums scaled by a different factor
+    in each row.
+    """
     (small,) = synthetic_runs(folder, 1, SHARD)
     run, rng = Run(small), np.random.default_rng(0)
     rows, keys = run.rows, sorted(run.manifest.samples)

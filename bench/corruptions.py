@@ -3,17 +3,17 @@
     python bench/corruptions.py [--size 375x1242] [--images A.png B.png] [--threads 2]
     python bench/corruptions.py --reference CLONE --reference-python PYTHON
 
-One thread, CPU time. Every figure is the mean over the five severities of the best of several rounds, each of which
-draws and applies the corruption to both frames; the implementations alternate.
+The script measures CPU time with one thread. Every figure is the mean over the five severities of the best of several
+rounds, each of which draws and applies the corruption to both frames; the implementations alternate.
 
 `imagecorruptions-imaug` is timed where it is installed. It brings a second OpenCV, which would overwrite ours, so
 install it without its dependencies: `pip install --no-deps imagecorruptions-imaug`. The reference code is a clone of
 the repository of the paper's authors; PYTHON is that of an environment with the (older) packages that the code needs.
 
-Corruptions that need depth get that of the embedded pair, resized like it; for other images a road: the ground 1.65 m
-below the camera, which drives forward by 1 m.
+Corruptions that need depth use that of the embedded pair, resized with it. For other images the depth is that of a
+road: the ground is 1.65 m below the camera, which moves forward by 1 m.
 
-`--threads N` measures instead how many times faster N threads, and N processes, finish the same work than one.
+`--threads N` measures instead the speed-up of N threads, and of N processes, over one for the same work.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def load_pair(images: list[Path] | None, size: str | None) -> Pair:
-    """The images, or the embedded pair, resized to "HxW"."""
+    """The given images or the embedded pair, resized to "HxW"."""
     frames = [read_image(path) for path in images] if images else Motorcycle().load("motorcycle").frames[:2]
     if size or not images:
         height, width = map(int, (size or "375x1242").split("x"))
@@ -63,7 +63,7 @@ def load_pair(images: list[Path] | None, size: str | None) -> Pair:
 
 
 def load_depth(images: list[Path] | None, shape: tuple[int, int]) -> SceneDepth:
-    """Of the images, or of the embedded pair, at `shape` (H, W)."""
+    """Depth of the given images or of the embedded pair, at `shape` (H, W)."""
     height, width = shape
     known = np.ones(shape, bool)
     if images:
@@ -108,7 +108,7 @@ def timed(call: Callable[[], Any]) -> Callable[[], float]:
 
 
 def other_package() -> Any:
-    """`imagecorruptions`, or None."""
+    """The module `imagecorruptions`, or None if it is not installed."""
     try:
         return importlib.import_module("imagecorruptions")
     except ImportError:
@@ -116,7 +116,7 @@ def other_package() -> Any:
 
 
 class Reference:
-    """The reference code in a process with its own Python, which measures its own CPU time."""
+    """The reference code in a process with a separate Python, which measures its own CPU time."""
 
     def __init__(self, clone: Path, python: str, pair: Pair) -> None:
         self.folder = tempfile.TemporaryDirectory()
@@ -163,7 +163,9 @@ def rivals(pair: Pair, reference: Reference | None) -> Rivals:
 
 
 def measure(name: str, pair: Pair, depth: SceneDepth, others: Rivals, seconds: float) -> list[float | None]:
-    """Mean over severities of ms per pair, ours first; None where another implementation lacks the corruption."""
+    """Mean milliseconds per pair over severities, ours first; None where a different implementation lacks the
+    corruption.
+    """
     rows = []
     for severity in SEVERITIES:
         jobs: list[Callable[[], float | None]] = [timed(partial(corrupt, *pair, name, severity, depth=depth))]
@@ -205,7 +207,7 @@ _PAIR: Pair | None = None
 
 
 def _start(pair: Pair, names: list[str]) -> None:
-    """Prepare a worker: keep the pair, compile and fill the caches."""
+    """Prepare a worker: keep the pair, compile, and fill the caches."""
     global _PAIR
     cv2.setNumThreads(1)
     _PAIR = pair
@@ -220,7 +222,9 @@ def _work(job: tuple[str, int, int]) -> None:
 
 
 def scaling(names: list[str], pair: Pair, count: int, rounds: int) -> None:
-    """Wall time of the same jobs by one worker and by `count`, threads and processes; the best of three each."""
+    """Wall time of the same jobs with one worker and with `count`, as threads and as processes; the best
+    of three each.
+    """
     usable = []
     for name in names:
         try:

@@ -1,10 +1,11 @@
-"""End-point error and time of `dis_rgb` beside OpenCV's grey `dis`, in one run.
+"""Measure the end-point error and time of `dis_rgb` beside OpenCV's grey `dis` in one run.
 
     python bench/dis_rgb.py [--data kitti2015=~/kitti2015 middlebury=~/middlebury ...] [--points 1,2,3] [--rounds 3]
 
-Per pair and on average of each data set (the embedded pair where none is named): mean end-point error in pixels and
-median milliseconds, one thread. Columns: each operating point of `dis_rgb`; OpenCV at the same scales, patches and
-iterations, as it is and without its spatial propagation, which the paper's method does not have; OpenCV's presets.
+The script prints the mean end-point error in pixels and the median milliseconds with one thread, per pair and as the
+average of each data set (by default for the embedded pair). The columns are each operating point of `dis_rgb`; OpenCV
+at the same scales, patches and iterations, with and without its spatial propagation, which the paper's method does not
+have; and OpenCV's presets.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def opencv(number: int, propagation: bool) -> Predict:
 
 
 def methods(points: list[int]) -> dict[str, Predict]:
-    """What is compared, by the heading of its column."""
+    """The compared methods by the heading of their column."""
     columns: dict[str, Predict] = {}
     for number in points:
         columns[f"dis_rgb {number}"] = load_model("dis_rgb", operating_point=number).predict
@@ -62,7 +63,7 @@ def methods(points: list[int]) -> dict[str, Predict]:
 
 
 def samples(data: list[str]) -> Iterator[tuple[str, Sample]]:
-    """Every pair with ground truth: data set and sample."""
+    """Every pair with ground truth, as data set and sample."""
     for name, _, root in (entry.partition("=") for entry in data or ["motorcycle"]):
         options: dict[str, Any] = {"root": Path(root).expanduser()} if root else {}
         if name == "kitti2012":

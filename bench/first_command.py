@@ -1,13 +1,13 @@
-"""Where the seconds of the README's first command go, `robustflow run --model dis` on the embedded pair.
+"""Measure how the time of the README's first command, `robustflow run --model dis` on the embedded pair, is spent.
 
     python bench/first_command.py [--model tiny] [--rounds 1] [--top 12] [--against ../other/src]
 
 Runs the command cold (nothing compiled, no cache of any library) and warm (the same caches again), in a temporary
-folder; no cache of the user is read or written. Every process of the command, the workers too, counts the processor
-time that its main thread spends in each part, less the parts within it: imports by package, reading or compiling each
-numba function, every corruption, the model, measuring, pictures, pages. A column per process follows the sum.
+folder; the user's caches are neither read nor written. Every process of the command, including workers, counts the CPU
+time that its main thread spends in each part, without nested parts: imports by package, reading or compiling each numba
+function, every corruption, the model, measuring, pictures, pages. A column per process follows the sum.
 
-On a busy machine wall-clock times say little: compare processor times, and two versions by alternating runs
+On a busy machine wall-clock times are unreliable: compare CPU times, and two versions by alternating runs
 (`--against`, a folder that contains `robustflow`).
 """
 
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 REPORTS = "FIRST_COMMAND_REPORTS"
-"""Environment variable: the folder for the reports of the processes."""
+"""Environment variable with the folder for the reports of the processes."""
 
 PARTS: dict[str, dict[str, str]] = {
     "numba.core.dispatcher": {"Dispatcher.compile": "numba: compile {0.py_func.__module__}.{0.py_func.__qualname__}"},
@@ -46,11 +46,11 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.report.site.write": {"write_report": "page"},
     "robustflow.cli.tables": {"print_result": "table"},
 }
-"""What is timed: module -> function -> its name in the report, a format of the function's arguments."""
+"""The timed functions: module -> function -> its name in the report, a format of the function's arguments."""
 
 
 class Probe:
-    """Processor seconds of this process's main thread by part, written to a file as they grow."""
+    """CPU seconds of this process's main thread by part, written to a file as they grow."""
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / f"{os.getpid()}.json"
@@ -59,7 +59,7 @@ class Probe:
         self._written = 0.0
 
     def timed(self, function: Callable[..., Any], name: Callable[..., str]) -> Callable[..., Any]:
-        """The function, counted under the name that `name` makes from its arguments."""
+        """Wrap the function so that its time is counted under the name that `name` makes from its arguments."""
 
         def call(*arguments: Any, **options: Any) -> Any:
             start = time.thread_time()
@@ -78,7 +78,7 @@ class Probe:
 
     def _write(self) -> None:
         now = time.process_time()
-        if now - self._written > 0.02:  # a worker is ended by a signal: it has no later moment to write
+        if now - self._written > 0.02:  # a worker is ended by a signal, so it cannot write later
             self._written = now
             self._file.write_text(json.dumps({"parts": self._parts, "total": now}))
 
@@ -106,7 +106,7 @@ class Probe:
 
 
 def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, float, list[dict[str, Any]]]:
-    """Run the command with its caches in `folder`: wall-clock and processor seconds, and the processes' reports."""
+    """Run the command with its caches in `folder`; returns wall-clock and CPU seconds, and the processes' reports."""
     import resource
     import shutil
     import subprocess
@@ -138,7 +138,7 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
 
 
 def print_parts(processes: list[dict[str, Any]], top: int) -> None:
-    """Print the parts of all processes, the largest first; those beyond `top` of a kind as one line."""
+    """Print the parts of all processes, the largest first; those beyond `top` of a kind are combined in one line."""
     parts: dict[str, list[float]] = {}
     for number, process in enumerate(processes):
         rest = process["total"] - sum(process["parts"].values())
@@ -163,7 +163,6 @@ def _line(name: str, spent: list[float]) -> str:
 
 
 def main() -> None:
-    """Parse, run, print."""
     import argparse
     import tempfile
 

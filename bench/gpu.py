@@ -1,14 +1,14 @@
-"""Everything that a GPU has to prove, in one command of at most nine minutes that needs no network:
+"""Run all GPU checks in one command of at most nine minutes that needs no network:
 
     python bench/gpu.py [--device cuda] [--data FOLDER_OF_KITTI_2015] [--output gpu-results] [--quick] [SECTION ...]
 
 Beforehand, on a machine with a network, `python bench/gpu.py --prepare FOLDER` writes wheels for the other machine and
-three pairs of 375x1242 (flying shapes, in KITTI's layout). Networks have random weights, made from seeds, so that none
-have to be copied.
+three pairs of 375x1242 (flying shapes, in KITTI's layout). Networks have random weights generated from seeds, so that
+no weights have to be copied.
 
-Each section is a process with a budget of seconds. A failure is a row with its sentence, and what was reported before
-is kept; `results.json` and `results.md` in the output folder are written after every section. `--quick` computes the
-same on small frames with little of everything, to try the script on a CPU.
+Each section is a process with a time budget in seconds. A failure becomes a row with its message, and earlier rows are
+kept; `results.json` and `results.md` in the output folder are written after every section. `--quick` runs the same
+checks on small frames with few repetitions, to try the script on a CPU.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from gpu_sections import ROOT, SECTIONS, Bench
 
 
 def in_child(name: str, options: argparse.Namespace, rows: Path) -> None:
-    """Compute one section, and write its rows as they come."""
+    """Compute one section, and write its rows as they arrive."""
     with rows.open("a") as file:
 
         def add(what: str, figures: dict[str, Any], good: bool | None) -> None:
@@ -38,7 +38,7 @@ def in_child(name: str, options: argparse.Namespace, rows: Path) -> None:
 
 
 def supervised(name: str, options: argparse.Namespace, scratch: Path) -> list[dict[str, Any]]:
-    """The rows of one section, computed in a separate process within the section's budget."""
+    """The rows of one section, computed in a separate process within the section's time budget."""
     rows = scratch / f"{name}.jsonl"
     command = [sys.executable, __file__, "--section", str(rows), "--device", options.device]
     command += ["--data", str(options.data), *(["--quick"] if options.quick else []), name]
@@ -56,7 +56,7 @@ def supervised(name: str, options: argparse.Namespace, scratch: Path) -> list[di
 
 
 def markdown(about: dict[str, Any], rows: list[dict[str, Any]]) -> str:
-    """The results as one table."""
+    """Format the results as one table."""
     words = {True: "yes", False: "**no**", None: ""}
     lines = [", ".join(f"{key} {value}" for key, value in about.items()), ""]
     lines += ["| section | what | figures | as expected |", "|---|---|---|---|"]
@@ -67,7 +67,7 @@ def markdown(about: dict[str, Any], rows: list[dict[str, Any]]) -> str:
 
 
 def machine(device: str) -> dict[str, Any]:
-    """What the figures depend on."""
+    """Versions and settings that affect the results."""
     import torch
 
     import robustflow
@@ -102,7 +102,9 @@ def make_pairs(folder: Path, size: tuple[int, int]) -> None:
 
 
 def prepare(folder: Path) -> None:
-    """Write the pairs, and the wheels of everything but PyTorch, which a machine with a GPU has."""
+    """Write the pairs, and the wheels of everything except PyTorch, which is already installed on a
+    machine with a GPU.
+    """
     make_pairs(folder / "kitti", (375, 1242))
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", str(folder / "wheels")]
     command += ["--constraint", str(ROOT / "constraints.txt"), f"{ROOT}[ptlflow]"]

@@ -1,4 +1,4 @@
-"""The sections of `bench/gpu.py`: each reports rows, and a failure within one is a row, too."""
+"""The sections of `bench/gpu.py`: each reports rows, and a failure within a section is also a row."""
 
 from __future__ import annotations
 
@@ -23,21 +23,23 @@ PAPER = (
 NEWEST = ("ptlflow:sea_raft_s", "ptlflow:dpflow", "ptlflow:rpknet", "ptlflow:neuflow2", "ptlflow:waft_twins_a2")
 MEASURED = ("raft", "flowformer", "ptlflow:sea_raft_s")
 TOLERANCES = {"fp32": 2e-3, "batched": 1e-3, "tf32": 0.01, "bf16": 0.03}
-"""Tolerances relative to the flow's largest component (at least 1 px): of the largest difference in fp32, of the mean
-one in the others."""
+"""Tolerances relative to the flow's largest component (at least 1 px): of the maximum difference in fp32, of the mean
+difference in the other precisions.
+"""
 GOAL = 1.05
-"""Wall time over the model's own, after the first row."""
+"""Largest acceptable ratio of wall time to the model's own time, after the first row."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What the sections share.
+    """State shared by the sections.
 
     Attributes:
-        device: "cuda", "cpu", ...
-        data: a folder of KITTI 2015.
-        quick: little of everything.
-        add: reports a row: what was computed, its figures, and whether they are as expected (None: nothing is).
+        device: name of the device: "cuda", "cpu", ...
+        data: folder of KITTI 2015.
+        quick: whether to use small frames and few repetitions.
+        add: function that reports a row: a title, its figures, and whether they are as expected (None without an
+            expectation).
     """
 
     device: str
@@ -47,7 +49,7 @@ class Bench:
 
     @contextmanager
     def row(self, what: str) -> Iterator[None]:
-        """Report what fails within the block as a row."""
+        """Report an exception within the block as a row."""
         try:
             yield
         except Exception as error:
@@ -58,7 +60,6 @@ class Bench:
                 torch.cuda.empty_cache()
 
     def frames(self, count: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Pairs of the data."""
         from robustflow.datasets import load_dataset
 
         dataset = load_dataset("kitti2015", self.data)
@@ -66,7 +67,7 @@ class Bench:
 
 
 def networks(bench: Bench) -> None:
-    """Every network computes on the device what it computes on the CPU: in fp32, in a batch, with TF32, in bf16."""
+    """Compare every network on the device with the CPU: in fp32, in a batch, with TF32, in bf16."""
     first, second = bench.frames(2)
     height, width = (128, 160) if bench.quick else (256, 448)
     pairs = [tuple(np.ascontiguousarray(frame[:height, :width]) for frame in pair) for pair in (first, second)]
@@ -95,7 +96,9 @@ def _agreement(bench: Bench, name: str, pairs: list[Any]) -> tuple[dict[str, Any
 
 
 def _network(name: str, device: str, **options: Any) -> Any:
-    """A network with weights by the parity packs' rule: with PyTorch's random ones most have hardly any effect."""
+    """A network with weights by the parity packs' rule; with PyTorch's random weights most networks hardly react to the
+    frames.
+    """
     from robustflow import load_model
     from robustflow.models.construct import parameters_of
     from robustflow.models.registry import MODELS
@@ -107,7 +110,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
     try:
         model = load_model(name, checkpoint="random", device=device, **options)
     except Exception:
-        options.pop("iterations", None)  # not every network of ptlflow has them
+        options.pop("iterations", None)  # some networks of ptlflow are missing here
         model = load_model(name, checkpoint="random", device=device, **options)
     if device == "cpu":
         fill_by_rule(model.net, 2**0.5 if name in ("arflow", "upflow") else 0.8)
@@ -115,7 +118,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
 
 
 def _by_hand(model: Any, pair: Any, bf16: bool) -> np.ndarray:
-    """The model's flow of a pair, without its own precautions against TF32."""
+    """The model's flow of a pair, without its own safeguards against TF32."""
     import torch
 
     from robustflow.models.torch.fit import fitted_images, unfitted_flow
@@ -130,7 +133,7 @@ def _by_hand(model: Any, pair: Any, bf16: bool) -> np.ndarray:
 
 
 class _Clock:
-    """Notes when each unit was on disk, and the seconds that the model took for it."""
+    """Records when each unit was on disk, and the seconds that the model spent on it."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -167,7 +170,9 @@ def _run(bench: Bench, name: str, what: str, **changes: Any) -> None:
 
 
 def runs(bench: Bench) -> None:
-    """Three pairs under every corruption of pairs: staged, serial and compiled, wall time over the model's own."""
+    """Run three pairs under every corruption of pairs: staged, serial and compiled; wall time relative to the model's
+    own.
+    """
     for name in MEASURED[:1] if bench.quick else MEASURED:
         staged: dict[str, Any] = {"workers": 2} if bench.device == "cpu" else {}
         for how, changes in (
@@ -182,14 +187,14 @@ def runs(bench: Bench) -> None:
 
 
 def feeders(bench: Bench) -> None:
-    """RAFT with two and with eight feeders."""
+    """Run RAFT with two and with eight feeders."""
     for count in (2,) if bench.quick else (2, 8):
         with bench.row(f"raft, {count} feeders"):
             _run(bench, "raft", f"raft, {count} feeders", workers=count)
 
 
 def memory(bench: Bench) -> None:
-    """Peak memory and seconds a pair by batch size."""
+    """Measure peak memory and seconds per pair by batch size."""
     ((first, second),) = bench.frames()
     for name in ("raft_small",) if bench.quick else ("raft", "flowformer_pp", "samflow_b"):
         with bench.row(name):
@@ -202,7 +207,7 @@ def memory(bench: Bench) -> None:
 
 @contextmanager
 def _watched(device: str) -> Iterator[dict[str, Any]]:
-    """The seconds of a block, and on a GPU the most memory of its tensors in GiB."""
+    """Seconds of a block, and on a GPU the peak memory of its tensors in GiB."""
     figures: dict[str, Any] = {"s": float("nan")}
     gpu = device != "cpu"
     if gpu:
@@ -219,7 +224,7 @@ def _watched(device: str) -> Iterator[dict[str, Any]]:
 
 
 def training(bench: Bench) -> None:
-    """Three training steps of every method, in fp32 and in bf16."""
+    """Make three training steps of every method, in fp32 and in bf16."""
     from robustflow.training.recipe import trained_methods
 
     for method in ("raft_small", "arflow") if bench.quick else trained_methods():
@@ -270,7 +275,7 @@ def _steps(bench: Bench, method: str, precision: str) -> tuple[dict[str, Any], b
 
 
 def resume(bench: Bench) -> None:
-    """A run that began on the device is continued on the CPU, and the reverse."""
+    """Continue a run that began on the device on the CPU, and the reverse."""
     import robustflow as rf
     from robustflow.models import ModelSpec
 
@@ -284,7 +289,8 @@ def resume(bench: Bench) -> None:
                         ModelSpec("raft_small", options), "kitti-fc", bench.data, Path(scratch) / "run", limit=1,
                         corruptions=["fog"], severities=severities, engine="serial", progress=False,
                     )  # fmt: skip
-                except rf.RobustFlowError as error:  # devices are part of a run's identity, and it says so
+                # devices are part of a run's identity, and the error message mentions them
+                except rf.RobustFlowError as error:
                     bench.add(what, {"refused": str(error)[:300]}, began != continued)
                     break
             else:
@@ -292,7 +298,7 @@ def resume(bench: Bench) -> None:
 
 
 def loader(bench: Bench) -> None:
-    """Whether a DataLoader whose workers corrupt keeps up with RAFT's training step."""
+    """Measure whether a DataLoader whose workers corrupt samples keeps up with RAFT's training step."""
     import torch
     from torch.utils.data import DataLoader
 
@@ -331,7 +337,7 @@ class _Corrupted:
 
 
 def attacks(bench: Bench) -> None:
-    """PGD and PCFA on RAFT at KITTI's size: seconds, and how many flows they took."""
+    """Run PGD and PCFA on RAFT at KITTI's size; reports seconds and the number of flow computations."""
     import robustflow as rf
 
     ((first, second),) = bench.frames()
@@ -356,4 +362,4 @@ SECTIONS: dict[str, tuple[Callable[[Bench], None], int]] = {
     "loader": (loader, 25),
     "attacks": (attacks, 45),
 }
-"""Name -> function, and its budget in seconds: 530 together."""
+"""Function and time budget in seconds by name of the section; 530 s together."""

@@ -1,12 +1,12 @@
-"""What a run costs around its model: wall time over the time that the model itself takes, and processor time per cell.
+"""Measure the cost of a run around its model: wall time relative to the model's own time, and CPU time per cell.
 
     python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--workers 2] [--latency 40 20] [--cells-only]
 
-The model sleeps, as one on a GPU does as far as the processor is concerned. Three pairs of 375x1242 (KITTI's, or drawn
-textures without --data), the paper's 20 corruptions of pairs at five severities. *Start-up* is the time until the
-first row is on disk, *steady* is the rest over the predictions that it holds; the best possible ratio is 1. The fused
-engine (`serial`) comes first in the same run. Then the work around the model in one thread, by stage and corruption:
-processor time, the least of three runs of every cell.
+The model sleeps, to imitate a GPU model that leaves the CPU idle. The data are three pairs of 375x1242 (KITTI's, or
+drawn textures without --data), under the paper's 20 corruptions of pairs at five severities. *Start-up* is the time
+until the first row is on disk, *steady* is the remaining time relative to that of its predictions; the best possible
+ratio is 1. The fused engine (`serial`) comes first in the same run. A second table lists the work around the model in
+one thread, by stage and corruption: CPU time, the minimum of three runs of every cell.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-if __name__ == "__main__":  # the processes that only predict load this file too, without what they do not need
+if __name__ == "__main__":  # processes that only predict load this file too, so that they need no other imports
     from robustflow.benchmarks import Benchmark
     from robustflow.corruptions.registry import IMAGE_PAIR
     from robustflow.datasets import load_dataset
@@ -50,7 +50,7 @@ ROUNDS = 3
 
 
 class Sleeper:
-    """A model on a GPU, as far as the processor can tell."""
+    """A model that sleeps, like a GPU model from the CPU's point of view."""
 
     def __init__(self, milliseconds: float = 40.0, device: str = "cuda:0") -> None:
         self.device = device
@@ -69,7 +69,7 @@ class Sleeper:
 
 
 class Clock:
-    """Notes when each unit was on disk."""
+    """Records when each unit was on disk."""
 
     def __init__(self) -> None:
         self.begun = time.perf_counter()
@@ -83,20 +83,19 @@ class Clock:
 
 
 def cpu_seconds() -> float:
-    """Processor seconds of this process and of its children that have ended."""
+    """CPU seconds of this process and of its finished children."""
     usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in usage)
 
 
 def kitti(folder: Path | None) -> Benchmark:
-    """Three pairs under the corruptions of pairs."""
     dataset = load_dataset("kitti2015", folder) if folder else TexturePairs(3, SIZE)
     corruptions = [name for name in IMAGE_PAIR if name != "elastic_transform"]
     return Benchmark("overhead", dataset, tuple(dataset.keys()[:3]), tuple(corruptions), SEVERITIES)
 
 
 def run(benchmark: Benchmark, milliseconds: float, engine: str, workers: int | None) -> str:
-    """One run, as a line of the table."""
+    """Measure one run and format it as a line of the table."""
     model = ModelSpec("overhead:Sleeper", (("milliseconds", milliseconds),))
     setup = set_up(model, benchmark)
     clock = Clock()
@@ -121,7 +120,7 @@ def run(benchmark: Benchmark, milliseconds: float, engine: str, workers: int | N
 
 
 def cells(benchmark: Benchmark) -> None:
-    """The table of processor time by stage and corruption, of the first pair."""
+    """Measure the CPU time by stage and corruption for the first pair, as a table."""
     seconds = no_seconds()
     key = benchmark.keys[0]
     frame_stage = FrameStage(benchmark.dataset, RunOptions(), seconds)
@@ -145,7 +144,7 @@ def cells(benchmark: Benchmark) -> None:
     total = 0.0
     print(f"\nprocessor time around the model, {shape[0]}x{shape[1]}, one thread, ms a cell")
     for name in benchmark.corruptions:
-        frame_stage.corrupt(loaded.sample, name, 3)  # compiles, reads what it needs
+        frame_stage.corrupt(loaded.sample, name, 3)  # this call compiles and reads resources
         each = [best(partial(frame_stage.corrupt, loaded.sample, name, severity)) for severity in SEVERITIES]
         total += sum(each)
         print(f"  corrupt  {name:20} {np.mean(each):7.2f}   by severity {' '.join(f'{one:6.1f}' for one in each)}")
@@ -166,7 +165,7 @@ def main() -> None:
     parser.add_argument("--no-serial", action="store_true")
     parser.add_argument("--cells-only", action="store_true")
     options = parser.parse_args()
-    sys.path.insert(0, str(Path(__file__).resolve().parent))  # of children too
+    sys.path.insert(0, str(Path(__file__).resolve().parent))  # including children
     benchmark = kitti(options.data)
     if not options.cells_only:
         print("wall over (predictions x latency)")

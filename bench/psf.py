@@ -1,11 +1,12 @@
-"""Time, memory and error of psf_blur's tiles, beside 16-pixel tiles written plainly, in one run.
+"""Compare time, memory and error of psf_blur's tiles with a plain implementation of 16-pixel tiles in one run.
 
     python bench/psf.py [--severity 5] [--rounds 5] [--plain]
 
-Per image size: milliseconds to prepare the kernels (the first image), per image afterwards (best of the rounds), peak
-extra memory, and the error against exact kernels at 300 pixels. `--plain` adds the method of the reference code as its
-description says, vectorised over tiles but with one kernel and one direct convolution per 16-pixel tile: every kernel
-is made for every image, pixels outside whole tiles are left out. It takes tens of seconds.
+For each image size the script prints milliseconds to prepare the kernels (the first image), milliseconds per image
+afterwards (best of the rounds), peak extra memory, and the error against exact kernels at 300 pixels. `--plain` adds
+the method of the reference code as its description says, vectorised over tiles but with one kernel and one direct
+convolution per 16-pixel tile: every kernel is computed for every image, and pixels outside whole tiles are omitted.
+This takes tens of seconds.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ SIZES = ((375, 1242), (720, 1280))
 
 
 def photograph(height: int, width: int) -> np.ndarray[Any, Any]:
-    """A photograph scaled to a size."""
+    """A photograph scaled to the given size."""
     image: np.ndarray[Any, Any] = cv2.resize(skimage.data.astronaut(), (width, height), interpolation=cv2.INTER_AREA)
     return image
 
 
 def exact(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any], x: int, y: int) -> np.ndarray[Any, Any]:
-    """One blurred pixel by its own kernel."""
+    """One pixel blurred with its own kernel."""
     height, width = frame.shape[:2]
     padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
     kernel = np.empty((1, 3, 61, 61))
@@ -47,7 +48,9 @@ def exact(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any], x: int, y: i
 
 
 def plain_tiles(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """16-pixel tiles: per tile a weighted mean of all field points' PSFs, turned, and a direct convolution."""
+    """Blur with 16-pixel tiles: for each tile a weighted mean of all field points' PSFs, rotated, and a direct
+    convolution.
+    """
     size, reach = 16, 30
     rows, columns = frame.shape[0] // size, frame.shape[1] // size
     padded = np.pad(frame.astype(np.float32), ((reach, reach), (reach, reach), (0, 0)), mode="reflect")
@@ -70,7 +73,7 @@ def plain_tiles(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any]) -> np.
 
 
 class PeakMemory:
-    """Most resident memory above that at the start, MB, sampled every 2 ms."""
+    """Peak increase of the resident memory since the start, in MB, sampled every 2 ms."""
 
     def __enter__(self) -> PeakMemory:
         self.start = self.most = self._resident()
@@ -94,7 +97,6 @@ class PeakMemory:
 
 
 def main() -> None:
-    """Parse, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--severity", type=int, default=5)
     parser.add_argument("--rounds", type=int, default=5)

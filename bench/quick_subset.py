@@ -1,21 +1,22 @@
-"""How few corruptions, severities and pairs rank models as all of KITTI-FC do?
+"""Find the fewest corruptions, severities and pairs that rank models as all of KITTI-FC does.
 
     python bench/quick_subset.py measure ERRORS.npz --data kitti2015=DIR --data kitti2012=DIR --data middlebury=DIR
     python bench/quick_subset.py choose ERRORS.npz
 
 `measure` runs the methods that need no download (presets of DIS and Farneback, DIS-RGB, the shipped networks, and some
 of these on filtered frames) under every corruption at every severity, on pairs of reduced size: those of the given data
-sets, the demo's, and flying shapes, 80 in all. It writes after every pair and can be stopped: fewer pairs will do.
+sets, the demo's, and flying shapes, 80 in all. It writes after every pair and can be stopped early, because fewer pairs
+also suffice.
 
 `choose` looks for the fewest conditions that keep two rankings: of these methods, by EPE, CRE and RCRE over all
-conditions and pairs, and of the 29 published variants, whose tables hold means over severities and pairs. A set is some
-corruptions at some severities. Its quality is the smallest of Kendall's tau (a) of the three metrics in the two
-rankings. For each number of severities, corruptions are left out one after the other, then exchanged while that helps.
-Then a trial for each method and variant: corruptions and severities are chosen without it, and tau is over all. A set
-that can replace the full run should reach 0.95 in 95 % of these trials.
+conditions and pairs, and of the 29 published variants, whose tables contain means over severities and pairs. A set
+consists of some corruptions at some severities. Its quality is the smallest of Kendall's tau (a) of the three metrics
+in the two rankings. For each number of severities, corruptions are left out one after the other, then exchanged while
+that helps. A trial follows for each method and variant: corruptions and severities are chosen without it, and tau is
+computed over all of them. A set that can replace the full run should reach 0.95 in 95 % of these trials.
 
-**Pairs.** KITTI-FC's pairs are not among those measured, so that only a number of them could be chosen. The last lines
-say what a share of the pairs does to the ranking where nothing else is left out.
+**Pairs.** KITTI-FC's pairs are not among the measured ones, so only their number could be chosen. The last lines of the
+output show how a share of the pairs changes the ranking when all corruptions and severities are kept.
 
 The result is `benchmarks/kitti_fc.py:KittiFC.facts.quick`.
 """
@@ -50,18 +51,19 @@ Predict = Callable[[Frame, Frame], Flow]
 
 @dataclass(frozen=True)
 class Population:
-    """Some models whose ranking a subset should keep.
+    """Models whose ranking a subset should preserve.
 
     Attributes:
-        errors: float64 (3, models, 20), mean EPE, CRE and RCRE under each corruption at the chosen severities.
-        full: the same over all severities.
+        errors: mean EPE, CRE and RCRE under each corruption at the chosen severities, float64 (3, models, 20), in
+            pixels.
+        full: mean errors over all severities, same shape and unit.
     """
 
     errors: np.ndarray
     full: np.ndarray
 
     def tau(self, chosen: Sequence[int], without: int = -1) -> float:
-        """The smallest tau of the three metrics between some corruptions and all; `without` one of the models."""
+        """The smallest tau of the three metrics between the chosen corruptions and all; model `without` is left out."""
         first, second = np.triu_indices(self.errors.shape[1], 1)
         kept = (first != without) & (second != without)
         means, full = self.errors[:, :, list(chosen)].mean(-1), self.full.mean(-1)
@@ -70,7 +72,7 @@ class Population:
 
 
 Without = tuple[int, int]
-"""The model that each of the two populations leaves out, -1 for none."""
+"""Index of the model that each of the two populations leaves out, -1 for none."""
 
 
 def quality(populations: Sequence[Population], chosen: Sequence[int], without: Without) -> tuple[float, float]:
@@ -80,7 +82,7 @@ def quality(populations: Sequence[Population], chosen: Sequence[int], without: W
 
 
 def best(populations: Sequence[Population], count: int, without: Without = (-1, -1)) -> list[int]:
-    """`count` corruptions of high quality."""
+    """Find `count` corruptions of high quality."""
 
     def of(chosen: list[int]) -> tuple[float, float]:
         return quality(populations, chosen, without)
@@ -108,10 +110,10 @@ def published() -> np.ndarray:
 
 
 class Measured:
-    """What `measure` wrote.
+    """The results of `measure`.
 
     Args:
-        path: of the file.
+        path: file written by `measure`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -127,7 +129,7 @@ class Measured:
 
 
 def choose(path: Path, most: int) -> None:
-    """Print the best sets, the trials of those that keep both rankings, and what fewer pairs do."""
+    """Print the best sets, the trials of those that preserve both rankings, and the effect of fewer pairs."""
     measured, tables = Measured(path), published()
     full = measured.means(SEVERITIES)
     counts = full.shape[1], tables.shape[1]
@@ -139,7 +141,7 @@ def choose(path: Path, most: int) -> None:
     }
 
     def chosen(size: int, count: int, without: Without = (-1, -1)) -> tuple[tuple[int, ...], list[int]]:
-        """The best severities and corruptions, as many as asked for."""
+        """The best severities and corruptions of the given numbers."""
         sets = [(levels[each], each, best(levels[each], count, without)) for each in levels if len(each) == size]
         _, severities, corruptions = max(sets, key=lambda one: quality(one[0], one[2], without))
         return severities, corruptions
@@ -170,7 +172,7 @@ def choose(path: Path, most: int) -> None:
 
 
 def of_pairs(measured: Measured, full: np.ndarray) -> None:
-    """Print how well random shares of the pairs keep the ranking under all conditions."""
+    """Print how well random shares of the pairs preserve the ranking under all conditions."""
     rng, pairs = np.random.default_rng(0), len(measured.errors)
     for share in (0.25, 0.5, 0.75, 0.9):
         count = round(share * pairs)
@@ -182,7 +184,7 @@ def of_pairs(measured: Measured, full: np.ndarray) -> None:
 
 
 def methods() -> dict[str, Predict]:
-    """What runs without a download: the shipped models, presets, and the same methods on frames changed beforehand."""
+    """Methods that run without a download: the shipped models, presets, and the same methods on filtered frames."""
 
     def named(name: str, **options: object) -> Predict:
         return load_model(name, **options).predict  # type: ignore[union-attr]
@@ -222,7 +224,7 @@ def methods() -> dict[str, Predict]:
 
 
 def reduced(sample: Sample, step: int) -> Sample:
-    """A sample of a `step`-th of the size: frames by area, the flow of every `step`-th pixel."""
+    """A sample reduced by the factor `step`: frames by area averaging, the flow of every `step`-th pixel."""
     assert sample.flow is not None
     assert sample.valid is not None
     height, width = (side // step for side in sample.shape)
@@ -234,7 +236,7 @@ def reduced(sample: Sample, step: int) -> Sample:
 
 
 def samples(data: Sequence[str]) -> Iterator[tuple[str, Sample]]:
-    """The 80 pairs by name, real and generated ones mixed."""
+    """The 80 pairs by name, with real and generated ones mixed."""
     real = [("motorcycle", load_dataset("motorcycle"), "motorcycle")]
     for given in data:
         name, _, root = given.partition("=")

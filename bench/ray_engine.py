@@ -1,9 +1,10 @@
-"""The Ray engine beside processes: what it costs to start, and what two actors do in the time of two processes.
+"""Compare the Ray engine with processes: its start-up time, and the throughput of two actors and of two processes.
 
     python bench/ray_engine.py
 
-The model sleeps, as one does that waits for a GPU, so that a busy machine disturbs little. One run of few units tells
-the start, the difference to one of many units the rest. Both engines in turn, the best of several repetitions counts.
+The model sleeps, like one that waits for a GPU, so that a busy machine has little influence. A run of few units
+measures the start-up time, and its difference from a run of many units measures the throughput. The engines alternate,
+and the best of several repetitions counts.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def main() -> None:
 
 
 def sleeping(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """No motion, after a while."""
+    """A model that predicts zero flow after a delay."""
     time.sleep(SLEEP_S)
     return np.zeros((*frame1.shape[:2], 2), np.float32)
 
@@ -76,7 +77,6 @@ def run(folder: Path, engine: str, many: bool) -> float:
 
 
 def frames(folder: Path, pairs: int) -> None:
-    """Small pictures."""
     folder.mkdir()
     draws = np.random.default_rng(0)
     for number in range(pairs + 1):

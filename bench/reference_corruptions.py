@@ -1,8 +1,8 @@
-"""Time the corruptions of the benchmark's authors, as `bench/corruptions.py --reference` asks for it.
+"""Time the corruptions of the benchmark's authors for `bench/corruptions.py --reference`.
 
-Runs in the folder of a clone of their code, with a Python that has what it imports. Reads "NAME SEVERITY" from standard
-input, line by line, and answers each line with the processor milliseconds for the pair in PAIR.npy, or with "-" if
-their code does not have the corruption or fails.
+The script runs in a clone of their code, with a Python environment that has its dependencies. It reads lines "NAME
+SEVERITY" from standard input, and answers each line with the CPU milliseconds for the pair in PAIR.npy, or with "-" if
+their code lacks the corruption or fails.
 """
 
 import io
@@ -26,7 +26,7 @@ def main() -> None:
                 start = time.process_time()
                 get_corruption(name, int(severity))(*pair)
                 answer = f"{1e3 * (time.process_time() - start):.3f}"
-        except Exception as error:  # one corruption that their code cannot compute here must not end the others
+        except Exception as error:  # a corruption that their code cannot compute here must not end the others
             print(f"{name} at severity {severity}: {error}", file=sys.stderr)
             answer = "-"
         print(answer, flush=True)

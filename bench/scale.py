@@ -1,11 +1,11 @@
-"""What a run of many cells costs around the model: a model that costs nothing, the real store, the real driver loop.
+"""Measure the cost of a run of many cells around the model: a model without cost, the real store, the real driver loop.
 
     python bench/scale.py [--cells 1000 100000 1000000] [--folder DIR]
 
-A run of that many cells (101 a sample: 20 corruptions at 5 severities, and clean) goes through
-`runner/compute_missing.py` with an engine that hands out units as engines do and answers at once: clean rows are
-measured on tiny frames, the others follow from a counter. Each step runs in a separate process: wall-clock and CPU
-seconds, memory before the step, over its time and at its peak, and the number of files of rows.
+A run of the given number of cells (101 per sample: 20 corruptions at 5 severities, and clean) passes through
+`runner/compute_missing.py` with an engine that assigns units as real engines do and answers immediately: clean rows are
+measured on tiny frames, the other rows follow from a counter. Each step runs in a separate process: the output is
+wall-clock and CPU seconds, memory before, during and at the peak of the step, and the number of row files.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ STEPS = ("drive", "resume", "resume again", "summary", "show", "report")
 
 
 class Tiny:
-    """Frames of noise, 16 x 24 pixels, that follow from the key."""
+    """Frames of noise, 16 x 24 pixels, determined by the key."""
 
     name = "tiny"
     has_flow = True
@@ -64,18 +64,18 @@ class Tiny:
 
 
 def still(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """No motion."""
+    """A model that predicts zero flow."""
     return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def benchmark(cells: int) -> Benchmark:
-    """A benchmark with enough samples for about that many cells."""
+    """A benchmark with enough samples for about `cells` cells."""
     data = Tiny(max(1, cells // 101))
     return Benchmark("tiny", data, tuple(data.keys()), tuple(CORRUPTIONS))
 
 
 def answers(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
-    """An engine whose workers need no time."""
+    """An engine whose workers take no time."""
     schedule, key, clean = Schedule(units), None, {}
     flow = np.zeros((16, 24, 2), np.float32)
     while (unit := schedule.take(key)) is not None:
@@ -88,7 +88,7 @@ def answers(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
 
 
 def synthetic(unit: Unit, clean: dict[str, object]) -> Iterator[dict[str, object]]:
-    """Rows of a unit that follow from its name."""
+    """Rows of a unit, determined by its name."""
     for severity in unit.severities:
         more = 1.0 + 0.01 * (CORRUPTIONS.index(unit.corruption) + int(unit.key) % 97) * severity
         yield {**clean, "corruption": unit.corruption, "severity": severity, "rcre_sum": more, "rcre_all_sum": more,
@@ -97,13 +97,13 @@ def synthetic(unit: Unit, clean: dict[str, object]) -> Iterator[dict[str, object
 
 
 def resident() -> float:
-    """Memory of this process now, MB."""
+    """Current memory of this process, in MB."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 @dataclass
 class Watch:
-    """Memory at the start, at each quarter of the way and at the end."""
+    """Memory at the start, at each quarter of the run and at the end."""
 
     memory: list[float] = field(default_factory=list)
 
@@ -120,7 +120,7 @@ class Watch:
 
 
 def drive(folder: Path, cells: int) -> list[float]:
-    """The finished run, without its summary; memory on the way."""
+    """The finished run without its summary, and the memory during the run."""
     setup, watch = set_up(still, benchmark(cells)), Watch()
     store = RunFolder(folder)
     store.lock()
@@ -130,7 +130,7 @@ def drive(folder: Path, cells: int) -> list[float]:
 
 
 def step(name: str, folder: Path, cells: int) -> list[float]:
-    """One step, in this process; memory on the way, MB."""
+    """Run one step in this process; returns its memory over time, in MB."""
     from robustflow.api import Result
     from robustflow.cli.show import show
 

@@ -1,9 +1,9 @@
-"""How many flying-shapes pairs a core makes in a second, as a training asks for them.
+"""Measure how many flying-shapes pairs one core generates per second, as a training requests them.
 
     python bench/shapes.py [--size 160x224] [--pairs 200]
 
-One thread, CPU time and wall time; the first pairs, which compile, are left out. Pairs of another seed every time, so
-that nothing can be kept.
+The script measures CPU time and wall time with one thread; the first pairs, which compile, are left out. Every request
+has a different seed, so that nothing can be cached.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from robustflow.datasets.shapes.dataset import FlyingShapes
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", default="160x224")
     parser.add_argument("--pairs", type=int, default=200)

@@ -1,10 +1,10 @@
-"""What a training keeps for its backward pass, method by method: the table behind `train --plan`.
+"""Measure the memory that a training keeps for its backward pass, by method: the table behind `train --plan`.
 
     python bench/training_memory.py [METHOD ...] > src/robustflow/training/memory.csv
 
 For each method the bytes of all tensors that autograd keeps after a forward pass are counted, once each and without the
-weights, for one pair at two crops and with one and three iterations. Four numbers follow from the four counts: what is
-kept for each pixel and for each pair of pixels, at all and for each iteration. Such a count does not depend on the
+weights, for one pair at two crops and with one and three iterations. Four numbers follow from the four counts: the
+bytes kept for each pixel and for each pair of pixels, once and per iteration. Such a count does not depend on the
 device; half precision keeps less.
 """
 
@@ -28,7 +28,7 @@ _SCALES = np.array([1e3, 1e-2, 1e3, 1e-2])
 
 
 def kept_bytes(method: str, crop: tuple[int, int], iterations: int) -> tuple[int, int, int]:
-    """Bytes kept for one pair, numbers of the weights that learn, and of those that do not."""
+    """Bytes kept for one pair, number of trained weights, and number of frozen weights."""
     recipe = load_recipe(method, list(recipes_of(method))[-1])
     recipe = recipe.changed(crop=crop, batch=1, iterations=iterations, precision="fp32", devices=1)
     _, network = load_network(recipe, "random")
@@ -39,7 +39,7 @@ def kept_bytes(method: str, crop: tuple[int, int], iterations: int) -> tuple[int
     def keep(tensor: torch.Tensor) -> torch.Tensor:
         storage = tensor.untyped_storage()
         if storage.data_ptr() not in weights:
-            kept[storage.data_ptr()] = storage  # held, so that no other takes its place
+            kept[storage.data_ptr()] = storage  # kept alive, so that no other tensor reuses its address
         return tensor
 
     images = torch.rand(2, 1, 3, *crop) * 255
@@ -54,7 +54,7 @@ def kept_bytes(method: str, crop: tuple[int, int], iterations: int) -> tuple[int
 
 
 def row(method: str) -> str:
-    """A line of the table."""
+    """Format a line of the table."""
     counts, terms, learning, rest = [], [], 0, 0
     for crop in CROPS:
         for iterations in ITERATIONS:

@@ -1,4 +1,4 @@
-"""Frames per second of every video stage at 720p on one core, beside the ffmpeg program for the same encode.
+"""Measure the frames per second of every video stage at 720p on one core, and of the ffmpeg program.
 
     python bench/video.py [--frames 48] [--preset veryslow] [--ffmpeg /usr/bin/ffmpeg]
 
@@ -41,7 +41,7 @@ def frames(count: int) -> list[np.ndarray]:
 
 
 def rate(count: int, work: Callable[[], object]) -> float:
-    """Frames per second of CPU time, of this process and its children."""
+    """Frames per second of CPU time of this process and its children."""
     before = _cpu()
     work()
     return count / max(_cpu() - before, 1e-9)

@@ -1,4 +1,6 @@
-"""How griffe reads this project's docstrings: doctests as code blocks, and return values without a type before them."""
+"""Prepare this project's docstrings for griffe: doctests become code blocks, and return values get the
+annotated type.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ class Docstrings(Extension):
     """Rewrites docstrings before they are parsed as Google style."""
 
     def on_object(self, *, obj: Object, **_: Any) -> None:
-        """One module, class, function or attribute."""
+        """Rewrite the docstring of one module, class, function or attribute."""
         if obj.docstring is None:
             return
         text = _DOCTEST.sub(lambda match: f"```pycon\n{match[0].rstrip()}\n```\n", obj.docstring.value)
@@ -28,7 +30,7 @@ class Docstrings(Extension):
         obj.docstring.value = _each_apart(text)
 
     def on_class(self, *, cls: Class, **_: Any) -> None:
-        """A class whose members are there: what its section "Attributes:" says of a field becomes the field's own."""
+        """Move the entries of a class's section "Attributes:" to the fields' own docstrings."""
         if cls.docstring is None:
             return
         head, sign, rest = cls.docstring.value.partition("\nAttributes:\n")
@@ -48,7 +50,7 @@ class Docstrings(Extension):
 
 
 def _each_apart(text: str) -> str:
-    """`frame1, frame2: RGB` as two entries, so that each finds its annotation."""
+    """Split `frame1, frame2: RGB` into two entries, so that each gets its annotation."""
     head, sign, rest = text.partition("\nArgs:\n")
     if not sign:
         return text

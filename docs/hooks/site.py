@@ -1,8 +1,8 @@
-"""What mkdocs calls while it builds the site: pages made from the code, formulas as MathML, and two checks.
+"""Hooks that mkdocs calls while it builds the site: generated pages, formulas as MathML, and two checks.
 
-Everything that `src/` already says is generated and never written a second time: a page for each corruption, for each
+Everything that `src/` already documents is generated rather than written twice: a page for each corruption, for each
 command, for rows, summaries and records. The checks are warnings, which `mkdocs build --strict` turns into errors:
-every public Python name is in the reference, and no page loads anything from another machine.
+every public Python name is in the reference, and no page loads anything from a different machine.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ _FROM_ELSEWHERE = re.compile(
 
 
 def on_config(config: Any) -> Any:
-    """Put the generated folders into the navigation."""
-    sys.path[:0] = PATHS  # again: mkdocs takes them away once this file is loaded, and processes inherit the path
+    """Insert the generated folders into the navigation."""
+    # repeated, because mkdocs removes the entries once this file is loaded, and processes inherit the path
+    sys.path[:0] = PATHS
     for section in config.nav:
         for title, children in section.items():
             for part in (corruptions, commands):
@@ -56,7 +57,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Turn formulas into MathML, which browsers draw themselves."""
+    """Convert formulas into MathML, which browsers render natively."""
     return _FORMULA.sub(_formula, content)
 
 
@@ -68,7 +69,7 @@ def _formula(match: re.Match[str]) -> str:
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:
-    """Warn of what a page would load from another machine."""
+    """Warn about resources that a page would load from a different machine."""
     for match in _FROM_ELSEWHERE.finditer(output):
         if 'rel="canonical"' not in match[0]:
             log.warning("%s loads from another machine: %s", page.file.src_uri, match[0][:120])
@@ -76,20 +77,20 @@ def on_post_page(output: str, page: Any, **_: Any) -> str:
 
 
 def on_post_build(config: Any) -> None:
-    """Warn of public names that the reference lacks."""
+    """Warn about public names that the reference lacks."""
     missing = public_names() - inventory(Path(config.site_dir) / "objects.inv")
     if missing:
         log.warning("not in the reference: %s", ", ".join(sorted(missing)))
 
 
 def public_names() -> set[str]:
-    """Dotted Python names of tests/public_surface.txt, without what every exception inherits."""
+    """Dotted Python names in tests/public_surface.txt, without members inherited by every exception."""
     lines = (ROOT / "tests" / "public_surface.txt").read_text(encoding="utf-8").splitlines()
     names = {line.partition("(")[0] for line in lines if "." in line.partition("(")[0].partition(" ")[0]}
     return {name for name in names if name.rpartition(".")[2] not in dir(Exception)}
 
 
 def inventory(path: Path) -> set[str]:
-    """The names in a Sphinx inventory, which mkdocstrings writes of everything it documents."""
+    """The names in a Sphinx inventory, which mkdocstrings writes for everything that it documents."""
     body = path.read_bytes().split(b"\n", 4)[4]
     return {line.split(" ", 1)[0] for line in zlib.decompress(body).decode().splitlines()}

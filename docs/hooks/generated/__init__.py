@@ -1,1 +1,1 @@
-"""Pages made from the code; each module has `files()`: path in the site -> text or bytes."""
+"""Pages generated from the code; each module has a function `files()` that maps a path in the site to text or bytes."""

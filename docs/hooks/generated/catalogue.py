@@ -1,4 +1,4 @@
-"""What can be named: models with their checkpoints, benchmarks, data sets, recipes; from the registries."""
+"""Pages of available names from the registries: models with their checkpoints, benchmarks, data sets, recipes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .tables import table
 
 
 def files() -> dict[str, str]:
-    """One page."""
+    """Make one page."""
     parts = [
         "---\nhide:\n  - toc\n---",
         "# Catalogue",
@@ -40,7 +40,7 @@ def files() -> dict[str, str]:
 
 
 def _compact(heading: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
-    """A table whose columns are as narrow as their words, so that it fits the page."""
+    """A table with columns as narrow as their words, so that it fits the page."""
     return f'<div class="compact" markdown>\n\n{table(heading, rows)}\n\n</div>'
 
 

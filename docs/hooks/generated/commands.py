@@ -1,4 +1,4 @@
-"""A page for each command: its description, arguments and options, as the command line itself declares them."""
+"""A page for each command with its description, arguments and options, as declared by the command line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COMPLETION = {
 
 
 def files() -> dict[str, str]:
-    """Every page, and the one that lists them."""
+    """All command pages, and the page that lists them."""
     pages = {f"{FOLDER}/{slug(path)}.md": page(path, command) for path, command in commands()}
     return {**pages, f"{FOLDER}/index.md": index()}
 
@@ -31,7 +31,7 @@ def navigation() -> list[Any]:
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """("prepare gopro-fc", the command), groups themselves left out."""
+    """Pairs such as ("prepare gopro-fc", the command), without the groups themselves."""
     yield from _below(typer.main.get_command(app), "")
 
 
@@ -45,12 +45,12 @@ def _below(group: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 
 def slug(path: str) -> str:
-    """ "prepare gopro-fc" -> "prepare-gopro-fc"."""
+    """Convert a command's name to its page name, such as "prepare gopro-fc" to "prepare-gopro-fc"."""
     return path.replace(" ", "-")
 
 
 def index() -> str:
-    """All commands, and the options that come before any of them."""
+    """The page of all commands, with the options that precede any command."""
     root = typer.main.get_command(app)
     lines = ["# Command line", "", "Every command and option, as `robustflow COMMAND --help` prints them.", ""]
     lines += ["| command | what it does |", "|---|---|"]
@@ -66,7 +66,7 @@ def index() -> str:
 
 
 def page(path: str, command: Any) -> str:
-    """One command."""
+    """The page of one command."""
     description, examples = _text(command.help)
     usage = [f"robustflow {path}", "[OPTIONS]"]
     usage += [_metavar(argument) for argument in _arguments(command)]
@@ -133,5 +133,5 @@ def _text(help_text: str | None) -> tuple[str, list[str]]:
 
 
 def _cell(text: str | None) -> str:
-    """Text that fits a cell of a table."""
+    """Escape text so that it fits a table cell."""
     return " ".join((text or "").split()).replace("|", r"\|").replace("<", "&lt;")

@@ -1,4 +1,4 @@
-"""What a corruption's page says in words: its equation, what its parameters are, and what it does to flow."""
+"""Text for a corruption's page: its equation, the meaning of its parameters, and its effect on flow."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 
 class Note(NamedTuple):
-    """A corruption in words.
+    """Text that describes a corruption.
 
     Attributes:
-        equation: LaTeX; x is a frame on [0, 1], x' the corrupted one.
-        where: the symbols of the equation that need words.
-        effect: what it does to flow, and why.
-        parameters: of a severity: symbol or name, and unit.
+        equation: LaTeX formula; x is a frame on [0, 1], x' the corrupted frame.
+        where: definitions of symbols in the equation.
+        effect: effect on optical flow, and its reason.
+        parameters: symbol or name, and unit, of each parameter that depends on the severity.
     """
 
     equation: str

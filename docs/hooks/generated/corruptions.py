@@ -1,4 +1,4 @@
-"""A page for each corruption: equation, severities, pictures that the package makes, and what they do to flow."""
+"""A page for each corruption: equation, severities, generated pictures, and the effect on flow."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ from .tables import table
 
 FOLDER = "corruptions"
 _WIDTH = 494
-"""Pictures are two thirds of the demonstration pair's size."""
+"""Pictures have two thirds of the demonstration pair's size."""
 
 
 def files() -> dict[str, str | bytes]:
-    """Every page with its pictures, those of the families, and the page that lists them; on all processors, which takes
-    half a minute."""
+    """Every page with its pictures, the pages of the families, and the page that lists them; uses all processors for
+    half a minute.
+    """
     out: dict[str, str | bytes] = {f"{FOLDER}/index.md": _index()}
     for clip, name in ((False, "pair"), (True, "clip")):
         frames, flow, radius = _clean(clip)
@@ -49,7 +50,7 @@ def files() -> dict[str, str | bytes]:
 
 
 def _made(name: str) -> tuple[dict[str, str | bytes], Numbers]:
-    """The page of one corruption with its pictures, and what was measured for it."""
+    """The page of one corruption with its pictures and its measured errors."""
     cells = seen(name)
     out: dict[str, str | bytes] = {f"{FOLDER}/{name}.md": page(name, cells)}
     for cell in cells:
@@ -157,7 +158,7 @@ def _measured(name: str, cells: list[Seen]) -> str:
 
 
 def _published(name: str) -> list[str]:
-    """A sentence on the paper's models."""
+    """A sentence about the paper's models."""
     if name not in PAPER_ORDER:
         return []
     benchmark, metric = ("gopro-fc", "rcre") if name in CLIP else ("kitti-fc", "cre")
@@ -172,7 +173,7 @@ def _published(name: str) -> list[str]:
 
 @cache
 def _published_means(benchmark: str, metric: str) -> dict[str, float]:
-    """Corruption -> mean over the paper's out-of-domain models, the worst first."""
+    """Mean over the paper's out-of-domain models by corruption, the worst first."""
     lines = [line for line in published_results() if (line.benchmark, line.setting) == (benchmark, "OOD")]
     measured = [line.numbers(metric) for line in lines]
     means = {
@@ -248,7 +249,7 @@ def _index() -> str:
 
 
 def picture(image: Any) -> bytes:
-    """An RGB uint8 array as a small WebP file."""
+    """Encode an RGB uint8 array as a small WebP file."""
     shown = Image.fromarray(np.ascontiguousarray(image))
     if shown.width > _WIDTH:
         shown = shown.resize((_WIDTH, round(shown.height * _WIDTH / shown.width)), Image.Resampling.LANCZOS)
@@ -259,6 +260,6 @@ def picture(image: Any) -> bytes:
 
 @cache
 def _clean(clip: bool) -> tuple[Any, Any, float]:
-    """Frames, DIS's flow on them, and the radius of flow colours that pictures of one kind share."""
+    """Frames, DIS's flow on them, and the shared radius of flow colours for pictures of one kind."""
     frames, truth, valid, flow = clean_pair(clip)
     return frames, flow, flow_radius(truth, valid)

@@ -1,4 +1,4 @@
-"""What DIS sees of a corruption: on the demonstration pair, or on a short clip made of it for what needs a clip."""
+"""Errors of DIS under a corruption: on the demonstration pair, or on a short clip made from it for clip corruptions."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from robustflow.video.short_clip import ShortClip
 KEY = "motorcycle"
 _FRAMES, _RATE = 64, Fraction(960)
 _PAIR = (16, 48)
-"""Frames of the clip that make the pair: 32 apart, as in GoPro-FC."""
+"""Number of frames between the clip frames that form the pair: 32, as in GoPro-FC."""
 _STEP = (0.25, 0.125)
-"""Pixels that the view moves from frame to frame, right and down."""
+"""Motion of the view from frame to frame, right and down, in pixels."""
 _SIZE = (240, 360)
 _AROUND = {"object_motion_blur": mean_of_windows, "rolling_shutter": rolling_frames}
 
@@ -48,14 +48,14 @@ class Seen:
 
 
 class Numbers(NamedTuple):
-    """DIS's end-point error under one corruption at each severity, and on the clean frames; pixels."""
+    """DIS's end-point error in pixels under one corruption at each severity, and on the clean frames."""
 
     epe: tuple[float, ...]
     epe_clean: float
 
 
 def seen(name: str) -> list[Seen]:
-    """All severities of one corruption."""
+    """Compute all severities of one corruption."""
     clip = name in CLIP
     frames, truth, valid, clean = clean_pair(clip)
     similarity = [Ssim(frame) for frame in frames]
@@ -79,7 +79,7 @@ def seen(name: str) -> list[Seen]:
 
 @cache
 def clean_pair(clip: bool) -> tuple[Any, Any, Any, Any]:
-    """Frames, true flow, where it is known, and DIS's flow."""
+    """Frames, ground-truth flow (if known), and DIS's flow."""
     if clip:
         frames = tuple(_view(number) for number in _PAIR)
         moved = [-(_PAIR[1] - _PAIR[0]) * step for step in _STEP]
@@ -113,7 +113,7 @@ def _photograph() -> Any:
 
 @cache
 def _view(number: int) -> Any:
-    """Frame `number` of the clip: a window that moves over the photograph."""
+    """Frame `number` of the clip, cut from a window that moves over the photograph."""
     right, down = (8 + number * step for step in _STEP)
     move = np.float32([[1, 0, -right], [0, 1, -down]])
     return cv2.warpAffine(_photograph(), move, _SIZE[::-1], flags=cv2.INTER_CUBIC)

@@ -1,4 +1,4 @@
-"""A page for each family of corruptions: what it is, its corruptions side by side, and the paper's models under it."""
+"""A page for each family of corruptions: description, its corruptions side by side, and the paper's models under it."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ ABOUT = {
     "video": "What encoding and transmitting a clip does to it. It needs the whole clip, for an error stays until the "
     "next key frame.",
 }
-"""What the corruptions of a family have in common."""
+"""A property shared by the corruptions of a family."""
 
 
 def files(measured: Mapping[str, Numbers]) -> dict[str, str | bytes]:
-    """The pages, from what DIS's numbers are under each corruption."""
+    """Make the pages from DIS's errors under each corruption."""
     return {path(family): page(family, {name: measured[name] for name in names}) for family, names in FAMILIES.items()}
 
 
 def path(family: str) -> str:
-    """The path of a family's page."""
+    """Path of a family's page."""
     return f"{FOLDER}/{family}/index.md"
 
 
@@ -65,7 +65,7 @@ def page(family: str, measured: Mapping[str, Numbers]) -> str:
 
 
 def _measured(measured: Mapping[str, Numbers]) -> list[str]:
-    """DIS's error at each severity; what was measured on the pair and on the clip are not one mean."""
+    """DIS's error at each severity; measurements on the pair and on the clip are not averaged together."""
     parts = ["## What it does to flow"]
     for clip, where in ((False, "the demonstration pair"), (True, "a clip made of one photograph")):
         chosen = {name: numbers for name, numbers in measured.items() if (name in CLIP) == clip}

@@ -1,4 +1,6 @@
-"""The formats that users read: rows, summary.json, manifest.json, records; fields and types from their declarations."""
+"""The file formats that users read: rows, summary.json, manifest.json, records; fields and types from their
+declarations.
+"""
 
 from __future__ import annotations
 
@@ -57,11 +59,13 @@ _COLUMNS = {
     "n_truth": "Pixels with ground truth, predicted or not.",
     "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
 }
-"""What each column holds; those of a region are the same inside it. A column without an entry fails the build."""
+"""Contents of each column; columns of a region contain the same within it. A column without an entry
+fails the build.
+"""
 
 
 def files() -> dict[str, str]:
-    """The four pages."""
+    """Make the four pages."""
     return {
         "reference/rows.md": _rows(),
         "reference/summary.md": _summary(),
@@ -138,7 +142,7 @@ def _record() -> str:
 
 
 def _model(model: type[BaseModel]) -> list[str]:
-    """A heading, the sentence of the docstring, and the fields: those of a base class too."""
+    """A heading, the first sentence of the docstring, and the fields, including those of a base class."""
     doc = inspect.getdoc(model) or ""
     meanings: dict[str, str] = {}
     for base in reversed(model.__mro__):
@@ -154,7 +158,7 @@ def _model(model: type[BaseModel]) -> list[str]:
 
 
 def _used_by(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    """The models among the types of another's fields, in order, each once."""
+    """The models among the field types of a model, in order, each once."""
     seen: dict[type[BaseModel], None] = {}
     for field in model.model_fields.values():
         for kind in (field.annotation, *typing.get_args(field.annotation)):
@@ -165,7 +169,7 @@ def _used_by(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
 
 
 def attributes(doc: str) -> dict[str, str]:
-    """The section "Attributes:" of a docstring: name -> meaning."""
+    """Meanings by name from the section "Attributes:" of a docstring."""
     section = inspect.cleandoc(doc).partition("Attributes:\n")[2].partition("\n\n")[0]
     out = {}
     for entry in re.split(r"\n    (?=\S)", "\n" + section):
@@ -177,7 +181,7 @@ def attributes(doc: str) -> dict[str, str]:
 
 
 def type_name(kind: Any) -> str:
-    """A type as it is written."""
+    """A type as written in Python."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return type_name(arguments[0])

@@ -1,4 +1,4 @@
-"""The notebooks of docs/notebooks/ as pages: their text, their code, and the outputs that are kept in them."""
+"""The notebooks of docs/notebooks/ as pages: their text, their code, and their stored outputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 
 
 def files() -> dict[str, str | bytes]:
-    """tutorials/NAME.md of each, and the notebook itself beside it."""
+    """The page tutorials/NAME.md of each notebook, and the notebook itself beside it."""
     out: dict[str, str | bytes] = {}
     for path in sorted(NOTEBOOKS.glob("*.ipynb")):
         out[f"tutorials/{path.stem}.md"] = page(path)
@@ -21,7 +21,7 @@ def files() -> dict[str, str | bytes]:
 
 
 def page(path: Path) -> str:
-    """A notebook in Markdown, with a link to it below its heading."""
+    """Convert a notebook to Markdown, with a link to it below its heading."""
     parts = [_cell(cell) for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]]
     heading, _, rest = parts[0].partition("\n")
     return "\n\n".join([heading, f"[The notebook]({path.name}), to run it yourself.", rest.strip(), *parts[1:]]) + "\n"
@@ -41,7 +41,7 @@ def _output(output: dict[str, Any]) -> str:
         return f'<img alt="What the cell above draws" src="data:image/png;base64,{encoded}">'
     if "text/html" in data:
         kept = re.sub(r"<style.*?</style>", "", "".join(data["text/html"]), flags=re.DOTALL)
-        # A keyboard scrolls only what it can reach.
+        # Without this, the keyboard cannot focus and scroll the element.
         reached = 'tabindex="0" role="region" aria-label="Output of the cell above"'
         return f'<div class="output" {reached} markdown="0">' + re.sub(r"\n\s*\n", "\n", kept) + "</div>"
     text = "".join(output.get("text", data.get("text/plain", [])))

@@ -10,7 +10,7 @@ _PAGES = {"CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing", "SECUR
 
 
 def files() -> dict[str, str]:
-    """The pages of these files, with links changed to where the site has their targets."""
+    """The pages of these files, with links changed to the targets' locations on the site."""
     return {f"project/{page}.md": _moved((ROOT / name).read_text(encoding="utf-8")) for name, page in _PAGES.items()}
 
 

@@ -1,4 +1,4 @@
-"""A table in Markdown."""
+"""Markdown tables."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Heading and rows; None is an empty cell, a bar in a text does not end it."""
+    """Format heading and rows; None is an empty cell, and bars in a text are escaped."""
     lines = [_line(heading), "|" + "---|" * len(heading)]
     return "\n".join([*lines, *(_line(row) for row in rows)])
 
