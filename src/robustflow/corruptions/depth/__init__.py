@@ -1,1 +1,1 @@
-"""The paper's weather and optics in three dimensions: corruptions that need the depth of the scene."""
+"""Corruptions of the family "depth": 3D versions of the paper's weather and optics, based on scene depth."""

@@ -1,4 +1,4 @@
-"""The motion of points in the camera's coordinates between two frames."""
+"""Describe the motion of points in camera coordinates between two frames."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ...compiled import njit
 from ...sample import Camera
 
 FRAME_INTERVAL = 0.1
-"""Seconds between the frames of a pair: KITTI's 10 Hz."""
+"""Time between the frames of a pair in seconds, as in KITTI (10 Hz)."""
 
 
 class Motion(NamedTuple):
-    """The camera's motion between two frames: X becomes `rotation @ X + translation`, metres."""
+    """Camera motion between two frames: a point X in metres becomes `rotation @ X + translation`."""
 
     rotation: npt.NDArray[np.float64]
-    """float64 (3, 3)."""
+    """Rotation matrix, float64 (3, 3)."""
     translation: npt.NDArray[np.float64]
-    """float64 (3,)."""
+    """Translation in metres, float64 (3,)."""
 
 
 def motion_of(camera: Camera) -> Motion | None:
-    """The camera's motion, or None where it is unknown.
+    """Return the camera motion, or None if it is unknown.
 
     >>> motion_of(Camera((700.0, 700.0), (320.0, 240.0))) is None
     True
@@ -40,7 +40,7 @@ STILL = Motion(np.eye(3), np.zeros(3))
 
 @njit(cache=True, nogil=True, inline="always")
 def moved(rotation: Any, translation: Any, x: Any, y: Any, z: Any) -> Any:
-    """`rotation @ (x, y, z) + translation`, added in a fixed order."""
+    """Return `rotation @ (x, y, z) + translation`, summed in a fixed order."""
     return (
         rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + translation[0],
         rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + translation[1],

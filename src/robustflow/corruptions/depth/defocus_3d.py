@@ -1,4 +1,4 @@
-"""Defocus in three dimensions: a thin lens that is focused on the near or on the far part of the scene."""
+"""Apply depth-dependent defocus with a thin lens focused on the near or the far part of the scene."""
 
 from __future__ import annotations
 
@@ -15,51 +15,51 @@ from ..base import DepthCorruption
 from ..kernels.layered_disk import blur_layers
 
 _NEAR, _FAR = 0.1, 0.9
-"""Shares of frame 1's pixels that are nearer than the "near" and the "far" depth."""
+"""Fractions of frame 1's pixels that are closer than the "near" and the "far" depth."""
 _EVERY = 16
-"""Stride in pixels for finding these depths."""
+"""Stride in pixels for estimating the "near" and "far" depths."""
 LARGEST = 2.0
-"""No disk is larger than this many times the one at the stated depth."""
+"""Largest disk radius as a multiple of the severity's radius."""
 _FINEST, _STEPS = 1.0, 6
-"""Layers differ in radius by a pixel, or by this part of the largest radius, if that is more."""
+"""Smallest radius step between layers in pixels, and largest number of steps up to the largest radius."""
 
 
 class ThinLens(NamedTuple):
     """A thin lens: a point at depth Z has a disk of radius `infinity * |Z - focus| / Z`.
 
-    That is (f^2 / N) |Z - F| / (Z (F - f)) / pitch / 2 with `infinity` for the factors that do not depend on Z.
+    This is (f^2 / N) |Z - F| / (Z (F - f)) / pitch / 2, where `infinity` combines the factors that do not depend on Z.
     """
 
     focus: float
-    """Metres."""
+    """Focus distance in metres."""
     infinity: float
-    """Radius at infinity, pixels."""
+    """Disk radius at infinity, in pixels."""
     largest: float
-    """Largest radius, pixels."""
+    """Largest disk radius, in pixels."""
 
 
 class DefocusState(NamedTuple):
-    """The lens, and the scene before it."""
+    """State of a pair: the lens and the depth of the scene."""
 
     lens: ThinLens
     depth: tuple[DepthMap, DepthMap]
-    """Of both frames, metres."""
+    """Depth maps of both frames, in metres."""
 
 
 class Defocus3d(DepthCorruption):
-    """Both frames through a thin lens, out of focus by the depth of every pixel.
+    """Blurs both frames like a thin lens, depending on the depth of every pixel.
 
-    Pixels are sorted into layers of nearly equal blur, a pixel apart in radius or a sixth of the largest radius, and
-    each layer is blurred with a flat disk, the nearest over those behind it; see layered_disk.py. The lens is the same
-    for both frames. A scene whose near and far part are at one depth is in focus.
+    Pixels are grouped into layers of nearly equal blur, whose radii differ by one pixel or a sixth of the largest
+    radius. Each layer is blurred with a flat disk and composited over the layers behind it; see layered_disk.py. The
+    lens is the same for both frames. A scene whose near and far depths are equal is in focus.
     """
 
     @abstractmethod
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """The lens that blurs the part out of focus by `radius` pixels."""
+        """Return the lens that blurs the part that is out of focus by `radius` pixels."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
-        """The lens; nothing is random."""
+        """Compute the lens; nothing is random."""
         ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
         near, far = (float(ordered[int(share * (ordered.size - 1))]) for share in (_NEAR, _FAR))
         return DefocusState(self.lens(float(self.parameter(severity)), near, far), depth.maps)
@@ -70,9 +70,9 @@ class Defocus3d(DepthCorruption):
 
 
 def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], list[float]]:
-    """(each pixel's layer, the radius of each layer).
+    """Return (layer index of each pixel, radius of each layer).
 
-    The first layer's radius is that of the nearest pixels, the last one's that of the farthest.
+    The first layer has the radius of the nearest pixels, the last layer that of the farthest pixels.
     """
     signed = np.empty(depth.shape, np.float32)
     low, high = _signed_radii(depth, *map(np.float32, lens), signed)
@@ -87,7 +87,7 @@ def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], lis
 
 @njit(cache=True, nogil=True)
 def _signed_radii(depth: Any, focus: Any, infinity: Any, largest: Any, out: Any) -> Any:
-    """Radii, negative in front of the focus; (the smallest, the largest)."""
+    """Compute the radii, negative in front of the focus; return (smallest, largest)."""
     low, high = largest, -largest
     for y in range(depth.shape[0]):
         source, target = depth[y], out[y]

@@ -1,4 +1,4 @@
-"""Fog that thickens with distance."""
+"""Add fog that becomes denser with distance."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..base import DepthCorruption
 from .transmission import Transmission, transmission, veiled
 
 _CONTRAST = 3.912
-"""-ln(0.02): at the visibility, an object keeps 2 % of its contrast (Koschmieder)."""
+"""-ln(0.02), because at the visibility distance an object has 2 % of its contrast (Koschmieder)."""
 _DARKEST, _BRIGHTEST = 175.0, 230.0
 _TINT = 6.0
-"""Grey levels of the airlight, and how far red and blue may be from its green, in opposite directions."""
+"""Range of the airlight in grey levels, and largest deviation of red and blue from green, in opposite directions."""
 
 
 class Fog3d(DepthCorruption):
-    """Fog of a uniform density: Koschmieder's law by the depth of every pixel, in both frames.
+    """Adds fog of uniform density to both frames, by Koschmieder's law and the depth of every pixel.
 
-    A severity is the meteorological visibility V in metres. With Z the depth in metres, t = exp(-3.912 Z / V) and
-    out = t x + (1 - t) A. The airlight A is drawn once for the pair: a green of 175 to 230 grey levels, with red and
-    blue up to 6 levels from it in opposite directions, so that it is a near-grey between warm and cold.
-    In a room of a few metres this fog is invisible, as fog is.
+    A severity is the meteorological visibility V in metres. With Z the depth in metres, t = exp(-3.912 Z / V) and out =
+    t x + (1 - t) A. The airlight A is drawn once for the pair: its green channel is 175 to 230 grey levels, and red and
+    blue deviate by up to 6 levels in opposite directions, so that A is nearly grey, between warm and cold. In a room a
+    few metres deep this fog is invisible, like real fog.
     """
 
     name = "fog_3d"
@@ -35,13 +35,13 @@ class Fog3d(DepthCorruption):
     def draw_scene(
         self, rng: Rng, severity: int, depth: SceneDepth
     ) -> tuple[npt.NDArray[np.float32], tuple[Transmission, Transmission]]:
-        """(the airlight, the transmission of both frames)."""
+        """Draw the airlight; the state is (airlight, transmission of both frames)."""
         green, tint = rng.uniform(_DARKEST, _BRIGHTEST), rng.uniform(-_TINT, _TINT)
         density = _CONTRAST / self.parameter(severity)
         first, second = (transmission(one, density) for one in depth.maps)
         return np.array([green - tint, green, green + tint], np.float32), (first, second)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Put the fog over one frame."""
+        """Add the fog to one frame."""
         airlight, transmissions = state
         return veiled(frame, transmissions[index], airlight)

@@ -1,4 +1,4 @@
-"""Motion blur in three dimensions: the frame averaged over views along the path of the camera."""
+"""Apply depth-dependent motion blur: average views of the frame along the camera path."""
 
 from __future__ import annotations
 
@@ -14,48 +14,49 @@ from ..base import DepthCorruption
 from .camera_path import Motion, motion_of
 
 _DRAWN = 0.03
-"""How far a drawn motion moves the median depth between two frames, in widths of the image."""
+"""Displacement of a point at the median depth between two frames for a drawn motion, as a fraction of the image width.
+"""
 _EVERY = 16
-"""Every so many pixels are looked at for the median."""
+"""Stride in pixels for estimating the median depth."""
 _MOST = 40
-"""Views at most; they are more than a pixel apart where the path is longer."""
+"""Largest number of views; on longer paths they are more than one pixel apart."""
 _FEW, _EIGHTHS = 6, 8
-"""Up to so many views, a path is short enough to look colours up between pixels, to an eighth of one."""
+"""Largest number of views for which colours are interpolated between pixels, in steps of 1/8 px."""
 _BITS = 16
 _ROUND = 1 << (_BITS - 4)
 _FARTHEST = 2.0**14
-"""Binary places of a position in pixels, and the longest way."""
+"""Fractional bits of a position in pixels, and the largest displacement."""
 _TILE = 16
-"""Which surface is nearest is known for squares of this size."""
+"""Side of the tiles, in pixels, for which the nearest surface is stored."""
 _SAME = np.float32(0.9)
-"""Two inverse depths belong to one surface if the smaller is at least this share of the larger."""
+"""Two inverse depths belong to the same surface if their ratio (smaller to larger) is at least this value."""
 
 
 class MotionBlurState(NamedTuple):
-    """The path, and the scene that is seen from it."""
+    """State of a pair: the camera path and the depth of the scene."""
 
     path: Motion
-    """Of the camera during an exposure, as a point's step: X becomes `rotation @ X + translation`."""
+    """Camera motion between the frames, as the motion of a point: X becomes `rotation @ X + translation`."""
     share: float
-    """The exposure as a share of the time in which that happens."""
+    """Exposure time as a fraction of the time between the frames."""
     camera: Camera
     depth: tuple[DepthMap, DepthMap]
-    """Of both frames, metres."""
+    """Depth maps of both frames, in metres."""
 
 
 class MotionBlur3d(DepthCorruption):
-    """Both frames as the mean of what the camera sees on its way, near surfaces smeared farther than far ones.
+    """Averages the views along the camera path in both frames, so near surfaces are blurred more than far ones.
 
-    A severity is the share of the time between the frames in which the shutter is open: half of it is the usual shutter
-    of film. The camera moves as between the frames, in frame 2 as in frame 1; a point moves straight and evenly in its
-    coordinates, and the time of the frame is the middle, so that content does not shift. Things that move themselves
-    are blurred as if they stood. A camera of unknown motion makes one that is drawn for the pair: without rotation, in
-    a direction uniform in space, so far that a point at the median depth of frame 1 moves by 3 % of the width.
+    A severity is the exposure time as a fraction of the time between the frames; 0.5 is usual for film. In both frames
+    the camera moves as between the frames; points move straight and at constant speed in camera coordinates, and the
+    exposure is centred on the frame's time, so that content does not shift. Moving objects are blurred as if they were
+    static. If the camera motion is unknown, it is drawn for the pair: a translation without rotation, in a direction
+    uniform in space, which moves a point at the median depth of frame 1 by 3 % of the image width.
 
-    There is a view for every pixel of a path and one more, at most 40. In each, a pixel shows the nearest surface that
-    moves over it, or its own, looked up in the frame (between its pixels where the path is short). Background that the
-    frame does not show is the mean of the views that are known of it, or what is behind the edge that uncovers it.
-    Borders repeat the edge pixel.
+    The number of views is the path length in pixels plus one, at most 40. In each view, a pixel shows the nearest
+    surface that moves over it, or its own surface, looked up in the frame (interpolated if the path is short).
+    Background that is hidden in the frame is replaced by the mean of the known views of the pixel, or by the background
+    beside the edge that uncovers it. Borders repeat the edge pixel.
     """
 
     name = "motion_blur_3d"
@@ -63,7 +64,7 @@ class MotionBlur3d(DepthCorruption):
     paper_severities = (0.1, 0.25, 0.5, 0.75, 1.0)
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> MotionBlurState:
-        """The camera's path: known, or drawn."""
+        """Return the state with the known or drawn camera path."""
         path = motion_of(depth.camera) or _drawn(rng, depth)
         return MotionBlurState(path, float(self.parameter(severity)), depth.camera, depth.maps)
 
@@ -82,7 +83,7 @@ class MotionBlur3d(DepthCorruption):
 
 
 def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
-    """A translation."""
+    """Draw a translation."""
     while True:
         x, y, z = (rng.uniform(-1.0, 1.0) for _ in range(3))
         squared = x * x + y * y + z * z
@@ -90,7 +91,8 @@ def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
             break
     ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
     width = depth.maps[0].shape[1]
-    # sideways a point moves by f t / Z, forward one at a quarter of the width from the middle by W / 4 t / Z
+    # a sideways motion moves a point by f t / Z, a forward motion one at a quarter of the width from the centre by W /
+    # 4 t / Z
     scale = float(ordered[ordered.size // 2]) * _DRAWN * width / float(np.sqrt(squared))
     along, down = depth.camera.focal
     return Motion(np.eye(3), np.array([scale * x / along, scale * y / down, scale * z * 4.0 / width]))
@@ -98,7 +100,7 @@ def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
 
 @njit(cache=True, nogil=True)
 def _pack(frame: Any, out: Any) -> None:
-    """Three channels in one word, with room for the sum of 4096 of each."""
+    """Pack three channels into one word, with room for sums of 4096 values per channel."""
     pixels = frame.reshape(-1)
     for i in range(out.size):
         red, green, blue = np.uint64(pixels[3 * i]), np.uint64(pixels[3 * i + 1]), np.uint64(pixels[3 * i + 2])
@@ -107,9 +109,9 @@ def _pack(frame: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) -> Any:
-    """(u, v) in pixels: after a part t of the path, (x, y) shows what the frame has at (x - t u, y - t v).
+    """Return (u, v) in pixels: after a fraction t of the path, (x, y) shows the frame's content at (x - t u, y - t v).
 
-    That is exact for a surface of this inverse depth on a path without rotation.
+    This is exact for a surface of this inverse depth on a path without rotation.
     """
     px, py = (x - lens[2]) / lens[0], (y - lens[3]) / lens[1]
     a = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] + translation[0] * inverse
@@ -120,7 +122,7 @@ def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) 
 
 @njit(cache=True, nogil=True)
 def _edge(inverse: Any, y0: int, x0: int) -> Any:
-    """The largest inverse depth in a tile of a pixel beside one that is farther by more than a surface's slope."""
+    """Return the largest inverse depth in a tile among edge pixels, i.e. pixels beside a farther surface."""
     height, width = inverse.shape
     largest = np.float32(0)
     for y in range(y0, min(y0 + _TILE, height)):
@@ -134,14 +136,16 @@ def _edge(inverse: Any, y0: int, x0: int) -> Any:
 
 @njit(cache=True, nogil=True)
 def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: float, near: Any) -> None:
-    """The largest inverse depth of an edge that comes into each tile during the exposure, 0 if none does."""
+    """Compute, for each tile, the largest inverse depth of an edge that enters it during the exposure, 0 if there is
+    none.
+    """
     height, width = inverse.shape
     for j in range(near.shape[0]):
         for i in range(near.shape[1]):
             largest, across, down = _edge(inverse, j * _TILE, i * _TILE), 0.0, 0.0
             if largest == 0:
                 continue
-            for y in (j * _TILE, min((j + 1) * _TILE, height)):  # the motion is greatest in a corner
+            for y in (j * _TILE, min((j + 1) * _TILE, height)):  # the motion is largest in a corner
                 for x in (i * _TILE, min((i + 1) * _TILE, width)):
                     u, v = _step(lens, turn, translation, float(x), float(y), float(largest))
                     across, down = max(across, abs(u)), max(down, abs(v))
@@ -157,9 +161,9 @@ def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: fl
 def _row_of_paths(
     inverse: Any, px: Any, py: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
-    """The path of each pixel of a row: (across, down) for a view in fixed point, and the number of views.
+    """Compute the path of each pixel in a row: fixed-point (x, y) displacement per view, and the number of views.
 
-    `px` and `py` are the rays of the columns and of the row.
+    `px` and `py` are the ray coordinates of the columns and of the row.
     """
     f = np.float32
     a0, a1, a2 = f(turn[0, 1] * py + turn[0, 2]), f(turn[0, 0]), f(translation[0])
@@ -180,13 +184,13 @@ def _row_of_paths(
 
 @njit(cache=True, nogil=True, inline="always")
 def _place(x: Any, y: Any, width: int, height: int) -> Any:
-    """The index of a pixel from fixed-point coordinates, moved to the border if it is outside."""
+    """Return the index of a pixel from fixed-point coordinates, clamped to the border."""
     return min(max(y >> _BITS, 0), height - 1) * width + min(max(x >> _BITS, 0), width - 1)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _fixed(value: Any) -> Any:
-    """A distance in pixels, in fixed point."""
+    """Convert a distance in pixels to fixed point."""
     return np.int64(np.rint(min(max(value, -_FARTHEST), _FARTHEST) * (1 << _BITS)))
 
 
@@ -194,10 +198,10 @@ def _fixed(value: Any) -> Any:
 def _shown(
     packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest: Any
 ) -> Any:
-    """(sum, number) of the views of a pixel in which a nearer surface is over it, and of those that show the same
-    surface.
+    """Return (sum, number) of the views of a pixel in which a nearer surface covers it, and of the views that show its
+    own surface.
 
-    `path` and `near` are the fixed-point ways, per view, of the pixel's surface and of the nearest one.
+    `path` and `near` are the fixed-point displacements per view of the pixel's surface and of the nearest surface.
     """
     own = depths[y * width + x]
     limit = own / _SAME
@@ -206,10 +210,10 @@ def _shown(
     half = np.int64(1 << (_BITS - 1))
     cx, cy = (np.int64(x) << _BITS) + half, (np.int64(y) << _BITS) + half
     for k in range(count):
-        part = count - 1 - 2 * k  # in halves of a view, from the last to the first
+        part = count - 1 - 2 * k  # in steps of half a view, from the last to the first
         at = _place(cx - ((part * near[0]) >> 1), cy - ((part * near[1]) >> 1), width, height)
         found = depths[at]
-        if limit < found < _SAME * nearest:  # a surface between the two: look where that comes from
+        if limit < found < _SAME * nearest:  # a surface between the two: look up its origin
             more = (found - own) / (nearest - own)
             sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
             sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)
@@ -223,14 +227,14 @@ def _shown(
         if depths[at] <= limit:
             back += packed[at]
             backs += 1
-    if backs == 0:  # what the frame shows there is all that is known of it
+    if backs == 0:  # only the frame's own content is known here
         return front, fronts, packed[y * width + x], 1
     return front, fronts, back, backs
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any) -> Any:
-    """One channel of the mean: all views in which nothing is in front show the mean of those that are known."""
+    """Compute one channel of the mean; unobstructed views without known content use the mean of the known views."""
     mask = np.uint64((1 << 20) - 1)
     first, second = np.int64((front >> place) & mask), np.int64((back >> place) & mask)
     return np.uint8((first * backs + second * (count - fronts) + (count * backs) // 2) // (count * backs))
@@ -238,7 +242,7 @@ def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any
 
 @njit(cache=True, nogil=True, inline="always")
 def _between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
-    """Sixty-four times the colour at a place between four pixels, to an eighth of a pixel."""
+    """Interpolate the colour between four pixels in steps of 1/8 px; return 64 times the colour."""
     x, y = (x + _ROUND) >> (_BITS - 3), (y + _ROUND) >> (_BITS - 3)
     right, down = np.uint64(1), np.uint64(width)
     if not (0 <= x < _EIGHTHS * (width - 1) and 0 <= y < _EIGHTHS * (height - 1)):
@@ -255,7 +259,9 @@ def _between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def _divide(total: Any, count: Any, parts: Any, out: Any, at: Any) -> None:
-    """Three channels of a sum of `count` bytes, rounded; `parts` are the reciprocals in 32 binary places."""
+    """Divide the three channels of a sum of `count` bytes, with rounding; `parts` are reciprocals with 32 fractional
+    bits.
+    """
     mask, half, factor = np.uint64((1 << 20) - 1), np.uint64(count // 2), parts[count]
     out[at] = np.uint8((((total & mask) + half) * factor) >> np.uint64(32))
     out[at + 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half) * factor) >> np.uint64(32))
@@ -270,7 +276,7 @@ def _average(
     packed, depths, bytes_ = np.empty(height * width, np.uint64), inverse.reshape(-1), out.reshape(-1)
     _pack(frame, packed)
     half = np.int64(1 << (_BITS - 1))
-    parts = np.empty(_EIGHTHS * _EIGHTHS * _FEW + 1, np.uint64)  # as many bytes are divided exactly by these
+    parts = np.empty(_EIGHTHS * _EIGHTHS * _FEW + 1, np.uint64)  # sums of this many bytes are divided exactly
     for k in range(1, parts.size):
         parts[k] = np.uint64((2**32 + k - 1) // k)
     paths, rays = np.empty((3, width), np.int32), np.empty(width, np.float32)

@@ -1,4 +1,4 @@
-"""Focus on the near part of the scene."""
+"""Apply defocus with the focus on the near part of the scene."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from .defocus_3d import LARGEST, Defocus3d, ThinLens
 
 
 class NearFocus(Defocus3d):
-    """Focuses both frames on the near part of the scene with a thin lens: the background is blurred.
+    """Focuses both frames on the near part of the scene with a thin lens, so the background is blurred.
 
-    The focus is at the depth that a tenth of frame 1's pixels are nearer than. A severity is the radius in pixels of
-    the disk of a point at the depth that a tenth are farther than; at other depths Z the radius goes with |Z - F| / Z,
-    up to twice that. The radii are those of defocus_blur.
+    The focus F is at the 10th percentile of the depths in frame 1. A severity is the disk radius in pixels for a point
+    at the 90th percentile; at other depths Z the radius is proportional to |Z - F| / Z, up to twice the severity's
+    radius. The radii are those of defocus_blur.
     """
 
     name = "near_focus"
@@ -18,5 +18,5 @@ class NearFocus(Defocus3d):
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Focused on `near`; blurs `far` by `radius`."""
+        """Return a lens focused on `near` that blurs `far` by `radius` pixels."""
         return ThinLens(near, radius * far / (far - near) if far > near else 0.0, LARGEST * radius)

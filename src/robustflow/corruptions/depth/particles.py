@@ -1,9 +1,9 @@
-"""Rain and snow as particles in the world: where they are in both frames, and the streaks they leave.
+"""Simulate rain and snow as particles in the world: their positions in both frames, and their streaks.
 
-The particles are a Poisson process in space, drawn once for the pair in the part of the world that either frame sees.
-They have one speed for the pair, so that they are in frame 2 where the wind and gravity carried them in
-`FRAME_INTERVAL` seconds; the motion of the camera then adds the parallax. A camera with unknown motion is at rest.
-"Down" is the y axis of frame 1.
+The particles are a Poisson process in space, drawn once per pair in the part of the world visible in either frame.
+Their velocities are constant, so frame 2 shows them where wind and gravity carried them in `FRAME_INTERVAL` seconds;
+the camera motion adds the parallax. A camera with unknown motion is assumed to be at rest. "Down" is the y axis of
+frame 1.
 """
 
 from __future__ import annotations
@@ -21,84 +21,89 @@ from ...sample import Camera
 from .camera_path import FRAME_INTERVAL, STILL, Motion, motion_of, moved
 
 Points = npt.NDArray[np.float64]
-"""float64 (n, 3), metres or metres a second."""
+"""Positions in metres or velocities in metres per second, float64 (n, 3)."""
 
 EXPOSURE = 0.002
-"""Seconds that the shutter is open: the longest of KITTI's cameras."""
+"""Exposure time in seconds; the longest exposure of KITTI's cameras."""
 NEAREST = 0.3
-"""Metres: nothing is drawn nearer to the camera than this."""
+"""Smallest distance in metres between the camera and a particle."""
 _LENS_DIAMETER, _FOCUS = 0.002, 10.0
-"""The camera's aperture and focus distance, metres, on which only the blur of near particles depends."""
+"""The camera's aperture and focus distance in metres, which only affect the blur of near particles."""
 _PIXEL = 1.0
-"""Radius in pixels to which lens and pixel spread a point in focus."""
+"""Radius in pixels of the spread of a point in focus, caused by the lens and the pixel."""
 _SMALLEST = 6e-4
-"""Diameter in widths of the image below which a particle is part of the veil; 0.75 px of 1242."""
+"""Diameter as a fraction of the image width below which a particle is part of the veil; 0.75 px at a width of 1242 px.
+"""
 _MARGIN = 0.05
-"""How far beyond the border particles are drawn, as a share of the image's longer side: their streaks may reach in."""
+"""Margin around the image in which particles are drawn, as a fraction of the longer side, since streaks may enter the
+image.
+"""
 _MOST = 1_000_000
 
 
 class Sizes(NamedTuple):
-    """An exponential distribution of diameters: `density * exp(-slope * D)` particles a cubic metre and millimetre."""
+    """An exponential size distribution: `density * exp(-slope * D)` particles per cubic metre and millimetre."""
 
     density: float
-    """1 / (m^3 mm)."""
+    """Density in 1 / (m^3 mm)."""
     slope: float
-    """1 / mm."""
+    """Slope in 1 / mm."""
     largest: float
-    """mm: larger ones do not exist."""
+    """Largest diameter in mm."""
 
 
 class Fall(NamedTuple):
-    """How particles move."""
+    """Parameters of the particles' motion."""
 
     slowest: float
-    """m/s: the terminal speed is `slowest + spread * u + root * sqrt(D)`, u uniform in [0, 1) and D in mm."""
+    """Lowest speed in m/s; the terminal speed is `slowest + spread * u + root * sqrt(D)`, u uniform in [0, 1), D in mm.
+    """
     spread: float
-    """m/s."""
+    """Range of the random part of the speed, in m/s."""
     root: float
-    """m/s for a diameter of 1 mm."""
+    """Diameter-dependent part of the speed for 1 mm, in m/s."""
     wind: float
-    """m/s: the largest speed of the wind, which is horizontal and the same for all."""
+    """Largest speed of the wind in m/s; the wind is horizontal and the same for all particles."""
     flutter: float
-    """m/s: what a particle's own velocity differs from that at most, along each axis."""
+    """Largest individual deviation of a particle's velocity along each axis, in m/s."""
 
 
 class Particles(NamedTuple):
-    """Particles in the coordinates of each frame's camera."""
+    """Particles in the camera coordinates of each frame."""
 
     positions: tuple[Points, Points]
-    """Positions at the time of the frame, metres."""
+    """Positions at the time of the frame, in metres."""
     velocities: tuple[Points, Points]
-    """Relative to the world, m/s."""
+    """Velocities relative to the world, in m/s."""
     diameters: npt.NDArray[np.float64]
-    """float64 (n,), metres."""
+    """Diameters in metres, float64 (n,)."""
     lenses: npt.NDArray[np.float64]
-    """float64 (2, 4): fx, fy, cx, cy of each frame."""
+    """Intrinsics fx, fy, cx, cy of each frame, float64 (2, 4)."""
     motion: Motion
-    """Motion of the camera from frame 1 to frame 2."""
+    """Camera motion from frame 1 to frame 2."""
 
 
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
-    """The particles of a pair; particle i reads a key that is a hash of i.
+    """Draw the particles of a pair; the key of particle i is a hash of i.
 
-    Only those are drawn whose diameter in the image is at least 0.06 % of its width.
+    Only particles whose diameter in the image is at least 0.06 % of the image width are drawn.
 
     Raises:
-        UsageError: there are too many, as the focal length is too long for the size of the frames.
+        UsageError: there are too many particles, because the focal length is too long for the frame size.
     """
     height, width = shape
     margin = _MARGIN * max(shape)
     reach = camera.focal[0] * 1e-3 / (_SMALLEST * width)
     lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
     spread = (width + 2 * margin) * (height + 2 * margin) / (lenses[:, 0] * lenses[:, 1])
-    # a particle is drawn up to the distance reach * D, so the integral over space and sizes is one of D^3 exp(-slope D)
+    # a particle is drawn up to the distance reach * D, so the integral over space and sizes is that of D^3 exp(-slope
+    # D)
     squared = sizes.slope * sizes.slope
     counts = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
     if not counts.max() < _MOST:
         raise UsageError(
             f"the camera would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px does not "
-            f"go with a frame of {width} px; check the intrinsics"
+            f"fit a frame of {width} px; check the intrinsics"
         )
     motion = motion_of(camera) or STILL
     wind = _wind(rng.spawn("wind"), fall.wind)
@@ -112,10 +117,10 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
 
 
 def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
-    """(extinction coefficient in 1/m, distance in metres it begins at) of the particles too small to be drawn.
+    """Return (extinction coefficient in 1/m, start distance in metres) of the particles that are too small to draw.
 
-    The coefficient is twice the cross-section of all particles in a volume, as they are much larger than a wavelength;
-    it begins where a particle of the mean cross-section's size, 3 / slope, becomes too small.
+    The coefficient is twice the total cross-section per volume, since particles are much larger than the wavelength.
+    The start distance is where a particle of the mean cross-section's size, 3 / slope, becomes too small.
 
     >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
     >>> [round(value, 4) for value in veil_of(rain, 1242, Camera((721.0, 721.0), (609.0, 172.0)))]
@@ -127,10 +132,10 @@ def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
 
 
 def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
-    """What each particle in front of the camera leaves in frame `index`: float64 (n, 7).
+    """Compute the streak of each particle in front of the camera in frame `index`: float64 (n, 7).
 
-    (x, y) at the beginning and at the end of the exposure in pixels, depth in metres, the particle's radius, and the
-    radius in pixels to which lens and pixel spread a point of it.
+    The columns are (x, y) at the start and at the end of the exposure in pixels, depth in metres, the particle's radius
+    in pixels, and the radius in pixels of the spread caused by lens and pixel.
     """
     lens = particles.lenses[index]
     out = np.empty((len(particles.diameters), 7))
@@ -141,7 +146,7 @@ def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
 
 
 def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
-    """(x, z) of the wind in m/s: uniform in a disk."""
+    """Draw the wind (x, z) in m/s, uniform in a disk."""
     while True:
         x, z = rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
         if x * x + z * z <= 1:
@@ -150,13 +155,13 @@ def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def _uniform(key: Any, place: int) -> Any:
-    """A multiple of 2**-53 in (0, 1]."""
+    """Return a uniform multiple of 2**-53 in (0, 1]."""
     return (np.float64(hash64(key, np.uint64(place)) >> np.uint64(11)) + 1.0) * 2.0**-53
 
 
 @njit(cache=True, nogil=True)
 def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
-    """Whether particles are drawn in this place from the view of one camera."""
+    """Whether a position lies in the region where particles are drawn for one camera."""
     if z < NEAREST or z > box[4] * diameter:
         return False
     column, row = lens[0] * x / z + lens[2] - box[0], lens[1] * y / z + lens[3] - box[1]
@@ -167,11 +172,12 @@ def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
 def _draw(
     keys: Any, numbers: Any, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
-    """Fill rows of (position, velocity) in frame 1, the same in frame 2, diameter; return their number.
+    """Fill rows with position and velocity in frame 1, position and velocity in frame 2, and diameter; return their
+    number.
 
-    What frame 1 sees is drawn first, then what frame 2 sees and frame 1 does not. A diameter is seen up to a distance
-    in proportion to it: diameters are therefore the sum of four exponential numbers, and the distance is the largest
-    of three uniform ones.
+    Particles visible in frame 1 are drawn first, then those visible only in frame 2. A particle is visible up to a
+    distance proportional to its diameter, so diameters are the sum of four exponential variates, and the distance is
+    the largest of three uniform variates.
     """
     kept = 0
     still = np.zeros(3)
@@ -211,8 +217,9 @@ def _draw(
 def _project(
     positions: Any, velocities: Any, diameters: Any, lens: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
-    """Both ends of the path during the exposure, which is centred on the frame's time; the camera moves on in it as
-    between the frames."""
+    """Return both ends of the path during the exposure, which is centred on the frame's time; during the exposure the
+    camera moves as between the frames.
+    """
     kept = 0
     part = 0.5 * EXPOSURE / FRAME_INTERVAL
     for i in range(diameters.size):

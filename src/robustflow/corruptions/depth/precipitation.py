@@ -1,4 +1,4 @@
-"""The base of rain and snow: particles and a veil over both frames."""
+"""Define the base class of rain and snow: particles and a veil in both frames."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .transmission import transmission, veiled
 
 
 class PrecipitationState(NamedTuple):
-    """The particles of a pair, and the scene among them."""
+    """State of a pair: the particles and the depth of the scene."""
 
     particles: Particles
     depth: tuple[DepthMap, DepthMap]
-    """Of both frames, metres."""
+    """Depth maps of both frames, in metres."""
     veil: tuple[float, float]
-    """(extinction coefficient in 1/m, distance in metres from which it acts)."""
+    """Veil of small particles: (extinction coefficient in 1/m, start distance in metres)."""
 
 
 class Precipitation(DepthCorruption):
-    """Particles of one colour that hide what is behind them for the share of the exposure they are in front of it.
+    """Particles of a single colour that hide the background for a fraction of the exposure.
 
-    A particle that covers a pixel for a share a of the exposure changes it to (1 - a) x + a * colour: a is 2 r / L for
-    a particle of diameter 2 r which leaves a streak of length L, the time it takes to pass. A particle is drawn as a
-    disk with a soft rim, as wide as lens and pixel spread a point at its depth; its sum over all pixels is that of the
-    sharp disk, however small that is. Pixels whose scene is nearer than the particle are not changed.
+    A particle that covers a pixel for a fraction a of the exposure changes it to (1 - a) x + a * colour; a is 2 r / L
+    for a particle of diameter 2 r that leaves a streak of length L. A particle is drawn as a disk with a soft rim,
+    whose width is the spread of a point at its depth by lens and pixel; its sum over all pixels equals that of the
+    sharp disk, however small. Pixels whose depth is less than that of the particle are unchanged.
     """
 
     colour: ClassVar[tuple[float, float, float]]
@@ -39,10 +39,10 @@ class Precipitation(DepthCorruption):
 
     @abstractmethod
     def sizes(self, rate: float) -> Sizes:
-        """The sizes of the particles at a rate in mm of water an hour."""
+        """Return the particle size distribution for a rate in mm of water per hour."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> PrecipitationState:
-        """The particles."""
+        """Draw the particles."""
         sizes, shape = self.sizes(self.parameter(severity)), depth.maps[0].shape
         particles = draw_particles(rng, sizes, self.fall, shape, depth.camera)
         return PrecipitationState(particles, depth.maps, veil_of(sizes, shape[1], depth.camera))
@@ -58,11 +58,11 @@ class Precipitation(DepthCorruption):
 
 @njit(cache=True, nogil=True)
 def _cover(streaks: Any, depth: Any, passed: Any) -> None:
-    """Multiply `passed` by what each streak lets through, pixel by pixel.
+    """Multiply `passed` by the fraction of light that each streak transmits at each pixel.
 
-    In coordinates along and across the streak, the disk covers a point while its centre is on a piece of the path. Its
-    profile is the difference of two paraboloids, of radius r + s and r - s, whose integrals along the path are
-    polynomials.
+    In coordinates along and across the streak, the disk covers a point while its centre is on a segment of the path.
+    The disk's profile is the difference of two paraboloids with radii r + s and r - s, whose integrals along the path
+    are polynomials.
     """
     height, width = depth.shape
     for i in range(len(streaks)):
@@ -97,7 +97,7 @@ def _cover(streaks: Any, depth: Any, passed: Any) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _passing(square: Any, along: Any, length: Any) -> Any:
-    """The integral of max(square - (along - s)^2, 0) over s in [0, length]."""
+    """Return the integral of max(square - (along - s)^2, 0) over s in [0, length]."""
     if square <= 0.0:
         return 0.0
     half = np.sqrt(square)

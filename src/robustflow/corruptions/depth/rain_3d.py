@@ -1,4 +1,4 @@
-"""Rain in three dimensions."""
+"""Add rain as particles in the 3D scene."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from .precipitation import Precipitation
 
 
 class Rain3d(Precipitation):
-    """Rain drops in the world, the same in both frames, moved by gravity and wind and hidden behind the scene.
+    """Adds raindrops that are consistent in both frames, moved by gravity and wind, and occluded by the scene.
 
-    A severity is the rain rate R in mm/h. Drops have the diameters of Marshall and Palmer (1948), N(D) = 8000
-    exp(-4.1 R^-0.21 D) a cubic metre and millimetre, up to 6 mm, and fall at 200 sqrt(a) m/s, a the radius in metres
-    (Garg and Nayar, Vision and Rain, 2007): 4.5 m/s at 1 mm, 8.9 at 4 mm. The wind is drawn for the pair, at most
-    4 m/s. The shutter is open for 2 ms, the frames are 0.1 s apart.
+    A severity is the rain rate R in mm/h. Drops have the diameters of Marshall and Palmer (1948), N(D) = 8000 exp(-4.1
+    R^-0.21 D) per cubic metre and millimetre, up to 6 mm, and fall at 200 sqrt(a) m/s, a the radius in metres (Garg and
+    Nayar, Vision and Rain, 2007): 4.5 m/s at 1 mm, 8.9 at 4 mm. The wind is drawn once per pair, at most 4 m/s. The
+    exposure time is 2 ms, and the frames are 0.1 s apart.
 
-    A drop refracts light from most of the hemisphere before it, so that it is about as bright as the sky whatever is
-    behind it (Garg and Nayar); here it has one colour, a light grey. It brightens a pixel by the share of the exposure
-    it covers it. Drops smaller than 0.06 % of the image's width (0.75 px of 1242) are a veil of the same colour over
-    what is far, as they are in Halder et al., Physics-Based Rendering for Improving Robustness to Rain, 2019.
+    A drop refracts light from most of the hemisphere in front of it, so it is about as bright as the sky for every
+    background (Garg and Nayar); here all drops are light grey. A drop's weight at a pixel is the fraction of the
+    exposure during which it covers the pixel. Drops smaller than 0.06 % of the image width (0.75 px at 1242 px) form a
+    veil of the same colour over distant parts of the scene, as in Halder et al., Physics-Based Rendering for Improving
+    Robustness to Rain, 2019.
     """
 
     name = "rain_3d"
@@ -28,10 +29,10 @@ class Rain3d(Precipitation):
     fall = Fall(slowest=0.0, spread=0.0, root=4.47213595499958, wind=4.0, flutter=0.1)
 
     def sizes(self, rate: float) -> Sizes:
-        """Drops of Marshall and Palmer.
+        """Return the drop size distribution of Marshall and Palmer.
 
         >>> Rain3d().sizes(100.0)
         Sizes(density=8000.0, slope=1.558777, largest=6.0)
         """
-        # rounded, as the last bit of a power differs between machines
+        # rounded, because the last bit of a power differs between machines
         return Sizes(8000.0, round(4.1 * rate**-0.21, 6), 6.0)

@@ -1,4 +1,4 @@
-"""How much light arrives through a medium that scatters it."""
+"""Compute the light transmitted through a scattering medium."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ...images.contiguous import contiguous
 from ...sample import DepthMap, Frame
 
 Transmission = npt.NDArray[np.float32]
-"""float32 (H, W) in (0, 1]: the share of an object's light that arrives."""
+"""Transmitted fraction of an object's light, float32 (H, W) in (0, 1]."""
 
 _STEPS, _THICKEST = 256, 16
-"""Steps of the table for each unit of optical thickness, and the thickness beyond which nothing is left to see."""
+"""Table steps per unit of optical thickness, and the thickness beyond which nothing is visible."""
 
 
 def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmission:
-    """exp(-density * max(depth - start, 0)), within 1e-5.
+    """Return exp(-density * max(depth - start, 0)), accurate to 1e-5.
 
     Args:
-        depth: metres.
-        density: extinction coefficient, 1/m.
-        start: metres in front of the camera that are clear.
+        depth: depth map, float32 (H, W), in metres.
+        density: extinction coefficient in 1/m.
+        start: distance in metres from the camera at which the medium starts.
 
     >>> transmission(np.array([[1.0, 3.0]], np.float32), 0.5, 1.0).round(4).tolist()
     [[1.0, 0.367...]]
@@ -36,7 +36,7 @@ def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmi
 
 
 def veiled(frame: Frame, passed: Transmission, colour: npt.NDArray[np.float32]) -> Frame:
-    """`passed` of the frame and the rest of `colour`, rounded once.
+    """Blend the frame, weighted by `passed`, with `colour`, and round once.
 
     >>> frame, passed = np.full((1, 1, 3), 100, np.uint8), np.full((1, 1), 0.75, np.float32)
     >>> veiled(frame, passed, np.float32([200, 180, 100])).tolist()
@@ -50,8 +50,9 @@ def veiled(frame: Frame, passed: Transmission, colour: npt.NDArray[np.float32]) 
 
 @cache
 def _decay() -> npt.NDArray[np.float32]:
-    """exp(-i / 256), without the machine's own exponential, whose last bit differs between machines: a Taylor series of
-    the 64th part, squared six times."""
+    """Return exp(-i / 256), using a Taylor series of a 64th of the exponent, squared six times; the last bit of the C
+    library's exponential differs between machines.
+    """
     x = np.arange(_STEPS * _THICKEST + 2) / (-64.0 * _STEPS)
     total = term = np.ones_like(x)
     for order in range(1, 12):
@@ -76,7 +77,7 @@ def _look_up(depth: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
-    """passed * frame + (1 - passed) * colour."""
+    """Compute passed * frame + (1 - passed) * colour."""
     red, green, blue = colour[0], colour[1], colour[2]
     for y in range(frame.shape[0]):
         source, target, row = frame[y], out[y], passed[y]

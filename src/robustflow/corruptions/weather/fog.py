@@ -46,7 +46,7 @@ class Fog(Corruption):
         return float(fog.strength), plasma_corner(rng, *shape, fog.decay)
 
     def apply(self, frame: Frame, state: tuple[float, FogMap], index: int) -> Frame:
-        """Put the fog over one frame."""
+        """Add the fog to one frame."""
         strength, fog = state
         frame = contiguous(frame)
         brightest = float(frame.max()) / 255
