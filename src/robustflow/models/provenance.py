@@ -57,7 +57,7 @@ class Training:
         sets: names from `TRAINING_SETS`, optionally with a part from `PARTS` (":train"), or with "?" if the set may
             have been used; None if unknown.
         basis: source of this information.
-        note: what is uncertain.
+        note: description of any uncertainty.
         trained: whether the model was trained; False for methods without learning and for random weights.
     """
 

@@ -74,7 +74,7 @@ def ptlflow_clip_model(
     Args:
         name: name of the model.
         architecture: name of the network in `CLIPS`.
-        checkpoint, iterations, sha256: see `ptlflow_model`.
+        checkpoint, iterations, sha256: same arguments as for `ptlflow_model`.
         before: number of frames before the pair, at least 1, for MemFlow and STaRFlow; the authors' choice by default.
         execution: execution settings; the fields of `Execution` are options.
 
