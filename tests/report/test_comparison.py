@@ -106,7 +106,7 @@ def test_of_runs(runs, tmp_path):
     assert found.frame["difference"].to_list() == [
         -d for d in rf.compare(second, first, resamples=99).frame["difference"]
     ]
-    assert found.sentence.endswith("but 1 image is too few to say whether that is chance.")
+    assert found.sentence.endswith("but 1 image is too few to tell whether this is chance.")
     assert "is the same, but 1 image is too few" in first.compare(first).sentence
     assert found.remark.startswith("Not ranked: Farneback, because its clean EPE of 25.52 px"), "nothing left out"
     part = evaluate("farneback", "demo", output=tmp_path / "p", corruptions=["fog"], severities=[5])

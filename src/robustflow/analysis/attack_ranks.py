@@ -1,4 +1,4 @@
-"""Does robustness to corruptions predict robustness to attacks? Rank correlations over models."""
+"""Rank correlation between robustness to corruptions and robustness to attacks, over models."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
         everywhere -= why.keys()
         scores = {key: {name: one[name] for name in one if name not in why} for key, one in scores.items()}
     if others := sorted({name for one in scores.values() for name in one} - everywhere):
-        remark = " ".join(filter(None, (remark, f"Left out, because not under every condition: {joined(others)}.")))
+        remark = " ".join(filter(None, (remark, f"Left out (not run under every condition): {joined(others)}.")))
     return Orders(scores, remark)
 
 
@@ -168,7 +168,7 @@ def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
     names = run_names(runs)
     if all(run.rows.height == shared.height for run in runs):
         return [run.rows for run in runs], ""
-    remark = f"Only the {shared.height} rows (a pair, clean or corrupted) that every run has are compared"
+    remark = f"Only the {shared.height} rows (clean or corrupted pairs) that every run has are compared"
     words = differences(dict(zip(names, runs, strict=True)), SELECTION)
     return [run.rows.join(shared, on=keys, how="semi") for run in runs], f"{remark}: {words}."
 

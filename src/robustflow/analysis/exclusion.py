@@ -86,7 +86,7 @@ def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
         reasons.append(f"its clean flow is {length:.2f} px long on average, so it is indistinguishable from zero flow")
     if length is not None and moved is not None and moved <= BLIND_BELOW * length:
         reasons.append(
-            f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px of its {length:.2f} px"
+            f"its flow hardly depends on the frames: corruption changes it by {moved:.3f} px (length {length:.2f} px)"
         )
     return reasons
 

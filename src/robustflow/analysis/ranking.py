@@ -28,7 +28,7 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
     """
     ordered = sorted(values.values())
     if any(value != value for value in ordered):
-        raise ValueError("values that are not numbers have no ranks")
+        raise ValueError("NaN values cannot be ranked")
     return {name: bisect_left(ordered, value) + 1 for name, value in values.items()}
 
 

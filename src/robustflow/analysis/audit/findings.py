@@ -21,7 +21,7 @@ AUDIT_CHECKS = {
     "rows": "the rows are possible measurements",
     "budget": "attacked frames are within the stated budget",
 }
-"""Each check and what it asserts."""
+"""Check -> statement that it verifies."""
 
 
 class Finding(FrozenFinite):
@@ -50,7 +50,7 @@ class Finding(FrozenFinite):
 
 
 class Audit(Frozen):
-    """All findings, and how many numbers each check examined.
+    """All findings, and the number of values that each check compared.
 
     Attributes:
         audited: name of the audited table, file or run.

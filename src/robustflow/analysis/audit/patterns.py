@@ -31,7 +31,7 @@ def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
         rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped relative to their EPE rows"
         message = (
             f"the CRE {rows}: all {cells} values of each fit the EPE of the other; {len(wrong[first])} and "
-            f"{len(wrong[second])} misfit their own"
+            f"{len(wrong[second])} do not fit their own"
         )
         findings.append(finding("swapped", first, "cre", "", message))
         own, other = _impossible(one, one) + _impossible(two, two), _impossible(one, two) + _impossible(two, one)

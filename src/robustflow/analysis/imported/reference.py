@@ -106,7 +106,7 @@ def lines(files: Sequence[Results], note: str) -> Iterator[ModelResult]:
 
 def _mean(written: Any, where: str, signed: bool) -> float:
     if not isinstance(written, list) or len(written) != len(SEVERITIES):
-        raise DataError(f"{where}: not {len(SEVERITIES)} values, one for each severity")
+        raise DataError(f"{where}: expected {len(SEVERITIES)} values, one for each severity")
     return fsum(finite_number(value, where, signed=signed) for value in written) / len(SEVERITIES)
 
 

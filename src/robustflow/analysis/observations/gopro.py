@@ -11,7 +11,7 @@ from .margin import among, of_majority, of_mean, places
 from .verdict import THIN, UNKNOWN, Observation, Statement, part
 
 _FLOWFORMER: ModelInSetting = ("OOD", "FlowFormer")
-_NEEDS = "needs GoPro-FC results of FlowFormer and others"
+_NEEDS = "needs GoPro-FC results of FlowFormer and other models"
 
 
 def flowformer_is_best(evidence: Evidence) -> Observation:
@@ -59,7 +59,7 @@ def _lowest(
     ranks = places({family: [evidence.rcre[one][name] for name in names] for family, one in best.items()})
     first, last = ranks[evidence.family(entry)]
     message += (
-        f"; possible places of {entry[1]}: {first} to {last} (paired tests over {len(names)} corruptions, corrected "
+        f"; possible ranks of {entry[1]}: {first} to {last} (paired tests over {len(names)} corruptions, corrected "
         f"for all pairs of {len(best)})"
     )
     return part(claim, among(1, [(first, last)]), message, main)
@@ -72,7 +72,7 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     entries = [entry for entry, values in evidence.rcre.items() if AVERAGE in values]
     sam = [entry for entry in entries if evidence.family(entry) == "SAMFlow"]
     cnn = _of_encoder(evidence, entries, "CNN")
-    claim = "SAMFlow has a higher average RCRE than FlowFormer, the same architecture without it"
+    claim = "SAMFlow has a higher average RCRE than FlowFormer, which lacks the foundation model"
     if _FLOWFORMER not in entries or not sam or not cnn:
         return Observation(number=10, title=title, parts=[part(claim, UNKNOWN, _NEEDS, True)])
     average = {entry: evidence.rcre[entry][AVERAGE] for entry in entries}

@@ -89,7 +89,7 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
             message = ", ".join(f"{family} {text(best[family])}" for family in order[:4])
             ranks, over = _places(evidence, best, value)
             verdict = among(3, [ranks["SAMFlow"], ranks["CSFlow"]]) if ranks else THIN
-            message += "; possible places: " + ", ".join(
+            message += "; possible ranks: " + ", ".join(
                 f"{family} {first} to {last}"
                 for family, (first, last) in ranks.items()
                 if family in ("SAMFlow", "CSFlow")
@@ -178,7 +178,7 @@ def _gap(
 
 
 def _lowest_of(evidence: Evidence, entries: list[ModelInSetting], name: str) -> Statement:
-    claim = f"{name} has the lowest CRE and CREr of them"
+    claim = f"{name} has the lowest CRE and CREr of the unsupervised models"
     message = ", ".join(f"{e[1]} {evidence.cre(e):.2f} px, {evidence.crer(e):.2f}" for e in entries)
     if ("ID", name) not in entries:
         return part(claim, UNKNOWN, message)

@@ -131,7 +131,7 @@ def plan_pairs(
         if not 0 < value < 1:
             raise UsageError(f"{name} {value:g}: give a probability between 0 and 1")
     if len(runs) < 2:
-        raise UsageError("one run has no difference to plan for: give the runs of two models or more")
+        raise UsageError("power analysis needs two models or more: give a run of each")
     records = []
     for names in combinations(runs, 2):
         first, second = (ClusterSums.of(rows) for rows in common_rows([runs[name] for name in names], list(names))[0])

@@ -49,7 +49,7 @@ def difference_sentence(
     if interval.low is None or interval.high is None or p_holm is None:
         units = ("image" if clusters == images else "sequence") + (" is" if clusters == 1 else "s are")
         outcome = f"differs by {size:.2f}{unit}, but" if size else "is the same, but"
-        chance = "to say whether that is chance" if size else "to say more"
+        chance = "to tell whether this is chance" if size else "to say more"
         return f"The {what} of {names[0]} and {names[1]} {outcome} {clusters} {units} too few {chance}."
     percent = f"{100 * level:g} %"
     corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""

@@ -54,7 +54,7 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     [('a', 1, 2), ('b', 1, 2), ('c', 3, 3)]
     """
     if pairs.height != len(names) * (len(names) - 1) // 2:
-        raise RunError("not all of these runs measured the same; a ranking needs runs over the same data")
+        raise RunError("not all of these runs measured the same data; a ranking needs runs on the same data")
     values: dict[str, float] = {}
     beaten, beats = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
     for row in pairs.iter_rows(named=True):
@@ -88,7 +88,7 @@ def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
 
     models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
     if len(scores) < 2 or len(models) < 2:
-        raise RunError("the order of models needs two models that were both run under two conditions")
+        raise RunError("rank stability needs two models that were both run under two conditions")
     ranks = {condition: competition_ranks({m: one[m] for m in models}) for condition, one in scores.items()}
     first = next(iter(ranks.values()))
     records = []
