@@ -142,7 +142,7 @@ Rivals = dict[str, Callable[[str, int], float | None]]
 
 
 def rivals(pair: Pair, reference: Reference | None) -> Rivals:
-    """Return the other implementations that can be measured here."""
+    """Return the alternative implementations that can be measured here."""
     found: Rivals = {}
     package = other_package()
     if package is None:

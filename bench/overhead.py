@@ -27,7 +27,8 @@ from pathlib import Path
 
 import numpy as np
 
-if __name__ == "__main__":  # processes that only predict load this file too, so that they need no other imports
+# processes that only predict load this file too, so modules that they do not need are imported late
+if __name__ == "__main__":
     from robustflow.benchmarks import Benchmark
     from robustflow.corruptions.registry import IMAGE_PAIR
     from robustflow.datasets import load_dataset

@@ -1,4 +1,4 @@
-"""The code blocks of the documentation, and their execution as by a reader.
+"""The code blocks of the documentation, run as by a reader.
 
 Blocks in `python` and `bash` are run in the order of their page, in a separate folder, unless a comment on the
 preceding line says otherwise:

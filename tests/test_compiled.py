@@ -46,7 +46,7 @@ def test_cache_filled_by_two_processes_holds_both_signatures(tmp_path):
 
 
 def test_importing_what_reads_runs_compiles_nothing():
-    """What a process compiles at import costs it 50 MiB, even if it never calls it."""
+    """A function compiled at import costs each process 50 MiB, even if the process never calls it."""
     script = (
         "from numba.core.dispatcher import Dispatcher\n"
         "compiled, of = [], Dispatcher.compile\n"

@@ -57,7 +57,8 @@ def rows_of(
 
 @dataclass(frozen=True)
 class Truth:
-    """A population of images with errors like those of flow: positive, skewed, hard images hard everywhere.
+    """A population of images with flow-like errors: positive, skewed, and with hard images that are hard in every
+    condition.
 
     `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, the image has the share `within`
     of its variance and the sequence the rest.

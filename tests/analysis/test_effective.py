@@ -31,7 +31,7 @@ def test_a_planted_power_law_and_a_model_off_it():
     assert on_line[0].r_squared == pytest.approx(1.0)
     models["m3"] = (4.0, 0.6 * 3.0 * 4.0**0.7)
     first = effective_robustness(_results(models))["OOD"][0]
-    # The other models lie exactly on their line, so the result is the planted factor, undiluted by the model itself.
+    # The other models lie exactly on their line, so the result is the planted factor, not reduced by the model itself.
     assert first.line.name == "m3"
     assert first.factor == pytest.approx(0.6)
 

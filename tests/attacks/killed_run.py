@@ -2,7 +2,7 @@
 
     python killed_run.py FOLDER [PREDICTIONS...]
 
-One child process for each number of predictions after which it is killed, and one that is not.
+The script starts one child process for each number of predictions after which it is killed, and one that is not killed.
 """
 
 import os

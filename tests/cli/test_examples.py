@@ -1,4 +1,4 @@
-"""`robustflow run` draws its examples, and `robustflow examples` those of a finished run."""
+"""`robustflow run` draws its example pictures, and `robustflow examples` draws those of a finished run."""
 
 import shutil
 import sys

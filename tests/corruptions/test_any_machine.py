@@ -1,4 +1,4 @@
-"""Corruptions give the same bytes with the instruction set of a 2003 processor as on this machine."""
+"""Corruptions give the same bytes with the instruction set of a processor from 2003 as on this machine."""
 
 import os
 import platform

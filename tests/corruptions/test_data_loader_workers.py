@@ -1,6 +1,6 @@
 """Every corruption runs inside the workers of a torch DataLoader after torch and OpenCV used threads in the parent.
 
-A thread pool does not survive a fork: a worker that uses one waits for ever, so each case runs in a separate process
+A thread pool does not survive a fork: a worker that uses one hangs, so each case runs in a separate process
 with a time limit.
 """
 

@@ -123,7 +123,8 @@ def kitti(root, scene, baseline=0.54):
 
 def test_kitti_has_depth_by_disparity_and_calibration_and_a_fitted_camera(tmp_path):
     scene = world(*MOTION)
-    training = kitti(tmp_path, scene, baseline=20.0)  # the real 0.54 m gives too little disparity in 64 pixels
+    # the real 0.54 m would give too small a disparity at a width of 64 pixels
+    training = kitti(tmp_path, scene, baseline=20.0)
     data = load_dataset("kitti2015", tmp_path)
     sample = data.load("000010")
     depth = data.depth(sample)

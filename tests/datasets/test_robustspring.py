@@ -128,7 +128,7 @@ def test_names_cannot_be_taken_for_this_projects():
 
 
 def _apart(root: Path, where: str) -> dict[str, str]:
-    """Move Spring's own frames to a different folder; returns the data options that this requires."""
+    """Move Spring's own frames to a different folder; returns the data options that are then required."""
     target = root.parent / where
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.move(root / "spring", target)

@@ -58,7 +58,7 @@ def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
 def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
-    """Pillow reads every file whose markers are intact, with wrong pixels."""
+    """Pillow reads every file whose markers are intact, but returns wrong pixels."""
     path, whole = tmp_path / "a.jpg", encoded("JPEG", quality=90, **options)
     path.write_bytes(whole)
     assert read_image(path).shape == PICTURE.shape

@@ -1,6 +1,7 @@
 """Every network that a GPU runs in batches: the flow of a pair does not depend on the rest of the batch.
 
-On the CPU `predict_batch` goes pair by pair, so these tests call `run`, the single network call made on a GPU.
+On the CPU `predict_batch` processes the pairs one by one, so these tests call `run`, the single network call made on a
+GPU.
 """
 
 import numpy as np

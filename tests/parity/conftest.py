@@ -9,7 +9,7 @@ import pytest
 from ..shared_data import shared_root
 
 NO_CASE = "none"
-"""If a pack, or any case with this ending, is missing, one test remains and skips with the reason."""
+"""If a pack has no case with this ending, or is missing, one test remains and skips with the reason."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

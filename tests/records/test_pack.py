@@ -164,7 +164,7 @@ def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
             pack(run, target)
         assert target.read_bytes() == held
     assert pack(run, target, overwrite=True).stat().st_size > 1000
-    pack(run, target, author="Grace")  # the same run with other texts
+    pack(run, target, author="Grace")  # the same run with different texts
     assert b"Grace" in target.read_bytes()
 
 

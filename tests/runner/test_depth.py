@@ -36,7 +36,7 @@ def run(output, benchmark="shapes", data=None, corruptions=NAMES, options=SHAPES
 
 
 class FilesOfDepth(TexturePairs):
-    """A user's data set whose depth is a file with one number."""
+    """A user's data set whose depth is a file with a single number."""
 
     name = "files_of_depth"
 

@@ -59,8 +59,8 @@ def _alone(given: Given, pair: int) -> Given:
 
 @pytest.mark.parametrize("case", RECIPES)
 def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
-    """Training in several processes, each with a share of the batch, makes the same updates. This holds below the limit
-    of the self-supervision, which each process applies to the mean of its share.
+    """Training in several processes, each with a share of the batch, makes the same updates. This holds only before the
+    self-supervision limit applies, because each process applies the limit to the mean of its share.
     """
     arrays = {**given.arrays, **{name: given.arrays[name] / 4 for name in ("student", "teacher")}}
     whole = Given(given.cases, arrays, given.batch)

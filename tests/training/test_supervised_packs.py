@@ -210,7 +210,7 @@ def test_gmflownet_with_dropped_blocks_learning_norms_or_an_early_schedule_is_re
     assert {name: dropping[name].drop_prob for name in zeroed} == {name: rate for name, (_, rate) in zeroed.items()}
     torch.manual_seed(0)
     assert abs(loss_with("gmflownet", network) / expected["loss"][0] - 1) > 1e-3
-    network = network_of("gmflownet", "chairs")  # whose norms learn
+    network = network_of("gmflownet", "chairs")  # their norms are trained
     assert loss_with("gmflownet", network) == pytest.approx(48.24, abs=0.01)
     assert one_cycle(0, STEPS, expected["lr"]) == pytest.approx(5e-6) != expected["rate"][0]
 

@@ -1,4 +1,4 @@
-"""Filling lost frames compared with a plain definition of the frames to show, for any loss and any order."""
+"""Filling lost frames compared with a plain definition of the result, for any loss and any order."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """A small matching network trained on BGR in -1..1, so that other conventions reduce its accuracy.
 
-`matcher.npz` are its weights after 120 steps of Adam (3e-3) on `shifted_pair(100)` to `shifted_pair(219)` at 48x64.
+`matcher.npz` contains its weights after 120 steps of Adam (3e-3) on `shifted_pair(100)` to `shifted_pair(219)` at
+48x64.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The places that are searched for a checkpoint: a given path, then a published name in PyTorch's cache, which takes
-precedence over a file of that name.
-"""
+"""The search order for a checkpoint: a given path, a published name in PyTorch's cache, then a file of that name."""
 
 from pathlib import Path
 

@@ -238,8 +238,8 @@ def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary)
 
 
 def test_a_model_has_one_colour_on_a_page(three_runs_page):
-    """With two groups of runs and the published values, a colour never means a kind in one figure and a model in
-    another, nor two different models.
+    """With two groups of runs and the published values, each colour of a figure represents either a kind
+    or one model.
     """
     meanings: dict[str, set[str]] = {}
     for colour, label in re.findall(r'stroke: (?:var\()?([\w-]+)\)?"></path></svg>([^<]*)</li>', three_runs_page):
