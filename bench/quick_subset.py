@@ -76,13 +76,13 @@ Without = tuple[int, int]
 
 
 def quality(populations: Sequence[Population], chosen: Sequence[int], without: Without) -> tuple[float, float]:
-    """The smallest tau, then the sum of both."""
+    """The smallest tau, then the sum of both taus."""
     taus = [each.tau(chosen, lost) for each, lost in zip(populations, without, strict=True)]
     return min(taus), sum(taus)
 
 
 def best(populations: Sequence[Population], count: int, without: Without = (-1, -1)) -> list[int]:
-    """Find `count` corruptions of high quality."""
+    """Find `count` corruptions whose ranking agrees well with that of all."""
 
     def of(chosen: list[int]) -> tuple[float, float]:
         return quality(populations, chosen, without)

@@ -1,6 +1,6 @@
 """Everything a user can refer to: Python names with their signatures, commands with their options.
 
-    python -m tests.public_surface > tests/public_surface.txt    updates the list after a name is added
+python -m tests.public_surface > tests/public_surface.txt    updates the list after a name is added
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def test_a_random_confidence_scores_what_theory_gives():
     rng = np.random.default_rng(0)
     errors = (np.arange(100_000) + 0.5) / 100_000
     expected = errors.mean() - sparsification(errors, -errors).by_error.mean()
-    assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps, each with the value at its left end
+    assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps, each with the value at its left edge
     assert ause(errors, np.zeros_like(errors)) == pytest.approx(expected, abs=1e-12), "constant: the mean over orders"
     scores = [ause(errors, rng.random(errors.size)) for _ in range(20)]
     assert np.mean(scores) == pytest.approx(expected, abs=4 * np.std(scores, ddof=1) / math.sqrt(20))

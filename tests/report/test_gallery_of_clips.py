@@ -95,7 +95,9 @@ def test_what_is_shared_in_time_stays_and_what_changes_changes(video, tmp_path):
 
 
 def test_the_codec_really_ran(video, tmp_path):
-    """Higher severities are coarser, frames are in their places, and a stream too short for bit errors has none."""
+    """Higher severities are coarser, frames are in their places, and a stream too short for bit errors
+    stays undamaged.
+    """
     part = ClipPart(video, shown=3)
     shown = list(part.frames(part.shown))
     cells = {(cell.name, cell.severity): cell for cell in clip_cells(part, shown, [1, 5], list(CLIP[-3:]), tmp_path)}

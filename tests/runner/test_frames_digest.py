@@ -1,4 +1,4 @@
-"""The digest of a row covers bytes and sizes."""
+"""The digest of a row covers both the bytes and the sizes of the frames."""
 
 import numpy as np
 from blake3 import blake3

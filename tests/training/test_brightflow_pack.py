@@ -46,7 +46,7 @@ def test_terms_and_gradients_of_a_step_are_the_originals(given, case, number):
 
 
 def _alone(given: Given, pair: int) -> Given:
-    """The pack with one pair of its batch."""
+    """The pack, reduced to one pair of its batch."""
 
     def only(value: Any) -> Any:
         if isinstance(value, WholeFrames):

@@ -302,7 +302,7 @@ def _far_reach(patch, network, batch):
     ],
 )
 def test_flowdiffuser_from_another_start_is_rejected(monkeypatch, mistake, change):
-    """The change of the loss, stated in the README, rejects the mistake."""
+    """The loss must change by the amount that the README states for the mistake."""
     network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
     wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
     right = pack_of("flowdiffuser").header["cases"]["things"]["loss"][0]

@@ -52,7 +52,7 @@ class Channels(nn.Module):
         super().__init__()
         self.layout, self.returns = layout, returns
         self.one = nn.Parameter(torch.ones(1))
-        self.norm = nn.BatchNorm2d(2)  # only its mode matters, as no part of it is used
+        self.norm = nn.BatchNorm2d(2)  # only its mode matters; its contents are unused
 
     def forward(self, *images):
         if self.layout == "images":
