@@ -1,6 +1,6 @@
 "use strict";
-// The leaderboard: makes the lines of the page's data, sorts, hides and counts them; and shows the section of one
-// benchmark, with everything that belongs to it.
+// The leaderboard: builds the lines from the page's data; sorts, filters and counts them; and shows the section of one
+// benchmark.
 const { data, make, settingChip } = window.robustflow;
 const chooser = document.getElementById("chooser");
 const narrow = matchMedia("(max-width: 40rem)").matches;
@@ -73,7 +73,7 @@ for (const board of boards) {
   });
 }
 
-// Without what is only for a screen reader or a narrow screen.
+// Excludes text that is only for screen readers or narrow screens.
 function textOf(cell) {
   return (cell.querySelector("a") ?? cell).textContent;
 }
@@ -85,8 +85,8 @@ function cellKey(line, index, text) {
   return Number.isNaN(number) ? null : number;
 }
 
-// Within its group only: lines of different groups were measured on different frames. What is missing comes last, and
-// after it models that are not ranked.
+// Sort within a group only: lines of different groups were measured on different frames. Missing values come last, and
+// after them models that are not ranked.
 function sortLines(board) {
   const { sort, down } = board;
   const text = board.head[sort].dataset.kind === "text";
@@ -108,7 +108,7 @@ function sortLines(board) {
   }
 }
 
-// A column by which the lines are sorted is always shown.
+// The sort column is always shown.
 function showColumns(board) {
   const view = board.view?.value ?? "overview";
   const metric = board.metric?.value;
@@ -162,8 +162,8 @@ function update(board) {
   showLines(board);
 }
 
-// One benchmark at a time: its table, sentences, figures, pictures and checks. All of them on the page of a model, which
-// may have been measured on several.
+// Show one benchmark at a time: its table, sentences, figures, pictures and checks. A model's page shows
+// all benchmarks, because the model may have been measured on several.
 function showSection(all = false) {
   const shown = current();
   boards.forEach((board) => {

@@ -1,9 +1,9 @@
 "use strict";
-// Makes files of the numbers in the page. A text that a spreadsheet would run as a formula gets an apostrophe before it.
+// Export the numbers in the page as files. Text that a spreadsheet would run as a formula is prefixed with an apostrophe.
 const { data } = window.robustflow;
 const COLUMNS = ["benchmark", "setting", "model", "metric", "corruption", "value", "sample_set", "note"];
 
-// Means over classes of corruptions are not among them: they follow from the rest.
+// Means over corruption classes are omitted because they can be computed from the other values.
 function records() {
   const all = [];
   for (const { benchmark, numbers, groups } of data.boards) {
@@ -42,7 +42,7 @@ function save(text, name, type) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-// A cell without the chip that a narrow screen shows below the name.
+// The text of a cell, without the chip that narrow screens show below the name.
 function shownText(cell) {
   const copy = cell.cloneNode(true);
   copy.querySelector(".of-narrow")?.remove();
@@ -66,7 +66,7 @@ const actions = {
       await navigator.clipboard.writeText(shownTable());
       copied.textContent = "Copied.";
     } catch {
-      copied.textContent = "This browser does not let the page copy; download the CSV.";
+      copied.textContent = "This browser does not allow copying; download the CSV instead.";
     }
   },
 };

@@ -1,5 +1,5 @@
 "use strict";
-// The page's data, and elements made of it. What comes from outside becomes text or an attribute's value, never markup.
+// The page's data, and elements built from it. Untrusted data becomes text or an attribute value, never markup.
 const data = JSON.parse(document.getElementById("data").textContent);
 
 // make("td", { class: "best", hidden: true }, "4.20", child, ...): attributes that are false, null or "" are left out.
@@ -18,7 +18,7 @@ function settingChip(setting) {
   return make("span", { class: `chip ${kind}` }, words);
 }
 
-// What a setting means, "" for one that a file names.
+// The explanation of a setting; "" for settings named in a file.
 function settingMeaning(setting) {
   return data.settings[setting]?.[2] ?? "";
 }

@@ -1,5 +1,5 @@
 "use strict";
-// Marks of the figures: what they say when pointed at or focused, one model highlighted everywhere, a way to its page.
+// Marks of the figures: tooltips on hover or focus, highlighting of a model in all figures, and links to its page.
 const charts = [...document.querySelectorAll(".plot")];
 const tip = document.getElementById("tip");
 const ofModel = new Map();
@@ -39,7 +39,7 @@ function follow(mark) {
 for (const chart of charts) {
   const marks = [...chart.querySelectorAll(".mark")];
   if (marks.length === 0) continue;
-  // With marks to move through it is no longer one picture.
+  // A figure with focusable marks is no longer a single image.
   chart.setAttribute("role", "group");
   marks.forEach((mark, index) => {
     mark.setAttribute("role", "img");
@@ -71,7 +71,7 @@ for (const chart of charts) {
     if (mark !== null) follow(mark);
   });
 }
-// Two drawings of the same curves, one of which is shown: one scale for all panels, or each its own.
+// Two drawings of the same curves, of which one is shown: a shared scale for all panels, or a separate scale for each.
 for (const choice of document.querySelectorAll("input[data-apart]")) {
   choice.addEventListener("change", () => {
     const drawings = document.querySelectorAll(`[data-scale="${choice.dataset.apart}"]`);
@@ -83,7 +83,7 @@ for (const table of document.querySelectorAll(".board table")) {
   table.addEventListener("pointerleave", () => light(pinned));
 }
 
-// On a model's page only the figures that show it are there, with the model highlighted, whatever their benchmark.
+// A model's page only shows figures that include the model, highlighted, from all benchmarks.
 window.robustflow.highlight = (page) => {
   pinned = page;
   light(page);

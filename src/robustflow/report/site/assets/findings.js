@@ -1,5 +1,5 @@
 "use strict";
-// Search among the findings of an audit; checks with a hit open.
+// Search the findings of an audit; checks with a hit are opened.
 for (const audit of document.querySelectorAll(".audit")) {
   const box = audit.querySelector(".search-findings");
   const hits = audit.querySelector(".count-findings");

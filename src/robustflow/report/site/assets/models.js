@@ -1,9 +1,9 @@
 "use strict";
-// The page of a model: its numbers under every corruption, what ran, and the anatomy of its error.
+// The page of a model: its numbers under every corruption, facts about the run, and a breakdown of its error.
 const { data, make, settingChip, settingMeaning } = window.robustflow;
 const STEPS = 10;
 
-// A step of the colour scale by a cell's share of its column's top; shades of cold below zero.
+// The step of the colour scale, from the ratio of a cell to its column's strongest value; cold colours below zero.
 function heat(text, top) {
   const value = parseFloat(text);
   if (top === null || Number.isNaN(value)) return "";
@@ -21,7 +21,7 @@ function tableOf(head, columns, lines, cellOf) {
   return make("table", {}, make("thead", {}, heading), make("tbody", {}, ...rows));
 }
 
-// A cell with a picture of the frames, flow and error behind it is a link to the picture.
+// A cell links to the picture of its frames, flow and error if there is one.
 function heatTable(table, name, id, panels) {
   const cell = ([text, note, label], index) => {
     const panel = panels.findIndex((one) => one.cell[0] === label && one.cell[1] === table.columns[index]);

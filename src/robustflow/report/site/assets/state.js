@@ -1,5 +1,5 @@
 "use strict";
-// What the address after # says: `model=ID` is a model's page (with `panel=N` at one of its pictures), `key=value&...`
+// Meaning of the URL fragment: `model=ID` is a model's page (with `panel=N` at one of its pictures), `key=value&...`
 // the state of the leaderboard, anything else an ordinary anchor. A change of the leaderboard replaces the address;
 // opening a model adds to the history.
 const overview = document.querySelectorAll("[data-overview]");
@@ -74,7 +74,7 @@ theme.addEventListener("click", () => {
   try {
     localStorage.setItem("robustflow-theme", next);
   } catch {
-    // A page from disk may have no storage; the choice then lasts as long as the page.
+    // A page opened from disk may have no storage; the choice is then lost when the page is closed.
   }
 });
 let kept = null;

@@ -1,5 +1,5 @@
 "use strict";
-// The picture slider: a corruption (or all) at a severity, and of a clip at a frame, beside the clean one.
+// The picture slider: one or all corruptions at a severity (for a clip, at a frame) next to the clean picture.
 const FRAMES_PER_SECOND = 6;
 
 function start(root) {
@@ -14,7 +14,7 @@ function start(root) {
   const figures = [...pictures.querySelectorAll("[data-corruption]")];
   const words = (figure) => data.corruptions[figure.dataset.corruption];
 
-  // Pictures that the markup holds are not in the data a second time.
+  // Pictures in the markup are not repeated in the data.
   data.clean[0] = clean.src;
   for (const figure of figures) {
     const { first, shots } = words(figure);
@@ -51,7 +51,7 @@ function start(root) {
     }
   }
 
-  // A corruption is first shown at a severity that it has: the one nearest to where the slider stands.
+  // Show a corruption at the available severity nearest to the slider's position.
   function choose() {
     if (which.value !== "all") {
       const levels = Object.keys(data.corruptions[which.value].shots).map(Number);
@@ -71,7 +71,7 @@ function start(root) {
   function toggle() {
     if (timer !== null) return stop();
     play.textContent = "Pause";
-    frameShown.setAttribute("aria-live", "off"); // six numbers a second are not to be read out
+    frameShown.setAttribute("aria-live", "off"); // screen readers should not read out six numbers per second
     timer = setInterval(() => {
       frame.value = (Number(frame.value) + 1) % data.clean.length;
       show();
