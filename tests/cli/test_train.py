@@ -43,7 +43,7 @@ def test_the_plan_counts_what_is_there(shared):
     pairs = len(list(shared("data/kitti2015/training/flow_occ").glob("*.png")))
     title = dataset_facts("kitti2015").title
     assert f"found    {title}: {pairs} pairs x 1, 100.0 % of an epoch; sparse augmentation" in text
-    assert f"{pairs} pairs an epoch; 6 updates are {6 * 6 / pairs:.2f} epochs" in text
+    assert f"{pairs} pairs per epoch; 6 updates are {6 * 6 / pairs:.2f} epochs" in text
 
 
 def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):

@@ -103,7 +103,7 @@ def test_the_seed_is_that_of_every_random_weight(method):
 @pytest.mark.parametrize(
     ("method", "crop", "says"),
     [
-        ("arflow", (96, 128), "crop 96x128: arflow trains on multiples of 64; give another --crop"),
+        ("arflow", (96, 128), "crop 96x128: arflow needs multiples of 64; give another --crop"),
         ("brightflow", (128, 192), "so each side needs more than 128; give a larger --crop"),
     ],
 )
@@ -125,7 +125,7 @@ def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch()
     text = plan_text(load_recipe("arflow", "unsupervised"), DataPlan([tmp_path]))
-    assert "30 pairs x 1, 100.0 % of an epoch; stretched to the crop, flips, half of the pairs exchanged" in text
+    assert "30 pairs x 1, 100.0 % of an epoch; stretched to the crop, flips, half of the pairs swapped" in text
 
 
 @pytest.mark.parametrize("stage", ["raw", "unsupervised"])

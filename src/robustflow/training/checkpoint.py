@@ -74,10 +74,10 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         ModelError: the file is damaged.
     """
     if not path.exists():
-        raise RunError(f"{path.parent}: no training to resume (no {path.name}); start one without --resume")
+        raise RunError(f"{path.parent}: no training run to resume (no {path.name}); start one without --resume")
     content, _ = read_content(path)
     if not isinstance(content, dict) or not {_ABOUT, *_STATE} <= content.keys():
-        raise RunError(f"{path} holds weights but no training to continue; start from them with --init {path}")
+        raise RunError(f"{path} contains weights but no training state; start from the weights with --init {path}")
     try:
         _refuse_views(content, path.stat().st_size)
         if content.pop(_DIGEST, None) != _digest(content):
@@ -89,7 +89,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         return content, TrainingProgress(int(about["updates"]), dict(about["identity"]), best)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
-            f"{path} is damaged ({first_line(error)}); restore it, or start again from a file of weights"
+            f"{path} is damaged ({first_line(error)}); restore it, or start again from a weights file"
         ) from error
 
 
@@ -129,7 +129,7 @@ def _spelled(value: Any) -> Iterator[bytes | memoryview]:
     elif value is None or isinstance(value, bool | int | float | str):
         yield f"{type(value).__name__} {value!r};".encode()
     else:
-        raise TypeError(f"it holds a {type(value).__name__}")
+        raise TypeError(f"it contains a {type(value).__name__}")
 
 
 def _refuse_views(content: Any, size: int) -> None:

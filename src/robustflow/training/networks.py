@@ -31,8 +31,8 @@ from .recipe import Recipe
 
 _NEEDED = {
     "sequence": ("predictions", "the flow of every iteration"),
-    "sequence+matching": ("matched_predictions", "the flow of every iteration, and how sure it is of its matches"),
-    "denoising": ("denoised_predictions", "the flows that it denoises from the truth"),
+    "sequence+matching": ("matched_predictions", "the flow of every iteration, and the confidence of its matches"),
+    "denoising": ("denoised_predictions", "flows denoised from ground truth"),
 }
 """Method that a network needs for each loss, with a description."""
 _CORRECTOR = "corrector."
@@ -134,7 +134,7 @@ class TrainedNetwork(nn.Module):
         if first.shape != image1.shape:
             height, width = first.shape[2:]
             raise UsageError(
-                f"this loss compares the network's own pixels with the ground truth, and a crop of {image1.shape[2]}x"
+                f"this loss cannot use padded input, and a crop of {image1.shape[2]}x"
                 f"{image1.shape[3]} would be padded to {height}x{width}; give --crop {height}x{width}"
             )
         return first, second

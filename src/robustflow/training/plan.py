@@ -47,7 +47,7 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
         lines.append(f"  missing  {_title(part)}: {why}")
     if not missing:
         epochs = recipe.updates * recipe.pairs / places
-        lines.append(f"{places} pairs an epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
+        lines.append(f"{places} pairs per epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
     for name, remarks in (("not verified", recipe.unverified), ("paper, original and this recipe", recipe.differs)):
         if remarks:
             lines += [f"{name}:", *(f"  {remark}" for remark in remarks)]
@@ -111,19 +111,19 @@ def _memory(recipe: Recipe) -> str:
         return "memory: not measured for this network"
     less = "" if recipe.precision == "fp32" else f", less in {recipe.precision}"
     return (
-        f"memory: about {expected:.1f} GiB for the whole batch on one device{less} (modelled from what the backward "
-        "pass keeps of one pair; workspaces come on top)"
+        f"memory: about {expected:.1f} GiB for the whole batch on one device{less} (estimated from the values "
+        "kept for the backward pass of one pair; workspaces not included)"
     )
 
 
 def _title(part: Part) -> str:
     words = [dataset_facts(part.data).title, *map(str, part.options.values())]
-    return " ".join(words) + (" (what KITTI-FC leaves for training)" if part.keys == "training" else "")
+    return " ".join(words) + (" (the pairs not in KITTI-FC)" if part.keys == "training" else "")
 
 
 def _augmented(part: Part) -> str:
     flips = "flips" if part.flip else "no flips"
     if part.augmentation in ("stretched", "cropped"):
-        return f"{part.augmentation} to the crop, {flips}, half of the pairs exchanged"
+        return f"{part.augmentation} to the crop, {flips}, half of the pairs swapped"
     scale = f"scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}"
     return f"{part.augmentation} augmentation, {scale}, {flips}" + ("" if part.eraser else ", no eraser")

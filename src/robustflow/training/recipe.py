@@ -223,11 +223,11 @@ def _own_parts(path: Path) -> tuple[Part, ...]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError) as error:
         reason = " ".join(str(error).split())
         raise UsageError(
-            f"{path}: no mix of data can be read from it ({type(error).__name__}: {reason[:200]}); it holds "
+            f"{path}: not a valid mix of data ({type(error).__name__}: {reason[:200]}); expected "
             'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]'
         ) from error
     if not parts:
-        raise UsageError(f"{path}: a mix of data without parts; name at least one data set")
+        raise UsageError(f"{path}: the mix of data has no parts; name at least one data set")
     return parts
 
 

@@ -92,7 +92,7 @@ def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, Tra
     if request.resume:
         return read_progress(folder / LAST)
     if (folder / LAST).exists():
-        raise UsageError(f"{folder} holds a training; continue it with --resume, or choose another --output")
+        raise UsageError(f"{folder} contains a training run; continue it with --resume, or choose another --output")
     return None, None
 
 
@@ -114,8 +114,8 @@ def _load_state(
         scaler.load_state_dict(content["scaler"])
     except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ModelError(
-            f"{path} does not fit this network and its optimiser ({first_line(error)}); restore it, or start again "
-            "from a file of weights"
+            f"{path} does not match this network and its optimiser ({first_line(error)}); restore it, or start again "
+            "from a weights file"
         ) from error
 
 
@@ -166,15 +166,15 @@ def _check_same(folder: Path, asked: dict[str, Any], held: dict[str, Any]) -> No
     differing = ", ".join(key for key, value in asked.items() if held.get(key) != value)
     if differing:
         raise RunError(
-            f"{folder} holds a training that differs in: {differing}; give the options it was started with, or another "
-            "--output"
+            f"{folder} contains a training run that differs in: {differing}; give the options it was started with, or "
+            "another --output"
         )
 
 
 def _check_process(recipe: Recipe, process: Process) -> None:
     if recipe.batch % process.world:
         raise UsageError(
-            f"a batch of {recipe.batch} cannot be split over {process.world} processes; give another --batch-size"
+            f"a batch of {recipe.batch} cannot be split over {process.world} processes; give a different --batch-size"
         )
     if recipe.precision == "fp16" and process.device.type == "cpu":
         raise UsageError(

@@ -101,7 +101,7 @@ def _inside(
         places = 0.5 * (side - 1) * (corners[:2] + 1)
         if (places >= 0).all() and (places < side).all():
             return tried
-    raise UsageError(f"the moves of the second pass left the frame in {_ATTEMPTS} draws; zoom more or move less")
+    raise UsageError(f"every transform of the second pass left the frame in {_ATTEMPTS} draws; zoom more or move less")
 
 
 def _applied(moves: Tensor, points: Tensor) -> Tensor:

@@ -87,7 +87,7 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
     if getattr(dataset, "non_occluded", False):
         warnings.warn(
             f"{part.data} has no flow_occ/, so it is trained on with non-occluded ground truth (flow_noc/): the "
-            "network learns nothing about what is hidden in frame 2, and it is not the recipe's data; unpack flow_occ/",
+            "network does not learn occluded motion, and these are not the recipe's data; unpack flow_occ/",
             stacklevel=2,
         )
     return OpenPart(part, dataset, tuple(keys))

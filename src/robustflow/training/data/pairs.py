@@ -216,7 +216,9 @@ def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Fram
             raise DataError("it has no ground truth to train on")
         flow, valid = np.zeros((*first.shape[:2], 2), np.float32), np.zeros(first.shape[:2], bool)
     if flow.shape[:2] != first.shape[:2]:
-        raise DataError(f"its flow is {flow.shape[1]}x{flow.shape[0]}, its frames {first.shape[1]}x{first.shape[0]}")
+        raise DataError(
+            f"its flow is {flow.shape[1]}x{flow.shape[0]}, but its frames are {first.shape[1]}x{first.shape[0]}"
+        )
     return (first, second), flow, valid
 
 

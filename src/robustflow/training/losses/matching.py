@@ -46,7 +46,7 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
     places = rows * columns
     if confidence.shape != (len(truth), places, places):
         raise UsageError(
-            f"the network's confidence of matches has the shape {tuple(confidence.shape)}, expected "
+            f"the network's match confidence has the shape {tuple(confidence.shape)}, expected "
             f"{(len(truth), places, places)}; crop to multiples of {STRIDE}"
         )
     matches = true_matches(image1, image2, truth)

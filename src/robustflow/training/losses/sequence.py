@@ -40,14 +40,14 @@ def sequence_loss(
     1.8
     """
     if not flows:
-        raise UsageError("the network gave no prediction to compare with the ground truth; return a list of flows")
+        raise UsageError("the network returned no prediction to compare with the ground truth; return a list of flows")
     counts = _counts(truth, valid, max_flow)
     total = truth.new_zeros(())
     for index, flow in enumerate(flows):
         if flow.shape != truth.shape:
             raise UsageError(
                 f"prediction {index + 1} has the shape {tuple(flow.shape)}, the ground truth {tuple(truth.shape)}; "
-                "a network in training returns flows at the frames' own size"
+                "during training, a network must return flows at the frames' size"
             )
         total = total + gamma ** (len(flows) - 1 - index) * (counts * (flow.float() - truth).abs()).mean()
     return total

@@ -35,7 +35,7 @@ class Arflow(LabelFree):
         loss = terms.total
         numbers = {"flow": forward[0], "photometric": terms.photometric, "smoothness": terms.smoothness}
         if self._settings.self_supervision:
-            assert batch.changed is not None, "the loader gives the frames of the second pass"
+            assert batch.changed is not None, "the loader must provide the frames of the second pass"
             changed = (self.images(batch.changed[0]), self.images(batch.changed[1]))
             supervision = self._second_pass(changed, forward[0].detach(), terms.seen, step)
             loss = loss + self._settings.self_supervision * supervision

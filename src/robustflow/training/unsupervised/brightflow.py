@@ -57,8 +57,8 @@ class Brightflow(LabelFree):
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """Compute the loss, see `LabelFree.forward`."""
-        assert batch.whole is not None, "the loader gives the whole frames"
-        assert batch.plain is not None, "the loader gives the frames in their own colours"
+        assert batch.whole is not None, "the loader must provide the whole frames"
+        assert batch.plain is not None, "the loader must provide the frames in their original colours"
         settings, place = self._settings, batch.whole
         augmented = _Frames((place.image1, place.image2), (batch.image1, batch.image2))
         crops = batch.plain.crops(*batch.image1.shape[2:])
@@ -140,7 +140,7 @@ class Brightflow(LabelFree):
     def _students(self, batch: Batch, plain: _Frames) -> Tensor:
         """Return the loss of the student's flows on frames without border; the teacher is the network on the plain
         crops."""
-        assert batch.changed is not None, "the loader gives the frames without their border"
+        assert batch.changed is not None, "the loader must provide the frames without their border"
         with torch.no_grad():
             teachers = self._flows(*plain.crops)
         students = self._flows(*batch.changed)

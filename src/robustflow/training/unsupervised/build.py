@@ -24,8 +24,9 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
     if isinstance(settings, BrightflowObjective):
         if min(recipe.crop) <= 2 * settings.border:
             raise UsageError(
-                f"crop {recipe.crop[0]}x{recipe.crop[1]}: the student of brightflow sees it without {settings.border} "
-                f"pixels on each side, so each side needs more than {2 * settings.border}; give a larger --crop"
+                f"crop {recipe.crop[0]}x{recipe.crop[1]}: the student of brightflow sees the crop without "
+                f"{settings.border} pixels on each side, so each side needs more than {2 * settings.border}; give a "
+                "larger --crop"
             )
         return Brightflow(network, recipe, settings)
     assert isinstance(settings, UpflowObjective)

@@ -50,7 +50,7 @@ class LabelFree(nn.Module):
         multiple = network.convention.multiple
         if any(side % multiple for side in recipe.crop):
             raise UsageError(
-                f"crop {recipe.crop[0]}x{recipe.crop[1]}: {recipe.method} trains on multiples of {multiple}; give "
+                f"crop {recipe.crop[0]}x{recipe.crop[1]}: {recipe.method} needs multiples of {multiple}; give "
                 "another --crop"
             )
         self.network = network
