@@ -1,3 +1,3 @@
-"""Plan what has to run, compute it and store the rows."""
+"""Run a benchmark: plan the units, compute them and store the rows."""
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
         attack = load_attack(name).with_variant(options.variant)
     except UsageError as error:
         raise RunError(
-            f"the run's attack '{plain(name)}' cannot be made here ({plain(str(error), 200)}); if it is your own, name "
+            f"the run's attack '{plain(name)}' cannot be loaded ({plain(str(error), 200)}); if it is your own, name "
             "it with --own-attack MODULE:ATTRIBUTE"
         ) from error
     learned = {}

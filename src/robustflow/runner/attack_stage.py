@@ -102,7 +102,7 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
     """
     names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
-        raise UsageError("attacks are made on two frames, which this model does not take; leave out --attacks")
+        raise UsageError("attacks need a two-frame model; leave out --attacks")
     attacks = attacks_in_run(names, variant)
     if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
         raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run have it")

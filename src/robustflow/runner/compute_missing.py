@@ -90,5 +90,5 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     raise DataError(
         f"{path} changed while the run read it, so the rows of sample '{key}'{more} were removed; run the same command "
-        "again when nothing writes to the data"
+        "again when no process writes to the data"
     )

@@ -74,7 +74,7 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
         amplitude = np.hypot(flow[..., 0], flow[..., 1], dtype=np.float64)[valid]
         amplitude = amplitude[np.isfinite(amplitude)]
         counts += np.histogram(amplitude, np.minimum(edges, np.finfo(np.float64).max))[0]
-        counts[-1] -= int((amplitude == edges[-1]).sum())  # numpy includes the upper edge of the last bin
+        counts[-1] -= int((amplitude == edges[-1]).sum())  # np.histogram includes the upper edge of the last bin
         valid_pixels += amplitude.size
     share = counts / valid_pixels if valid_pixels else np.zeros(len(counts))
     return pl.DataFrame(

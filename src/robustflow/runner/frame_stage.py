@@ -86,7 +86,7 @@ class FrameStage:
 
     def _corrupted(self, sample: Sample, name: str, severity: int, seed: int) -> tuple[Frame, ...]:
         with timed(self._seconds, "corrupt"):
-            paper = self._options.severity_scale == "paper"  # frames corrupted beforehand have the paper's severities
+            paper = self._options.severity_scale == "paper"  # precomputed corrupted frames have the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
                 made = self._dataset if self._context is None else self._context
                 return made.corrupted(sample.key, name, severity)

@@ -27,7 +27,7 @@ class Progress(Protocol):
 
 @runtime_checkable
 class NamesEngine(Protocol):
-    """A `Progress` that also shows which engine computes."""
+    """A `Progress` that also shows the engine."""
 
     def engine(self, name: str) -> None:
         """Show the engine of the run that is about to start: "processes, 1 device + 3 feeders"."""

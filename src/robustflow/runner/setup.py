@@ -43,12 +43,12 @@ class Setup:
 
     @property
     def dataset(self) -> Dataset:
-        """The data set of the plan's benchmark."""
+        """Return the data set of the plan's benchmark."""
         return self.plan.benchmark.dataset
 
     @property
     def options(self) -> RunOptions:
-        """The plan's options."""
+        """Return the plan's options."""
         return self.plan.options
 
 
@@ -87,7 +87,7 @@ def set_up(
         )
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
-        raise UsageError("flows from files are those of moving pairs; leave out --still, or name a model that predicts")
+        raise UsageError("flow files are only for moving pairs; leave out --still, or name a model that predicts")
     check_confidence(confidence, named.model)
     _check_draws(draws, benchmark, confidence)
     attack_sources = check_attacks(benchmark, seed, variant, named.model)

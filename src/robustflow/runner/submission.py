@@ -150,7 +150,8 @@ def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], fold
         for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in written]):
             if not np.isfinite(flow).all():
                 raise ModelError(
-                    f"{each.condition}, '{key}': some vectors are not finite; a submission needs one at every pixel"
+                    f"{each.condition}, '{key}': some vectors are not finite; a submission needs a finite vector at "
+                    "every pixel"
                 )
             make_folder(targets[key].parent)
             write_flow(targets[key], flow)

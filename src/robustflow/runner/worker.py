@@ -90,7 +90,7 @@ class Worker:
         return rows
 
     def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
-        """Compute one cell and return everything about it."""
+        """Compute one cell and return its frames, flows and row."""
         loaded, clean = self._load(key)
         if corruption in self._attacks.names:
             return self._attacked(loaded, clean, (key, corruption, severity))
@@ -113,7 +113,7 @@ class Worker:
 
     def _load(self, key: str) -> tuple[Loaded, Answer]:
         if self._last is None or self._last[0].sample.key != key:
-            self._last = None  # release the last sample before the next one is read
+            self._last = None  # release the previous sample before the next one is read
             loaded = self._frames.load(key)
             clean = self._measure.stored_clean(loaded)
             if clean is None:

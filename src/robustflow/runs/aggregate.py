@@ -56,7 +56,7 @@ def summarize(
     Returns:
         A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
         pixels where both flows are predicted. Overall means are over every corruption in the rows, including
-        elastic_transform, a user's own and stacks "a+b"; `Summary.paper` holds the paper's mean.
+        elastic_transform, a user's own and stacks "a+b"; `Summary.paper` is the paper's mean.
 
     Raises:
         RunError: columns or sums are missing, or a (sample, corruption, severity) occurs twice.

@@ -71,7 +71,7 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
     """
     path = run.path / file
     if not path.is_file():
-        return None  # reading a pipe could block
+        return None  # only regular files, because reading a pipe could block
     try:
         with open(path, "rb", opener=not_a_link) as opened:
             data = opened.read(largest)

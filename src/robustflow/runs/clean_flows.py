@@ -27,7 +27,7 @@ def write_clean(path: Path, flow: Flow, made_of: str) -> None:
     """
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(flow, np.float32), allow_pickle=False)
-    write_bytes(path, sealed_bytes(file.getvalue(), made_of), durable=False)  # a lost flow is recomputed
+    write_bytes(path, sealed_bytes(file.getvalue(), made_of), durable=False)  # a flow that was not stored is recomputed
 
 
 def read_clean(path: Path, made_of: str) -> Flow | None:

@@ -43,7 +43,7 @@ class DisplacementFile(RunAttachment):
     @model_validator(mode="after")
     def _bins_fit(self) -> DisplacementFile:
         if len(self.low) != len(self.pixels) or self.low[0] != 0 or sorted(set(self.low)) != self.low:
-            raise ValueError("the edges ascend from 0, one to each count")
+            raise ValueError("edges must ascend from 0, with one edge per count")
         return self
 
     @property

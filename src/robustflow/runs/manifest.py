@@ -166,7 +166,7 @@ def read_manifest(path: Path) -> Manifest | None:
     except ValidationError as error:
         raise _damaged(path, plain(first_misfit(error), 200)) from error
     if manifest.identity_digest != manifest.identity.digest():
-        raise _changed(path, "its identity does not match the digest beside it")
+        raise _changed(path, "its identity does not match its stored digest")
     measuring = manifest.identity.measuring
     if measuring.rows != ROW_SCHEMA_VERSION:
         raise _other_version(path, f"version {measuring.rows} of the rows", ROW_SCHEMA_VERSION)

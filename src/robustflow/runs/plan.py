@@ -58,7 +58,7 @@ class RunOptions:
     own: tuple[Any, ...] = ()
     """The user's corruptions, classes or objects, to register in worker processes (see `corruptions.own`)."""
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
-    """See `Benchmark.classes`."""
+    """Corruption classes by name, see `Benchmark.classes`."""
     attacks: tuple[str, ...] = ()
     """The conditions that are attacks on the model; the others are corruptions."""
     own_attacks: tuple[Any, ...] = ()

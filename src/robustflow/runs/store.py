@@ -42,7 +42,7 @@ from .shards import (
 )
 
 _MANY_SHARDS = 64
-"""Number of small shards that are merged into one."""
+"""Number of small shards to merge into one."""
 _SMALL_SHARD = 2**20
 """Size in bytes below which shards are merged: about 10,000 rows."""
 _INSIDE = ("rows", "clean", "examples")
@@ -208,7 +208,7 @@ class RunFolder:
         for _ in range(_RETRIES):
             try:
                 return read_shards(list_shards(self.rows_folder), columns, corruption)
-            except FileNotFoundError as error:  # merged between listing and reading: list again
+            except FileNotFoundError as error:  # merged between listing and reading, so list again
                 gone = error.filename
         raise RunError(
             f"{gone} is listed but missing; run the command again when no other process writes to its folder"
@@ -227,7 +227,7 @@ class RunFolder:
         for _ in range(_RETRIES):
             try:
                 return shards_digest(list_shards(self.rows_folder))
-            except FileNotFoundError as error:  # merged between listing and reading: list again
+            except FileNotFoundError as error:  # merged between listing and reading, so list again
                 gone = error.filename
         raise RunError(
             f"{gone} is listed but missing; run the command again when no other process writes to its folder"

@@ -45,7 +45,7 @@ class TrainingProgress:
 
 
 def save_weights(path: Path, weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> None:
-    """Write weights and their origin, completely or not at all.
+    """Write weights and their origin atomically.
 
     Raises:
         DataError: the folder cannot be written, or the disk is full.

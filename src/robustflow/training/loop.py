@@ -58,7 +58,7 @@ class TrainingSetup:
 
 @dataclass
 class TrainingState:
-    """The state that changes during a training."""
+    """The state that changes during training."""
 
     network: TrainedNetwork
     optimizer: torch.optim.Optimizer

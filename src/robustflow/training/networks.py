@@ -195,8 +195,8 @@ def load_network(
     if not (own and str(start) == RANDOM):  # a user's module keeps its initial weights
         given["checkpoint"] = str(start)
     with torch.random.fork_rng(devices=[]), weights_seeded(seed), warnings.catch_warnings():
-        torch.default_generator.manual_seed(seed)  # of a user's module
-        if str(start) == RANDOM:  # no forward pass is needed yet
+        torch.default_generator.manual_seed(seed)  # seeds the weights of a user's module
+        if str(start) == RANDOM:  # random weights are not evaluated, so the warning does not apply
             warnings.simplefilter("ignore", ConventionWarning)
         model = load_model(recipe.method, **given)
     while isinstance(model, TiledModel):

@@ -52,7 +52,7 @@ class GroupedBatchNorm2d(nn.BatchNorm2d):
         self.train(norm.training)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Apply the norm, part by part in training mode."""
+        """Normalise the input; in training mode, each part separately."""
         if not self.training:
             return super().forward(inputs)
         first, *others = inputs.chunk(self.groups)

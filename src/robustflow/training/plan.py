@@ -62,7 +62,7 @@ def _changes(recipe: Recipe, original: Recipe) -> list[str]:
     return [
         f"changed: {name.replace('_', ' ')} {_written(value)} instead of {_written(before)}"
         for name, before, value in pairs
-        if value != before and name != "extra_update"  # follows from `steps`
+        if value != before and name != "extra_update"  # determined by `steps`
     ]
 
 

@@ -1,3 +1,3 @@
-"""Engines: the same plan and the same worker, in one process or in many."""
+"""Engines compute the units of a plan, in one process or in several."""
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ class Child:
         return kind, value
 
     def end(self) -> None:
-        """Stop the process now."""
+        """Stop the process immediately."""
         self.pipe.close()
         self._process.terminate()
         self._process.join(2)

@@ -115,7 +115,7 @@ class _Feeder:
         if key not in self._samples:
             loaded = self._frames.load(key)
             self._samples[key] = _OpenSample(loaded, _slot_bytes(loaded, self._frames, self._channels))
-            return  # larger slots may be needed first
+            return  # may need larger slots first
         sample = self._samples[key]
         if sample.clean is None and not sample.unmeasured:
             self._find_clean(sample, cell)
@@ -125,14 +125,14 @@ class _Feeder:
             digest = self._measure.digest(sample.loaded.sample.frames)
             assert sample.clean is not None
             self._report(cell, sample, sample.clean, digest)
-            before = self._seconds["corrupt"]  # the clock was reset with the row
+            before = self._seconds["corrupt"]  # the timer was reset when the row was sent
         else:
             frames = self._frames.corrupt(sample.loaded.sample, corruption, severity)
             self._ask(sample, cell, frames, wanted=True)
         self._begun(cell, self._seconds["corrupt"] - before)
 
     def _find_clean(self, sample: _OpenSample, cell: Cell) -> None:
-        """Read the clean flow from disk, or request it; for a clean cell, this request is the cell's own."""
+        """Read the clean flow from disk, or request it; for a clean cell, this also requests the flow of the cell."""
         sample.clean = self._measure.stored_clean(sample.loaded)
         if sample.clean is not None:
             return

@@ -21,11 +21,11 @@ class PredictionTimeout:
         """Description of the current prediction."""
 
     def note(self, what: str | None) -> None:
-        """Record that a prediction begins, or (None) has ended."""
+        """Record the start of a prediction, or its end if `what` is None."""
         self.what, self._since = what, time.monotonic()
 
     def check(self) -> None:
-        """Check the clock.
+        """Check the time of the current prediction.
 
         Raises:
             ModelError: the prediction exceeds the time limit.

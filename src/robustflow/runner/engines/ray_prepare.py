@@ -101,7 +101,7 @@ def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
 def _prepare(
     source: Source, folder: Path, preparation: Preparation, proof: Path, begins: str, wanted: dict[str, str]
 ) -> Answer:
-    """Prepare one clip, on the node."""
+    """Prepare one clip on the node."""
     host = socket.gethostname()
     kind, value = answered(lambda: _prepare_here(host, source, folder, preparation, proof, begins, wanted))
     if kind == "error":

@@ -54,20 +54,20 @@ class SharedSlots:
         os.close(self._descriptor)
         self._map = None
 
-    # The feeder's side.
+    # Methods for the feeder.
 
     @property
     def free(self) -> int:
-        """Number of free slots."""
+        """Return the number of free slots."""
         return len(self._free)
 
     @property
     def in_use(self) -> int:
-        """Number of slots in use."""
+        """Return the number of slots in use."""
         return self.count - len(self._free)
 
     def fit(self, size: int) -> bool:
-        """Enlarge the slots to at least `size` bytes; returns False if that has to wait until none is in use."""
+        """Enlarge the slots to at least `size` bytes; return False if this has to wait until no slot is in use."""
         if size <= self.slot_bytes:
             return True
         if self.in_use:
@@ -92,7 +92,7 @@ class SharedSlots:
                 os.posix_fallocate(self._descriptor, slot * self.slot_bytes, self.slot_bytes)
             except OSError as error:
                 raise RunError(
-                    f"no memory for the frames on their way to the model ({error.strerror}); try fewer --workers or a "
+                    f"not enough memory for the frames sent to the model ({error.strerror}); try fewer --workers or a "
                     "smaller --batch-size"
                 ) from error
             self._used.add(slot)

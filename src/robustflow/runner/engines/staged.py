@@ -83,7 +83,7 @@ def staged(
 
 
 class _PredictorHandle:
-    """The process of a device."""
+    """The predicting process of a device."""
 
     def __init__(self, job: Job, device: str | None, links: list[Link], timeout: float | None) -> None:
         model = job.model.on(device) if isinstance(job.model, ModelSpec) and device is not None else job.model

@@ -13,7 +13,7 @@ from ..objectives import Appearance
 from .jitter import Jitter, Strength, apply_jitter, draw_jitter
 
 _BLURRED = 0.5
-"""Probability of a blur."""
+"""Probability of blurring."""
 
 
 class Look(NamedTuple):

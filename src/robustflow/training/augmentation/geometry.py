@@ -12,12 +12,12 @@ from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
 
 _SCALED = 0.8
-"""Probability of scaling at all."""
+"""Probability of scaling."""
 _STRETCHED = 0.8
 _STRETCH = 0.2
 """Largest stretch of one axis, as a power of two."""
 _FLIPPED = (0.5, 0.1)
-"""Probability of flipping left-right and upside down."""
+"""Probabilities of horizontal and vertical flips."""
 _MARGIN = {"dense": 8, "sparse": 1}
 """Minimum difference between the size of a scaled frame and the crop, in pixels."""
 _OVERHANG = (20, 50)

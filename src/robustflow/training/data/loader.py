@@ -34,7 +34,7 @@ class WholeFrames:
     sizes: Tensor
 
     def to(self, device: torch.device) -> WholeFrames:
-        """A copy on another device."""
+        """Return a copy on a different device."""
         parts = (self.image1, self.image2, self.corners, self.sizes)
         return WholeFrames(*(value.to(device, non_blocking=True) for value in parts))
 
@@ -74,7 +74,7 @@ class Batch:
     changed: tuple[Tensor, Tensor] | None = None
 
     def to(self, device: torch.device) -> Batch:
-        """A copy on another device."""
+        """Return a copy on a different device."""
         image1, image2, flow, valid = (
             value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
         )

@@ -22,7 +22,7 @@ RADIUS = 3
 ALPHA = 150.0
 """Edge sensitivity of the smoothness, for images in 0..255: nearly any edge permits a flow discontinuity."""
 LUMA: Luma = (0.2989, 0.1140, 0.5870)
-"""Weights of red, green and blue in grey; the official code exchanges green and blue."""
+"""Weights of red, green and blue in the grey value; the official code swaps green and blue."""
 _EPS = 1e-5
 
 

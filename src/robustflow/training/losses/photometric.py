@@ -9,7 +9,7 @@ from torch.nn import functional as F
 Luma = tuple[float, float, float]
 
 LUMA: Luma = (0.2989, 0.5870, 0.1140)
-"""Weights of red, green and blue in grey."""
+"""Weights of red, green and blue in the grey value."""
 
 
 def ssim_distance(first: Tensor, second: Tensor) -> Tensor:
