@@ -224,7 +224,7 @@ def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
     ("file", "content", "words"),
     [
         ("robustflow/__init__.py", "raise ImportError('no such package')", r"cannot start RobustFlow \(ImportError"),
-        ("sitecustomize.py", "OTHER_NUMPY", r"has numpy 0\.1 where the run was started with"),
+        ("sitecustomize.py", "OTHER_NUMPY", r"has numpy 0\.1, but the run was started with"),
     ],
     ids=["missing", "other"],
 )

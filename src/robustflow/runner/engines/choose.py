@@ -70,7 +70,7 @@ def choose_engine(
                 "attacks on an accelerator run in this process; leave out --engine, --workers and --timeout, "
                 "or run them without --attacks"
             )
-        return _serial(" (attacks compute where the model is)")
+        return _serial(" (attacks need the model in this process)")
     why = ""
     if name is None:
         unasked = workers is None and timeout is None

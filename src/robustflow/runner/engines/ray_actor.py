@@ -65,7 +65,7 @@ def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> N
     for name in here | there:
         if here.get(name) != there.get(name):
             raise RunError(
-                f"node {host} has {name} {there.get(name, 'missing')} where the run was started with "
+                f"node {host} has {name} {there.get(name, 'missing')}, but the run was started with "
                 f"{here.get(name, 'none')}, which may change results; install the same versions on every node"
             )
 
