@@ -258,7 +258,7 @@ def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(ro
     assert robustflow("corrupt", "--check")[0] == 0
     monkeypatch.setattr(machine_check, "_SHIFT", (2, 6))
     code, out, _ = robustflow("corrupt", "--check")
-    assert (code, out.splitlines()[0]) == (1, "contrast: other bytes at severity 1, 3, 5")
+    assert (code, out.splitlines()[0]) == (1, "contrast: different bytes at severity 1, 3, 5")
 
 
 def test_corrupt_without_frames_says_what_to_give(robustflow):

@@ -123,7 +123,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
             "rolling_shutter needs the clip that its frames come from",
         ),
         (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),
-        (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
+        (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows the corruption"),
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
         (None, "run -m dis -s high", 2, "whole numbers"),

@@ -59,5 +59,5 @@ def test_what_is_no_flow_is_one_error_that_says_how_to_convert(wrong):
 
 def test_masks_of_another_size_are_refused():
     flow = np.zeros((3, 4, 2), np.float32)
-    with pytest.raises(DataError, match=r"mask has the shape \(4, 3\)"):
+    with pytest.raises(DataError, match=r"mask has shape \(4, 3\)"):
         rf.metrics.epe(flow, flow, np.ones((4, 3), bool))

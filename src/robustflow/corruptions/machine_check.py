@@ -35,7 +35,7 @@ def compare_with_package() -> Iterator[tuple[str, str]]:
             yield name, f"not compared: {first_line(error)}"
             continue
         differing = [str(level) for level in SEVERITIES if found[str(level)] != expected[name][str(level)]]
-        yield name, f"other bytes at severity {', '.join(differing)}" if differing else ""
+        yield name, f"different bytes at severity {', '.join(differing)}" if differing else ""
 
 
 def digests_of(name: str) -> dict[str, str]:

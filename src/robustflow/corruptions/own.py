@@ -124,7 +124,7 @@ def register_custom(made: Made) -> str:
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"a corruption cannot be called '{name}': use a name of letters, digits and '_'")
     if name in SHIPPED or on_disk(name) is not None:
-        raise UsageError(f"{described(made)} has the name of the corruption '{name}': give it another `name`")
+        raise UsageError(f"{described(made)} has the name of the corruption '{name}': give it a different `name`")
     _own[name] = made
     return name
 

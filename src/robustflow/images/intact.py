@@ -42,7 +42,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
     header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
     if width * height * bits * header.channels > 8 * _INFLATE * len(data):
-        raise DataError(f"{path}: {len(data)} bytes cannot hold the {width}x{height} pixels claimed; it is damaged")
+        raise DataError(f"{path}: {len(data)} bytes are too few for the {width}x{height} pixels claimed; it is damaged")
     view, start, name = memoryview(data), 8, b""
     while name != b"IEND":
         length = int.from_bytes(view[start : start + 4], "big")
@@ -95,9 +95,9 @@ def check_jpeg(path: Path, data: bytes) -> None:
     except av.error.PatchWelcomeError:
         return
     except (av.error.FFmpegError, ValueError) as error:
-        raise DataError(f"{path}: damaged, the JPEG's code breaks within the picture; copy it again") from error
+        raise DataError(f"{path}: damaged, the JPEG's data are corrupt; copy it again") from error
     if not frames or any(frame.is_corrupt for frame in frames):
-        raise DataError(f"{path}: damaged, the JPEG's code breaks within the picture; copy it again")
+        raise DataError(f"{path}: damaged, the JPEG's data are corrupt; copy it again")
 
 
 def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
@@ -118,7 +118,7 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
     if sizes and len(data) not in sizes:
         state = "cut short" if len(data) < sizes[0] else "too long, or contains several pictures"
         raise DataError(
-            f"{path}: {state}, {len(data)} bytes where its header says {sizes[0]}; copy or convert it again"
+            f"{path}: {state}, {len(data)} bytes but its header states {sizes[0]}; copy or convert it again"
         )
 
 

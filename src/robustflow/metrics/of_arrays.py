@@ -88,5 +88,5 @@ def _mask(valid: Any, errors: npt.NDArray[np.float64]) -> Mask | None:
         return None
     mask = _numpy(valid) != 0
     if mask.shape != errors.shape:
-        raise DataError(f"the mask has the shape {mask.shape}, the flow {errors.shape}; both must be (H, W)")
+        raise DataError(f"the mask has shape {mask.shape}, the flow {errors.shape}; both must be (H, W)")
     return mask

@@ -80,7 +80,7 @@ def check_room(estimate: DiskEstimate, output: Path) -> None:
         DataError: there is less free space than masters, key frames and temporary files need.
     """
     if estimate.kept + estimate.temporary > estimate.free:
-        raise DataError(f"{output}: not enough room: {estimate}; choose another --output, or fewer clips")
+        raise DataError(f"{output}: not enough room: {estimate}; choose a different --output, or fewer clips")
 
 
 def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:

@@ -44,7 +44,7 @@ class FlavrInterpolator:
         """
         if factor != 4:
             raise UsageError(
-                f"FLAVR's 4x weights cannot do a factor of {factor}: give --factor 4, or --interpolator flow"
+                f"FLAVR's 4x weights do not support a factor of {factor}: give --factor 4, or --interpolator flow"
             )
         import torch
 

@@ -124,7 +124,7 @@ def read_record(path: Path) -> dict[str, Any]:
     content = unsealed(path.read_bytes())
     if content is None:
         raise DataError(
-            f"{path} is damaged; delete it and the folder {path.parents[1] / path.stem}: both are made again"
+            f"{path} is damaged; delete it and the folder {path.parents[1] / path.stem}: both are created again"
         )
     record: dict[str, Any] = json.loads(content)
     return record

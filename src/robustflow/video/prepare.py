@@ -88,7 +88,7 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     """
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
-        raise UsageError(f"{source.name}: pictures do not say how many there are per second; give --fps")
+        raise UsageError(f"{source.name}: pictures have no frame rate; give --fps")
     if preparation.factor < 1:
         raise UsageError(f"--factor {preparation.factor}: give 1 or more")
     fps = rate * preparation.factor
@@ -147,7 +147,9 @@ def prepare_clip(
     size = (wanted.height, wanted.width)
     master = write_clip(folder / MASTER, written, size, timing.fps, lossless(preparation.preset))
     if master.count != timing.count:
-        raise DataError(f"{source.name}: {master.count} frames came out where {timing.count} were expected; check it")
+        raise DataError(
+            f"{source.name}: {master.count} frames were produced, but {timing.count} were expected; check the file"
+        )
     manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, sealed(manifest.model_dump()))
     for leftover in folder.glob(".segments-*"):

@@ -94,7 +94,9 @@ def warnings_of(record: dict[str, Any]) -> list[str]:
             "and its frames are the clean ones"
         ]
     if record["frames_lost"]:
-        return [f"{where}: {record['frames_lost']} of {record['frames']} frames were lost and show their predecessor"]
+        return [
+            f"{where}: {record['frames_lost']} of {record['frames']} frames were lost and repeat their predecessors"
+        ]
     return []
 
 

@@ -1,1 +1,1 @@
-"""Gaussian, defocus, glass, camera-motion and lens blur."""
+"""Corruptions of the family "blur": Gaussian, defocus, glass, camera motion and lens blur."""

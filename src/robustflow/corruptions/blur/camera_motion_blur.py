@@ -1,4 +1,4 @@
-"""Camera motion blur."""
+"""Apply camera motion blur."""
 
 from __future__ import annotations
 

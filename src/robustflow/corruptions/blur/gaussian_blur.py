@@ -1,4 +1,4 @@
-"""Gaussian blur."""
+"""Apply Gaussian blur."""
 
 from __future__ import annotations
 

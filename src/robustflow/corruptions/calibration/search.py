@@ -60,7 +60,9 @@ def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
         raise DataError(f"{folder}: no such folder; give --data a folder of pictures")
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES)
     if not files:
-        raise DataError(f"{folder}: holds no picture ({', '.join(IMAGE_SUFFIXES)}); give --data a folder of pictures")
+        raise DataError(
+            f"{folder}: contains no pictures ({', '.join(IMAGE_SUFFIXES)}); give --data a folder of pictures"
+        )
     return {file.name: read_image(file) for file in files}
 
 

@@ -1,4 +1,4 @@
-"""Bit errors."""
+"""Overwrite bytes of a clip with bit errors."""
 
 from __future__ import annotations
 

@@ -25,10 +25,10 @@ class ClipCorruption(Corruption):
         Raises:
             UsageError: always.
         """
-        shows = "" if self.name in BETWEEN_FRAMES else ", robustflow gallery --clip CLIP shows it"
+        shows = "" if self.name in BETWEEN_FRAMES else ", robustflow gallery --clip CLIP shows the corruption"
         raise UsageError(
             f"{self.name} needs the clip that the frames come from, not two images; robustflow run --benchmark "
-            f"gopro-fc --data CLIP measures it{shows}"
+            f"gopro-fc --data CLIP measures the corruption{shows}"
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:

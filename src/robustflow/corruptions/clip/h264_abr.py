@@ -1,4 +1,4 @@
-"""H.264 at an average bit rate."""
+"""Compress with H.264 at an average bit rate."""
 
 from __future__ import annotations
 

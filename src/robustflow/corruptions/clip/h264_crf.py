@@ -1,4 +1,4 @@
-"""H.264 at a constant rate factor."""
+"""Compress with H.264 at a constant rate factor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Object motion blur."""
+"""Apply object motion blur."""
 
 from __future__ import annotations
 

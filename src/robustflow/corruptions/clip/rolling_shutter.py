@@ -1,4 +1,4 @@
-"""Rolling shutter."""
+"""Simulate a rolling shutter."""
 
 from __future__ import annotations
 

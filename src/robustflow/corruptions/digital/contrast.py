@@ -1,4 +1,4 @@
-"""Contrast."""
+"""Reduce the contrast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JPEG compression."""
+"""Compress frames as JPEG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pixelation."""
+"""Pixelate frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Saturation."""
+"""Change the saturation."""
 
 from __future__ import annotations
 

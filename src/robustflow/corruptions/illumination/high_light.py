@@ -1,4 +1,4 @@
-"""High light."""
+"""Brighten frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Low light."""
+"""Darken frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Over exposure."""
+"""Overexpose one frame of a pair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Under exposure."""
+"""Underexpose one frame of a pair."""
 
 from __future__ import annotations
 

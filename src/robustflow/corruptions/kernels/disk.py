@@ -18,7 +18,7 @@ from .borders import mirrored
 from .disk_kernel import disk_parts
 from .separable import FLOOR
 
-_U = np.uint64  # an index that is never negative needs no test for it
+_U = np.uint64  # unsigned indices avoid numba's check for negative indices
 _STRIP = 640
 """Number of columns processed at a time, chosen so that the rows read by a sum stay in the L1 cache."""
 

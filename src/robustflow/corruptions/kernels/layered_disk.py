@@ -24,7 +24,7 @@ _ROWS, _COLUMNS = 32, 128
 """Number of pixels processed at a time, chosen so that their running sums stay in the L2 cache."""
 _BLOCK = 16
 """Side of the blocks, in pixels, for which the set of layers is stored."""
-_U = np.uint64  # an index that is never negative needs no test for it
+_U = np.uint64  # unsigned indices avoid numba's check for negative indices
 
 Layers = npt.NDArray[np.uint8]
 """Layer index of each pixel, uint8 (H, W); 0 is the nearest of at most 32 layers."""

@@ -1,4 +1,4 @@
-"""Gaussian noise."""
+"""Add Gaussian noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Impulse noise."""
+"""Add impulse noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shot noise."""
+"""Apply shot noise."""
 
 from __future__ import annotations
 

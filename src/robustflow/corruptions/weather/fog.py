@@ -1,4 +1,4 @@
-"""Fog."""
+"""Add fog."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frost."""
+"""Add frost."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def _fetch(folder: Path) -> None:
                 fresh.write_bytes(content)
                 os.replace(fresh, folder / name)
     except OSError as error:
-        raise AssetError(f"cannot keep frost textures in {folder}: {error.strerror or error}; {_REMEDY}") from error
+        raise AssetError(f"cannot store frost textures in {folder}: {error.strerror or error}; {_REMEDY}") from error
 
 
 def _download(folder: Path) -> Path:
@@ -130,7 +130,7 @@ def _download(folder: Path) -> Path:
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        raise AssetError(f"pip gave no {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
+        raise AssetError(f"pip did not provide {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
     wheels = list(folder.glob("*.whl"))
     if done.returncode != 0 or len(wheels) != 1:
         reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
