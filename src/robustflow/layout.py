@@ -75,7 +75,7 @@ def numbered(folder: Path, pattern: str) -> dict[int, Path]:
         if match:
             number = int(match[1])
             if number in frames:
-                raise DataError(f"{path}: the same frame number as {frames[number].name}; remove one of the two")
+                raise DataError(f"{path}: has the same frame number as {frames[number].name}; remove one of the two")
             frames[number] = path
     return dict(sorted(frames.items()))
 

@@ -132,5 +132,5 @@ def _spell(value: Any, where: str) -> str:
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
         f"{where} holds a {type(value).__name__}, which a later run could not recognise; give it a property "
-        "`source` that states, as text, what decides its result"
+        "`source` that describes, as text, everything that determines its result"
     )

@@ -62,7 +62,7 @@ def test_another_host_is_not_answered(app, host):
 @pytest.mark.parametrize("path", ["/preview", "/upload"])
 def test_a_post_from_elsewhere_is_refused(app, path, origin):
     status, body, _ = app.ask("POST", path, "{}", origin=origin.format(host=app.host))
-    assert (status, body) == (403, b"requests from other pages are refused\n")
+    assert (status, body) == (403, b"requests from other pages are rejected\n")
 
 
 @pytest.mark.parametrize("path", ["/", "/app.js", "/results.js", "/app.css", "/choices", "/missing"])

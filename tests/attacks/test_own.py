@@ -189,7 +189,7 @@ def test_the_checker_passes_what_keeps_the_contract():
     [
         (Far, "leaves its budget: end with problem.ball.project"),
         (Last, "saw one of .*return problem.best"),
-        (Unseeded, "other bytes the second time"),
+        (Unseeded, "different bytes on the second call"),
     ],
 )
 def test_the_checker_says_what_is_wrong(made, message):

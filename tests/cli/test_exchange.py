@@ -64,7 +64,7 @@ def test_a_card_is_verified_with_the_record_and_refused_after_a_change(robustflo
     assert (code, out.split()) == (0, ["card/card.md", "card/card.json"])
     code, out, _ = robustflow("verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json")
     assert code == 0
-    assert "exported      files exported from the run are what the record gives: 2 files" in out
+    assert "exported      files exported from the run match the record: 2 files" in out
     card = Path("card/card.md")
     card.write_text(card.read_text().replace("| average | ", "| average | 1", 1))
     code, out, _ = robustflow("verify", records[0], "--exported", card)

@@ -103,7 +103,7 @@ def test_a_folder_of_runs_is_reported_like_its_runs(robustflow, runs, tmp_path):
     (tmp_path / "empty").mkdir()
     code, _, err = robustflow("report", "empty")
     assert code == 1
-    assert "holds no run and no record" in err
+    assert "contains no run or record" in err
 
 
 def test_an_unknown_format_is_refused_with_all_that_there_are(robustflow, runs):

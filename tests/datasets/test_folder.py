@@ -110,7 +110,7 @@ def test_video_pairs(tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="keys go from '000000' to '000016'"):
             dataset.load(key)
     refused(path, "20 frame", step=20)
-    refused(tmp_path, "holds videos, not frames; give one file, for example")
+    refused(tmp_path, "contains videos, not frames; give one file, for example")
 
 
 def test_a_pickled_reader_carries_no_frame_and_no_open_file(tmp_path: Path) -> None:

@@ -173,5 +173,5 @@ def test_an_edited_source_never_continues_a_run(module):
 def test_a_video_alone_is_a_folder(tmp_path):
     write_video(tmp_path / "clip.mp4", 6, 3)
     assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
-    with pytest.raises(DataError, match="holds videos, not frames; give one file"):
+    with pytest.raises(DataError, match="contains videos, not frames; give one file"):
         load_benchmark("demo", tmp_path)

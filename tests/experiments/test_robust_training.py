@@ -23,7 +23,7 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
     first = run(app, command + _SMALL)
     assert first.exit_code == 0, first.output
     # after two updates the network is no better than zero flow, so no conclusion is allowed
-    assert "Nothing is compared here" in (tmp_path / "out/findings.md").read_text()
+    assert "No seeds are left to compare" in (tmp_path / "out/findings.md").read_text()
     folders = {arm: tmp_path / f"out/trainings/seed-0/{arm}" for arm in ("plain", "all", "no_noise", "no_weather")}
     starts = {read_progress(folder / "last.pth")[1].identity["start"] for folder in folders.values()}
     assert len(starts) == 1

@@ -45,7 +45,7 @@ def test_an_entry_changed_without_its_hash(packed, name):
     changed[len(changed) // 2] ^= 1
     assert failure(container_bytes(entries | {name: bytes(changed)})) == (
         "hashes",
-        f"{name} has another SHA-256 than record.json gives: it was changed or damaged",
+        f"{name} does not have the SHA-256 in record.json: it was changed or damaged",
     )
 
 
@@ -95,8 +95,8 @@ def test_better_rows(packed):
         ("rows", at(_FOG, pred_magnitude_sum=pl.lit(None, pl.Float64)), "empty"),
         ("rows", at(_FOG, frames_digest=pl.lit("../x")), "32 hexadecimal"),
         ("rows", at(_FOG, frames_digest=pl.lit("A" * 32)), "32 hexadecimal"),
-        ("rows", at(_FOG, sample=pl.lit("\x1b]0;owned\x07")), "cannot be shown"),
-        ("rows", at(_FOG, group=pl.lit("a\u202eb")), "cannot be shown"),
+        ("rows", at(_FOG, sample=pl.lit("\x1b]0;owned\x07")), "cannot be displayed"),
+        ("rows", at(_FOG, group=pl.lit("a\u202eb")), "cannot be displayed"),
         ("rows", at(_FOG, corruption=pl.lit("x" * 10_000)), "10000 characters"),
         ("rows", at(_FOG, sample=pl.lit("x" * 1_000)), "1000 characters"),
         ("rows", lambda rows: pl.concat([rows, rows.filter(_FOG)]), "appears twice"),
@@ -209,9 +209,9 @@ def test_rows_written_otherwise(packed, old, new):
         (("samples", "motorcycle"), [["a.png", "1"]], "manifest", "samples.motorcycle"),
         (("samples",), {"x" * 10_000: []}, "manifest", "10000 characters"),
         (("seconds",), {"wall": "1"}, "manifest", "seconds.wall"),
-        (("environment", "packages"), {"numpy": "\x1b[31m2"}, "manifest", "cannot be shown"),
-        (("environment", "packages"), {"\x9b31m": "2"}, "manifest", "cannot be shown"),
-        (("started",), "a\nb", "manifest", "cannot be shown"),
+        (("environment", "packages"), {"numpy": "\x1b[31m2"}, "manifest", "cannot be displayed"),
+        (("environment", "packages"), {"\x9b31m": "2"}, "manifest", "cannot be displayed"),
+        (("started",), "a\nb", "manifest", "cannot be displayed"),
     ],
 )
 def test_a_changed_manifest(packed, path, value, check, says):
@@ -239,7 +239,7 @@ def test_a_changed_identity_with_its_digest(packed):
         (("version",), 0, "not a record of a run"),
         (("format",), "zip", "not a record of a run"),
         (("more",), 1, "more"),
-        (("author",), "\x1b[31m", "cannot be shown"),
+        (("author",), "\x1b[31m", "cannot be displayed"),
         (("author",), "x" * 201, "author"),
         (("description",), "x" * 10_000, "10000 characters"),
         (("link",), "javascript:alert(1)", "https://"),

@@ -94,9 +94,9 @@ def never(frame1, frame2):
 @pytest.mark.parametrize(
     ("model", "says"),
     [
-        (Writes(), "writes into the frames it is given"),
-        (Remembers(), r"another flow for the same frames \(off by up to 2 px\)"),
-        (Mixes(), "another flow in a batch than alone"),
+        (Writes(), "modifies its input frames"),
+        (Remembers(), r"a different flow for the same frames \(off by up to 2 px\)"),
+        (Mixes(), "a different flow in a batch than for single pairs"),
         (Loses(), "returned 1 flows for 2 pairs"),
         (
             padded,
@@ -107,8 +107,8 @@ def never(frame1, frame2):
         (lambda a, b: [[0]], "returned list"),
         (lambda a, b: a.nothing, "raised AttributeError on frames of 128x160"),
         (3, "has no method predict"),
-        (SureOfOther(), "predict_with_confidence gives another flow than predict on frames of 128x160"),
-        (SurerEachTime(), "another confidence for the same frames on frames of 128x160"),
+        (SureOfOther(), "predict_with_confidence returns a different flow than predict on frames of 128x160"),
+        (SurerEachTime(), "a different confidence for the same frames on frames of 128x160"),
         (SureOfLess(), r"confidence on frames of 128x160 has the shape \(127, 160\); expected \(128, 160\)"),
     ],
 )

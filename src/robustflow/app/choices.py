@@ -85,7 +85,7 @@ class Models:
             except RobustFlowError as error:
                 raise type(error)(_for_the_page(str(error))) from error
             if not isinstance(model, FlowModel):
-                raise ModelError(f"model '{name}' does not predict from two frames; choose another")
+                raise ModelError(f"model '{name}' does not predict from two frames; choose a different model")
             self._loaded = ((name, checkpoint), model)
         return self._loaded[1]
 

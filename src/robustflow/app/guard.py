@@ -70,7 +70,7 @@ class Guard:
         if not self._is_this_server(host):
             return _text("this server only answers to its own address: use the one printed in the terminal", 421)
         if scope["method"] not in _SAFE and headers.get("origin") != f"http://{host}":
-            return _text("requests from other pages are refused", 403)
+            return _text("requests from other pages are rejected", 403)
         given = QueryParams(scope["query_string"]).get("token", "")
         if scope["method"] == "GET" and scope["path"] == "/" and _same(given, self._token):
             into = RedirectResponse("/", 303)  # removes the token from the address bar and the history

@@ -96,7 +96,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
     if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # checked before decompression
         height, width = stored_size(truth)
-        raise DataError(f"{truth}: {width}x{height} is not the size of the frames; they do not belong together")
+        raise DataError(f"{truth}: {width}x{height} is not the size of the frames; the files do not match")
     flow, valid = read_flow(truth)
     if not valid.any():
         raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")
@@ -113,7 +113,7 @@ def _clip(file: UploadFile, folder: Path) -> UploadedClip:
         raise DataError(f"{path}: cannot be read as a video; is it damaged?") from error
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
         most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
-        raise DataError(f"{path}: clips of up to {most} are taken; cut it short, or scale it down")
+        raise DataError(f"{path}: clips are limited to {most}; shorten the clip or scale it down")
     return UploadedClip(path.name, path, folder)
 
 

@@ -83,7 +83,7 @@ def _check_truth(dataset: KittiPairs) -> None:
     if dataset.non_occluded:
         raise DataError(
             f"{dataset.folder}: no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
-            "on flow_noc/ with --benchmark kitti2015, which says so"
+            "on flow_noc/ with --benchmark kitti2015, which reports this"
         )
 
 

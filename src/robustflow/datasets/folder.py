@@ -90,7 +90,7 @@ def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: P
     frames = _pictures(path) or any(_pictures(inner) for inner in folders(path))
     videos = [inner for inner in sorted(path.iterdir()) if inner.suffix.lower() in VIDEO_SUFFIXES]
     if videos and not frames:
-        raise DataError(f"{path}: holds videos, not frames; give one file, for example {videos[0]}")
+        raise DataError(f"{path}: contains videos, not frames; give one file, for example {videos[0]}")
     return FrameFolder(path, step, start, stop)
 
 

@@ -57,7 +57,7 @@ class KittiPairs(PairDataset):
             return Truth(flow, valid)
         visible = read_flow(pair.occlusion)[1]
         if visible.shape != valid.shape:
-            raise DataError(f"{pair.occlusion}: another size than {pair.flow}; they do not belong together")
+            raise DataError(f"{pair.occlusion}: another size than {pair.flow}; the files do not match")
         return Truth(flow, valid, valid & ~visible)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:

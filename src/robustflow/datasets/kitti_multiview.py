@@ -39,7 +39,7 @@ class KittiMultiview(PairDataset):
     leaves_out_evaluated = True
     facts = DatasetFacts(
         title="KITTI 2015 multi-view",
-        description="21 frames of each scene of KITTI 2015, without those evaluated and their neighbours.",
+        description="21 frames of each scene of KITTI 2015, without the evaluated frames and their neighbours.",
         ground_truth="none",
         clips="always",
         licence="CC BY-NC-SA 3.0",

@@ -85,7 +85,7 @@ class PairDataset(Samples):
         if truth.flow.shape[:2] != frames[0].shape[:2]:
             raise DataError(
                 f"{pair.flow}: the flow is {_size(truth.flow)}, the frame {pair.frames[0].name} is "
-                f"{_size(frames[0])}; they do not belong together"
+                f"{_size(frames[0])}; the files do not match"
             )
         if not truth.valid.any():
             raise DataError(f"{pair.flow}: no pixel with known flow, so nothing to measure; restore the file")

@@ -34,7 +34,7 @@ def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
         parts.append(f"## {dataset_facts(dataset).title}: {counted(pairs, 'pair')}, {counted(len(seeds), 'seed')}")
         parts += [f"Seed {seed} is left out ({reason})." for seed, reason in excluded.items()]
         if not seeds:
-            parts.append("Nothing is compared here.")
+            parts.append("No seeds are left to compare.")
             continue
         table = effects(runs, dataset, seeds)
         tables.append(table)

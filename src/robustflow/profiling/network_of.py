@@ -19,7 +19,9 @@ def network_of(model: Any) -> NetworkModel:
     while isinstance(model, TiledModel):
         model = model.model
     if isinstance(model, TorchClipModel):
-        raise UsageError(f"'{model.name}' sees a clip, and only two-frame networks are profiled: choose another")
+        raise UsageError(
+            f"'{model.name}' needs a clip, but only two-frame networks can be profiled: choose a different model"
+        )
     if not isinstance(model, NetworkModel):
         raise UsageError(
             "only PyTorch networks can be profiled: this model is not one, or hides it; choose one that "

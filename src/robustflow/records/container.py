@@ -127,7 +127,7 @@ def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name:
         end += _LOCAL + len(info.filename) + info.file_size
     directory = sum(_CENTRAL + len(info.filename) for info in infos)
     if file.start_dir != end or size != end + directory + _END or file.comment:
-        raise DataError(f"{name}: there are bytes before or after what a record holds")
+        raise DataError(f"{name}: there are bytes before or after the record")
 
 
 def _reason(error: Exception) -> str:

@@ -55,7 +55,7 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
             continue
         inside = [each for each in sorted(path.iterdir()) if (each / "manifest.json").is_file() or is_record(each)]
         if not inside:
-            raise RunError(f"{path} holds no run and no record; give a folder that 'run' wrote, or one that holds some")
+            raise RunError(f"{path} contains no run or record; give a folder that 'run' wrote, or a folder with runs")
         found += inside
     return found
 

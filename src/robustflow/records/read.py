@@ -87,7 +87,7 @@ class Reader:
         for name in others:
             entry, data = self.facts.entries[name], self.entries[name]
             if (entry.bytes, entry.sha256) != (len(data), hashlib.sha256(data).hexdigest()):
-                raise DataError(f"{name} has another SHA-256 than record.json gives: it was changed or damaged")
+                raise DataError(f"{name} does not have the SHA-256 in record.json: it was changed or damaged")
         return f"{len(others)} entries"
 
     def manifest(self) -> str:
@@ -129,7 +129,7 @@ class Reader:
         limit."""
         selection = self.plan.selection
         if not (self.plan.samples and selection.corruptions and selection.severities):
-            raise DataError("manifest.json: samples, corruptions and severities have to have at least 1 entry each")
+            raise DataError("manifest.json: samples, corruptions and severities must each have at least 1 entry")
         conditions = len(selection.corruptions) + len(selection.attacks)
         planned = len(self.plan.samples) * (1 + conditions * len(selection.severities))
         if planned > MOST_ROWS:

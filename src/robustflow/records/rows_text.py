@@ -37,10 +37,10 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
             different order.
     """
     if not text.startswith(_HEADING):
-        raise DataError("rows.csv has other columns than this version writes; use the version that packed it")
+        raise DataError("rows.csv does not have the columns of this version; use the version that packed it")
     lines = text.count(b"\n") - 1
     if not 0 < lines <= MOST_ROWS:
-        raise DataError(f"rows.csv has {lines} lines; a record holds 1 to {MOST_ROWS} rows")
+        raise DataError(f"rows.csv has {lines} lines; a record has 1 to {MOST_ROWS} rows")
     try:
         rows = pl.read_csv(io.BytesIO(text), schema=ROW_SCHEMA)
         same = _text(rows) == text

@@ -55,12 +55,12 @@ def check_text(text: str, where: str) -> None:
 
     >>> check_text("RAFT\\x1b[31m", "author")
     Traceback (most recent call last):
-    robustflow.errors.DataError: author: 'RAFT�[31m' holds a character that cannot be shown; remove it
+    robustflow.errors.DataError: author: 'RAFT�[31m' contains a character that cannot be displayed; remove it
     """
     if len(text) > LONGEST:
         raise DataError(f"{where}: {len(text)} characters, where a record holds at most {LONGEST}; shorten it")
     if not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Zl", "Zp") for c in text):
-        raise DataError(f"{where}: '{plain(text, 60)}' holds a character that cannot be shown; remove it")
+        raise DataError(f"{where}: '{plain(text, 60)}' contains a character that cannot be displayed; remove it")
 
 
 def texts(value: Any) -> Iterator[tuple[str, str]]:

@@ -19,18 +19,18 @@ from .read import STEPS, Reader
 from .subject import Subject, subject_of, unproven
 
 VERIFICATION_CHECKS = {
-    "container": "a plain file of a record's entries, nothing else in it",
-    "record": "its format is read by this version",
+    "container": "the file contains exactly the entries of a record",
+    "record": "this version can read the format",
     "hashes": "every entry has its SHA-256",
     "manifest": "the description of the run is complete, and its digest follows from it",
     "rows": "rows have the right columns, occur once each, are finite and in range",
     "training": "the setting follows from the training sets",
     "cells": "rows are the planned ones, under known corruptions",
-    "measurements": "rows are possible measurements, and consistent with each other",
+    "measurements": "rows are plausible and consistent with each other",
     "summary": "means follow from the rows",
-    "frames": "corrupted frames made here are those that the rows were made from",
-    "predictions": "the model predicts here what the rows say",
-    "exported": "files exported from the run are what the record gives",
+    "frames": "corrupted frames computed here match the digests in the rows",
+    "predictions": "predictions of the model here match the rows",
+    "exported": "files exported from the run match the record",
 }
 """Every check, in order, with a description of what it asserts."""
 

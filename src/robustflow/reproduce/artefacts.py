@@ -66,8 +66,8 @@ _ALL = (
     Artefact("fig5", "CREr by class of corruption", "kitti-fc", "families", figure="crer_by_family"),
     Artefact("fig6", "SAM's segmentation of the frames", instead="no command: no flow is measured in it"),
     Artefact("fig7", "The PSFs of psf_blur", instead="robustflow optics sheet"),
-    Artefact("fig8", "How far pixels move", instead="robustflow displacement"),
-    Artefact("fig9", "Clean EPE, EPE, CRE and RCRE against each other", "kitti-fc", "means", figure="relations"),
+    Artefact("fig8", "Distribution of flow magnitudes", instead="robustflow displacement"),
+    Artefact("fig9", "Scatter plots of clean EPE, EPE, CRE and RCRE", "kitti-fc", "means", figure="relations"),
 )
 
 ARTEFACTS = {artefact.name: artefact for artefact in _ALL}

@@ -74,7 +74,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 inside = problem.checked(images, first.name)
                 _require(inside is images, f"{where} leaves its budget: end with problem.ball.project(images)")
                 _require(
-                    all(map(np.array_equal, frames, before)), f"{where} writes into the frames it is given: copy first"
+                    all(map(np.array_equal, frames, before)), f"{where} modifies its input frames: copy them first"
                 )
                 found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
                 _require(
@@ -85,7 +85,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 again = second.problem(model, pair, model.predict(*frames))
                 _require(
                     np.array_equal(images, second.run(again, pair.stream(second.name))),
-                    f"{where} gives other bytes the second time: take every random number from `rng`",
+                    f"{where} gives different bytes on the second call: take every random number from `rng`",
                 )
     return first.name
 

@@ -54,7 +54,7 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
             state = first.draw_with_depth(stream_for(first, severity, seed, "check"), severity, shape, scene)
             forth = [first.apply(frame, state, number) for frame, number in zip(frames, numbers, strict=True)]
             for index, (frame, copy) in enumerate(zip(frames, before, strict=True)):
-                _require((frame == copy).all(), f"{where} writes into the frame it is given: copy it first")
+                _require((frame == copy).all(), f"{where} modifies its input frame: copy it first")
                 _check_frame(forth[index], frame, where)
             _require(
                 not any(np.shares_memory(a, b) for i, a in enumerate(forth) for b in forth[:i]),
@@ -66,8 +66,9 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
             for index, (one, other) in enumerate(zip(forth, back, strict=True)):
                 _require(
                     (one == other).all(),
-                    f"{where} gives frame {index} other bytes the second time, or in another order: take every random "
-                    "number from `rng`, and what differs from frame to frame from rng.spawn('frame', index)",
+                    f"{where} gives frame {index} different bytes on the second call, or in a different order: "
+                    "take every random number from `rng`, and numbers that differ between frames from "
+                    "rng.spawn('frame', index)",
                 )
     return first.name
 

@@ -103,12 +103,12 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     what = f"the data set {type(dataset).__name__}"
     check_members(dataset, what)
     keys = dataset.keys()
-    _require(dataset.keys() == keys, f"{what}: keys() returns something else the second time")
+    _require(dataset.keys() == keys, f"{what}: keys() returns different keys on the second call")
     try:
         copy = pickle.loads(pickle.dumps(dataset))
     except Exception as error:
         raise UsageError(f"{what} cannot be sent to a worker process ({type(error).__name__}: {error})") from error
-    _require(copy.keys() == keys, f"{what}: a pickled copy has other keys")
+    _require(copy.keys() == keys, f"{what}: a pickled copy has different keys")
     places = np.linspace(0, len(keys) - 1, max(1, min(samples, len(keys)))).astype(int)
     for key in dict.fromkeys(keys[place] for place in places):
         first, again = check_sample(dataset, key, what), check_sample(copy, key, what)

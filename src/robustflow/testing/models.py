@@ -153,8 +153,8 @@ def check_model(model: Any, seed: int = 0) -> str:
         again = _predict(made, clips[0], where)
         if not np.array_equal(first, again):
             raise ModelError(
-                f"the model {where} gives another flow for the same frames (off by up to "
-                f"{np.abs(first - again).max():.2g} px) after others were predicted: seed what is random, and keep "
+                f"the model {where} returns a different flow for the same frames (off by up to "
+                f"{np.abs(first - again).max():.2g} px) after other predictions: seed what is random, and keep "
                 "nothing from call to call"
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
@@ -178,7 +178,7 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
     except Exception as error:
         raise ModelError(f"the model raised {type(error).__name__} {where}: {error or 'no message'}") from error
     if any(not np.array_equal(frame, before) for frame, before in zip(given, clip, strict=True)):
-        raise ModelError(f"the model {where} writes into the frames it is given: copy them first")
+        raise ModelError(f"the model {where} modifies its input frames: copy them first")
     flow = np.array(returned, copy=True) if isinstance(returned, np.ndarray) else returned
     if not isinstance(flow, np.ndarray) or flow.shape != (*clip[0].shape[:2], 2) or flow.dtype.kind != "f":
         what = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
@@ -200,8 +200,8 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
     for flow, single in zip(together, alone, strict=True):
         if np.shape(flow) != single.shape or np.abs(np.asarray(flow) - single).max() > BATCH_TOLERANCE:
             raise ModelError(
-                f"the model {where} gives another flow in a batch than alone: keep the pairs of a batch apart, or "
-                "leave out predict_batch"
+                f"the model {where} returns a different flow in a batch than for single pairs: "
+                "keep the pairs of a batch apart, or leave out predict_batch"
             )
 
 
@@ -209,10 +209,10 @@ def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flo
     frames = where.removeprefix("on ")
     first, _, again = (predict_with_confidence_checked(model, tuple(clip), frames) for clip in (*clips, clips[0]))
     if not np.array_equal(flow_of(first), np.asarray(flow, np.float32)):
-        raise ModelError(f"predict_with_confidence gives another flow than predict {where}: give the same in both")
+        raise ModelError(f"predict_with_confidence returns a different flow than predict {where}: return the same")
     if not np.array_equal(first, again):
         raise ModelError(
-            f"predict_with_confidence gives another confidence for the same frames {where} after others were "
+            f"predict_with_confidence returns a different confidence for the same frames {where} after others were "
             "predicted: seed what is random, and keep nothing from call to call"
         )
 

@@ -170,7 +170,7 @@ def test_models_that_need_more(library, name):
     assert np.isfinite(short).all(), "a sequence shorter than the window is given whole"
     with pytest.raises(UsageError, match="no pair at index 2"):
         model.predict_clip(tuple(frames[:3]), 2)
-    with pytest.raises(UsageError, match=f"'{name}' sees a clip, and only two-frame networks are profiled"):
+    with pytest.raises(UsageError, match=f"'{name}' needs a clip, but only two-frame networks can be profiled"):
         network_of(model)
     with pytest.raises(UsageError, match=r"made for \d frames; leave out before"):
         load_model(name, checkpoint="random", before=2)
