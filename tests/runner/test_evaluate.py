@@ -238,7 +238,7 @@ def test_a_script_without_a_guard_says_what_it_lacks(tmp_path):
     assert ended.returncode == 1
     errors = [line for line in ended.stderr.splitlines() if line.startswith("robustflow.errors.")]
     assert errors
-    assert all("needs its own code under `if __name__" in line for line in errors)
+    assert all("needs its code under `if __name__" in line for line in errors)
 
 
 def test_a_path_is_as_good_as_its_name(tmp_path):
