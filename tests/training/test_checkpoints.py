@@ -32,7 +32,7 @@ def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for)
     with pytest.raises(ModelError, match="truncated or damaged"):
         run_training(replace(request, resume=True))
     torch.save({"model": state}, path)
-    with pytest.raises(RunError, match="start from them with --init"):
+    with pytest.raises(RunError, match="start from the weights with --init"):
         run_training(replace(request, resume=True))
 
 
