@@ -172,7 +172,7 @@ def test_models_that_need_more(library, name):
         model.predict_clip(tuple(frames[:3]), 2)
     with pytest.raises(UsageError, match=f"'{name}' needs a clip, but only two-frame networks can be profiled"):
         network_of(model)
-    with pytest.raises(UsageError, match=r"made for \d frames; leave out before"):
+    with pytest.raises(UsageError, match=r"requires \d frames; leave out before"):
         load_model(name, checkpoint="random", before=2)
 
 

@@ -148,9 +148,9 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, state):
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "pointer of Git LFS"),
         (b"", "is empty"),
         (b" \n", "is empty"),
-        (b"Not found", "not a file of plain weights|truncated or damaged"),
+        (b"Not found", "contains more than plain weights|truncated or damaged"),
         (b"PK\x03\x04 and then nothing", "truncated or damaged"),
-        (random.Random(0).randbytes(5000), "not a file of plain weights|truncated or damaged"),
+        (random.Random(0).randbytes(5000), "contains more than plain weights|truncated or damaged"),
     ],
 )
 def test_what_is_not_a_checkpoint(tmp_path, content, says):
