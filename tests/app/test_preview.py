@@ -1,4 +1,4 @@
-"""Previews have the numbers of the library; one prediction runs at a time, and only while a client still wants it."""
+"""Previews match the library's output; one prediction runs at a time, and only while a client still waits for it."""
 
 from __future__ import annotations
 

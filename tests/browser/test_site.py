@@ -121,7 +121,7 @@ def test_a_phone_shows_model_epe_and_cre_and_the_column_it_sorts_by(opened):
 
 
 def test_words_and_legends_are_whole_on_a_phone(opened):
-    """No word of a table is broken, and no legend extends beyond the screen."""
+    """No word in a table is split across lines, and no legend extends beyond the screen."""
     page = opened("report", width=390, height=844)
     broken = page.locator("article:visible th[scope=row]").evaluate_all(
         """cells => cells.filter((cell) => cell.textContent.split(" ").some((word) => {

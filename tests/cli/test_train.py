@@ -116,7 +116,7 @@ def test_a_pass_of_sintel_that_is_missing_is_named_without_an_option_that_train_
 
 def test_a_folder_of_kitti_without_occluded_pixels_is_named_before_training(tmp_path):
     layouts.kitti(tmp_path / "kitti2015", ["000001"], occ=False)
-    with pytest.warns(UserWarning, match="kitti2015 has no flow_occ/, so it is trained on with non-occluded"):
+    with pytest.warns(UserWarning, match="kitti2015 has no flow_occ/, so training uses its non-occluded"):
         plan_text(load_recipe("raft", "kitti"), DataPlan([tmp_path]))
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import torch
 
 BIAS, FREE = 0.03, 0.2
-"""Defaults of rule v2 for keys files that omit them."""
+"""Defaults of rule v2, for key files that omit them."""
 
 
 def weights(keys: Path) -> dict[str, np.ndarray]:

@@ -72,7 +72,7 @@ def test_known_answers():
 @settings(deadline=None)
 @given(st.integers(0, 2**40), st.integers(1, 50))
 def test_seekable(start, count):
-    """Sequential reading equals reading at positions, and a spawned stream does not depend on earlier reads."""
+    """Sequential reads match random-access reads, and a spawned stream does not depend on earlier reads."""
     stream = Rng.of("seek", start)
     before = stream.spawn("child").bits(4)
     first, second = stream.bits(count), stream.bits(count)

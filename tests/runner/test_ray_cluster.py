@@ -71,7 +71,7 @@ def two_nodes(on_path, tmp_path_factory):
 
 @pytest.fixture
 def faults(tmp_path_factory, two_nodes):
-    """The emptied folder that records faults."""
+    """Return an empty folder in which the nodes record their faults."""
     folder = Path(os.environ["FAULTS"])
     for each in folder.iterdir():
         each.unlink()

@@ -136,7 +136,7 @@ def family_label(corruption: str) -> str | None:
 
 
 def inside(label: str) -> str:
-    """Lower the first letter of a label for use within a sentence, unless the label starts with an abbreviation.
+    """Lowercase the first letter of a label for use within a sentence, unless the label starts with an abbreviation.
 
     >>> inside("Gaussian noise"), inside("PSF blur"), inside("H.264 CRF"), inside("RobustSpring fog")
     ('gaussian noise', 'PSF blur', 'H.264 CRF', 'RobustSpring fog')

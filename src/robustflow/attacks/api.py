@@ -67,7 +67,7 @@ target, loss, reference, moved, steps, starts
         return OwnAttack.of(head, **given, **options)
     kind: type[Attack] = ATTACKS.get(head)
     if argument and not kind.argument:
-        raise UsageError(f"'{name}': attack {head} takes options, option=value, and no '{argument}'")
+        raise UsageError(f"'{name}': attack {head} takes options as option=value, not '{argument}'")
     return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)
 
 

@@ -91,7 +91,7 @@ class Attack(ABC):
         for each in fields(self):
             value = getattr(self, each.name)
             if isinstance(each.default, int) and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
-                raise UsageError(f"{each.name} of attack {self.name} is a whole number from 1, not {value!r}")
+                raise UsageError(f"{each.name} of attack {self.name} must be a whole number from 1, not {value!r}")
 
     @property
     def masked(self) -> bool:

@@ -101,7 +101,7 @@ def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severit
 
 
 NEUTRAL = BenchmarkFacts(title="own benchmark")
-"""Facts of a benchmark that declares none."""
+"""Default facts for a benchmark that declares none."""
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:

@@ -2,7 +2,7 @@
 
 The paper's table was computed with thop, which only counts modules (convolutions, linear layers, norms, pooling and
 upsampling). It ignores matrix products in correlation volumes and attention, layers that are not run, and layers whose
-class is not exactly PyTorch's own. A module used at two places of the network is hooked twice and added twice, so its
+class is not exactly PyTorch's own. A module used in two places in the network is hooked twice and added twice, so its
 operations count four times; RAFT has such norms. thop's rules are reimplemented here from its behaviour, because thop
 modifies the network and is no longer maintained.
 """

@@ -63,7 +63,7 @@ def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) 
         verification = verify_read(Reader(data, str(file)))
         if not verification.ok or verification.subject is None:
             raise RunError(
-                f"{file} does not verify: {verification.first_failure()}; robustflow verify {file} says more"
+                f"{file} does not verify: {verification.first_failure()}; for details run: robustflow verify {file}"
             )
         name = f"{RECORDS}/{verification.sha256[:16]}{SUFFIX}"
         subject = verification.subject

@@ -80,7 +80,9 @@ def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     reader = Reader(read_file(path), str(path))
     verification = verify_read(reader)
     if not verification.ok:
-        raise RunError(f"{path} does not verify: {verification.first_failure()}; robustflow verify {path} says more")
+        raise RunError(
+            f"{path} does not verify: {verification.first_failure()}; for details run: robustflow verify {path}"
+        )
     folder = Path(mkdtemp(prefix="robustflow-"))
     try:
         reader.extract(folder)

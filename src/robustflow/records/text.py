@@ -13,7 +13,7 @@ from ..errors import DataError
 from ..text import plain
 
 LONGEST = 2000
-"""Maximum number of characters of a text in a record."""
+"""Maximum length of a text field in a record, in characters."""
 
 _DEEPEST = 24
 _PATH = re.compile(r"""(?:^|[\s'"=;,(\[])(?:/[^/\s]+/|~[/\\]|[A-Za-z]:[\\/]|\\\\)""")

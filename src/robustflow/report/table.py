@@ -72,7 +72,7 @@ class Line:
 
     @classmethod
     def of_numbers(cls, label: str, numbers: Iterable[float | None], note: str = "") -> Line:
-        """Make a line of numbers with two decimals, without marks.
+        """Format numbers as a line with two decimals, without marking the best ones.
 
         >>> [cell.text for cell in Line.of_numbers("RAFT", [1.23456, None]).cells]
         ['1.23', '-']

@@ -186,7 +186,7 @@ RULES: dict[str, _Expr] = {
     "its error is smaller than its outliers alone imply": _exceeds(
         pl.col("px1_count") + 2.0 * pl.col("px3_count") + 2.0 * pl.col("px5_count"), pl.col("epe_sum")
     ),
-    "the length of its ground truth contradicts its regions": _any(
+    "the length of its ground truth does not match its regions": _any(
         [
             _exceeds(_SHORT * pl.col("n_s10_40") + _LONG * pl.col("n_s40"), pl.col("magnitude_sum")),
             (pl.col("n_s40") == 0)

@@ -71,7 +71,7 @@ class Child:
             advice: advice for the same error message.
 
         Raises:
-            RunError: the child ended without a message.
+            RunError: the child ended without an error message.
             RobustFlowError, RuntimeError: the error raised in the child.
         """
         try:
@@ -82,7 +82,7 @@ class Child:
             if not self._began and code == 1:
                 raise RunError(f"a worker process failed as it started; the usual cause: {_UNGUARDED}") from None
             raise RunError(
-                f"a worker process ended without a message (exit code {code}) while it computed {doing}; "
+                f"a worker process ended without an error message (exit code {code}) while it computed {doing}; "
                 f"out of memory or a crash inside the model are the usual causes: {advice}"
             ) from None
         self._began = True

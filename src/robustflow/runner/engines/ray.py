@@ -208,7 +208,7 @@ class _Crew:
         losses.append(f"{where} ({why})")
         if len(losses) == ATTEMPTS:
             raise RunError(
-                f"a worker ended without a message while it computed sample '{member.unit.key}', "
+                f"a worker ended without an error message while it computed sample '{member.unit.key}', "
                 f"{member.unit.corruption}, {ATTEMPTS} times: on {', '.join(losses)}; the usual causes are lack of "
                 "memory or a crash inside the model: try fewer --workers"
             )
