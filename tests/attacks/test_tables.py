@@ -158,7 +158,7 @@ def test_a_model_that_answers_twice_differently_carries_a_warning(tmp_path, real
     with real_pictures():
         done = run(tmp_path / "run", model, attacks="random_sign", severities=3, count=1)
 
-    words = "the model answers the same frames differently when asked twice"
+    words = "the model is not deterministic: it predicts different flows for the same frames"
     assert done.attack_rows.filter(corruption="random_sign")["attack_warnings"].to_list() == ["answers_differ"]
     assert words in _line(attack_table(done), "random_sign 3").note
     assert words in (done.path / "report.html").read_text(encoding="utf-8")

@@ -82,5 +82,5 @@ def test_apply_at_a_negative_index_equals_the_clip():
 @pytest.mark.parametrize("first", [-1, 0])
 def test_frames_around_a_pair_have_no_depth_and_are_refused(name, first):
     frames = [picture(32, 48, seed=i) for i in range(3)]
-    with pytest.raises(UsageError, match="pairs and a model of two frames"):
+    with pytest.raises(UsageError, match="use pairs and a model with two input frames"):
         list(corrupt_clip(frames, name, 2, first=first, depth=scene(32, 48)))

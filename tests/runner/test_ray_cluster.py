@@ -287,7 +287,7 @@ def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_pa
     assert [said[1:] for said in heard] == [("clips", 1, 2), ("clips", 2, 2)]
     assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "nothing else stays either"
     other = Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast")
-    with pytest.raises(DataError, match=r"holds this clip prepared with other settings.* \(on node .+\)"):
+    with pytest.raises(DataError, match=r"contains this clip prepared with different settings.* \(on node .+\)"):
         prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray)
 
 
