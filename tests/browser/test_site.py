@@ -72,7 +72,7 @@ def test_filters_search_and_their_state_in_the_address(opened):
     page.get_by_label("Search", exact=True).locator("visible=true").fill("samflow")
     assert sorted(_column(page, "Model")) == ["SAMFlow-B", "SAMFlow-H", "SAMFlow-T"]
     page.get_by_label("Columns").locator("visible=true").select_option("weather")
-    page.get_by_label("Metric").locator("visible=true").select_option("cre")
+    page.locator("select[data-part=metric]").locator("visible=true").select_option("cre")
     page.get_by_role("button", name="Snow").click()
     snow = values_frame(published_results()).filter(setting="ID", metric="cre", corruption="snow").sort("value")
     expected = [f"{row['value']:.2f}" for row in snow.iter_rows(named=True) if row["model"].startswith("SAMFlow")]

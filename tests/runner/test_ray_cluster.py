@@ -161,7 +161,7 @@ def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturb
 
 
 def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
-    with pytest.raises(ModelError, match=r"(?s)no weights\nat all.* \(on node .+\)$") as raised:
+    with pytest.raises(ModelError, match=r"no weights at all.* \(on node .+\)$") as raised:
         _raise(frames, tmp_path / "run", engine="ray", address=two_nodes.address, workers=1)
     with pytest.raises(ModelError) as expected:
         _raise(frames, tmp_path / "other", engine="processes", workers=1)

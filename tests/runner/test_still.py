@@ -139,7 +139,7 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
     flows = tmp_path / "flows" / "clean"
     flows.mkdir(parents=True)
     write_flow(flows / "0.flo", np.zeros((48, 64, 2), np.float32))
-    with pytest.raises(UsageError, match="flows from files"):
+    with pytest.raises(UsageError, match="flow files are only for moving pairs"):
         still_run(tmp_path / "flows", clip_folder, tmp_path / "run")
 
 
