@@ -96,10 +96,11 @@ def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(t
     _wait(lambda: log.exists() and (trouble or len(log.read_text().splitlines()) > 7))
     children = _children(run.pid)
     assert len(children) >= 3
+    made = set(os.listdir("/dev/shm")) - before
     os.kill(run.pid, signal.SIGKILL)
     run.wait()
     _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)
-    assert set(os.listdir("/dev/shm")) <= before
+    _wait(lambda: not made & set(os.listdir("/dev/shm")), 20)  # a few may belong to tests that run beside this one
     if trouble:
         return
     again = _start(tmp_path / "run", "-O", "trouble=none", "-O", "pause=0.1", PREDICTION_LOG=str(log))
