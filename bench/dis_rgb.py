@@ -3,7 +3,7 @@
     python bench/dis_rgb.py [--data kitti2015=~/kitti2015 middlebury=~/middlebury ...] [--points 1,2,3] [--rounds 3]
 
 The script prints the mean end-point error in pixels and the median milliseconds with one thread, per pair and as the
-average of each data set (by default for the embedded pair). The columns are each operating point of `dis_rgb`; OpenCV
+average of each dataset (by default for the embedded pair). The columns are each operating point of `dis_rgb`; OpenCV
 at the same scales, patches and iterations, with and without its spatial propagation, which the paper's method does not
 have; and OpenCV's presets.
 """
@@ -63,7 +63,7 @@ def methods(points: list[int]) -> dict[str, Predict]:
 
 
 def samples(data: list[str]) -> Iterator[tuple[str, Sample]]:
-    """Every pair with ground truth, as data set and sample."""
+    """Every pair with ground truth, as dataset and sample."""
     for name, _, root in (entry.partition("=") for entry in data or ["motorcycle"]):
         options: dict[str, Any] = {"root": Path(root).expanduser()} if root else {}
         if name == "kitti2012":

@@ -137,8 +137,8 @@ def evaluate(
             that takes clips, or a PyTorch module (see `TorchModel`). An attribute `trained_on` ("C+T") declares its
             training sets; an attribute `name` sets its name.
         benchmark: the benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", the name of a
-            data set ("folder" for your own frames or video, "sintel", ...), or a `Benchmark`.
-        data: the data set's folder, for benchmarks that need one.
+            dataset ("folder" for your own frames or video, "sintel", ...), or a `Benchmark`.
+        data: the dataset's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
             own frames.
         corruptions, severities, limit: one or more corruptions and severities and the number of samples to run; a later
@@ -152,7 +152,7 @@ def evaluate(
             Without `corruptions`, only attacks run. Random noise is added as their baseline. Means over corruptions
             exclude attacks; see `Run.attack_rows`.
         split: path of a file that lists the samples to use, one key per line, or "drive-disjoint" for KITTI 2015.
-        data_options: options of the data set, for example {"render_pass": "final"}.
+        data_options: options of the dataset, for example {"render_pass": "final"}.
         still: True to pair every frame with itself, with a true flow of zero, so that every error is phantom motion
             (docs/still-scenes.md).
         seed: the seed for all random draws. The same seed gives the same bytes on any machine.

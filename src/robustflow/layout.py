@@ -1,4 +1,4 @@
-"""Find a data set's folders and files, or report the expected layout."""
+"""Find a dataset's folders and files, or report the expected layout."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def locate(
         empty = next(root.iterdir(), None) is None
     except OSError as error:
         raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check permissions") from error
-    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the data set there"
+    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset there"
     state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
     raise DataError(f"{root}: {state} {wanted}{hint}")
 
@@ -84,7 +84,7 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
     """Return pairs of neighbouring frame numbers.
 
     Args:
-        stride: distance between neighbours, in frames; None for the smallest distance that occurs, for data sets that
+        stride: distance between neighbours, in frames; None for the smallest distance that occurs, for datasets that
             keep every k-th frame.
 
     Raises:

@@ -1,4 +1,4 @@
-"""`Sample`: the record that is passed from a data set through corruptions and models to metrics."""
+"""`Sample`: the record that is passed from a dataset through corruptions and models to metrics."""
 
 from __future__ import annotations
 
@@ -88,12 +88,12 @@ class Sample:
     """Frames that belong together, with ground truth if available.
 
     Attributes:
-        key: the sample's name within its data set, stable across machines (`"000010"`, `"alley_1/frame_0001"`).
+        key: the sample's name within its dataset, stable across machines (`"000010"`, `"alley_1/frame_0001"`).
         frames: two or more RGB uint8 images of the same shape (H, W, 3). Ground truth describes frames 0 -> 1.
         flow: ground-truth flow, float32 (H, W, 2), in pixels, or None. Values where `valid` is False are finite but
             meaningless.
         valid: boolean mask (H, W), True where the ground truth is known; None if and only if `flow` is None.
-        occluded: boolean mask (H, W), True where the pixel of frame 0 is not visible in frame 1; None if the data set
+        occluded: boolean mask (H, W), True where the pixel of frame 0 is not visible in frame 1; None if the dataset
             has no such map.
         group: name shared by samples that are not independent (one video sequence); the key by default.
         depth: depth of frames 0 and 1, or None; only loaded for corruptions that need it.

@@ -60,7 +60,7 @@ def import_target(target: str, kind: str) -> Any:
         UsageError: the module cannot be imported, or the attribute does not exist.
         AssetError: the module needs an extra of this package that is not installed.
 
-    >>> import_target("json:loads", "data set")("[1]")
+    >>> import_target("json:loads", "dataset")("[1]")
     [1]
     """
     name, _, attribute = target.partition(":")

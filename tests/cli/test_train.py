@@ -49,7 +49,7 @@ def test_the_plan_counts_what_is_there(shared):
 def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):
     text = plan_text(load_recipe("raft", "kitti"), DataPlan([f"kitti2015={tmp_path}"]))
     assert f"{tmp_path}: the folder is empty; expected" in text
-    assert "unknown data set 'kity'" in plan_text(load_recipe("raft", "kitti"), DataPlan([f"kity={tmp_path}"]))
+    assert "unknown dataset 'kity'" in plan_text(load_recipe("raft", "kitti"), DataPlan([f"kity={tmp_path}"]))
 
 
 def test_the_training_part_of_a_few_pairs_of_kitti_is_empty_and_says_so(shared):

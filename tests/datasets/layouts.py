@@ -1,4 +1,4 @@
-"""Small folders in the layouts of the real data sets; every file has different content."""
+"""Small folders in the layouts of the real datasets; every file has different content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames around a pair, in every data set that has them."""
+"""Frames around a pair, in every dataset that has them."""
 
 import pickle
 
@@ -15,7 +15,7 @@ from .layouts import HEIGHT, WIDTH, flow, kitti, picture
 
 
 def check(dataset, key, files, place):
-    """Assert that the data set's frames around the pair at index `place` of a sequence are those of
+    """Assert that the dataset's frames around the pair at index `place` of a sequence are those of
     `files`, in order.
     """
     assert isinstance(dataset, Clips)

@@ -1,4 +1,4 @@
-"""Depth of samples: completed, warped to frame 2, and read from the files of data sets."""
+"""Depth of samples: completed, warped to frame 2, and read from the files of datasets."""
 
 import io
 

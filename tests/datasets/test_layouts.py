@@ -1,4 +1,4 @@
-"""Readers of data sets other than KITTI on small folders: the files that belong together, and refused input."""
+"""Readers of datasets other than KITTI on small folders: the files that belong together, and refused input."""
 
 from __future__ import annotations
 

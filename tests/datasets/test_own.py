@@ -1,4 +1,4 @@
-"""A user's own data set and benchmark are checked before anything runs, and identified by their source."""
+"""A user's own dataset and benchmark are checked before anything runs, and identified by their source."""
 
 import sys
 
@@ -121,7 +121,7 @@ def test_a_data_set_of_ones_own(module):
         ("Lies", "has_flow is True, but sample '0' has no ground truth"),
         ("Other", "must return a Sample"),
         ("Broken", r"failed in load\('0'\): RuntimeError: no disk"),
-        ("Taken", "the name of the data set 'sintel'"),
+        ("Taken", "the name of the dataset 'sintel'"),
         ("Path_", "cannot be used"),
         ("NoFiles", "existing files"),
         ("Nois", "did you mean 'Noise'"),

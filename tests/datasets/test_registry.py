@@ -1,4 +1,4 @@
-"""Every data set opens by its name, checks its options, and is a sequence."""
+"""Every dataset opens by its name, checks its options, and is a sequence."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ def test_a_run_too_short_for_processes_gives_no_reason_against_them():
 
 def test_data_that_cannot_be_sent_stay_here_unless_asked():
     unsendable = (threading.Lock(),)
-    why = "serial (this data set or corruption cannot be sent to another process)"
+    why = "serial (this dataset or corruption cannot be sent to another process)"
     assert _spread(_light(), PAIR * 3, others=unsendable) == why
     assert choose_engine(None, None, None, None, _named("cuda:0"), unsendable).describe(UNITS) == why
     assert _spread(_light(), PAIR * 3, workers=2, others=unsendable) == "processes, 2 workers"
@@ -169,5 +169,5 @@ def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
     notebook = ModuleType("__main__")  # has no file that a process could load
     notebook.Mine = type("Mine", (), {"__module__": "__main__"})
     monkeypatch.setitem(sys.modules, "__main__", notebook)
-    assert _spread(_light(), PAIR * 3, others=(notebook.Mine(),)).startswith("serial (this data set")
+    assert _spread(_light(), PAIR * 3, others=(notebook.Mine(),)).startswith("serial (this dataset")
     assert _spread(_light(), PAIR * 3) == "processes, 4 workers"

@@ -36,7 +36,7 @@ def run(output, benchmark="shapes", data=None, corruptions=NAMES, options=SHAPES
 
 
 class FilesOfDepth(TexturePairs):
-    """A user's data set whose depth is a file with a single number."""
+    """A user's dataset whose depth is a file with a single number."""
 
     name = "files_of_depth"
 
@@ -195,7 +195,7 @@ def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_fold
 
 
 def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps(tmp_path):
-    """Check still scenes of a data set whose depth is in further files."""
+    """Check still scenes of a dataset whose depth is in further files."""
     module = "tests.runner.test_depth:FilesOfDepth"
     options = {"folder": str(tmp_path)}
     (tmp_path / "0.depth").write_bytes(b"1")

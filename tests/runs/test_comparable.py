@@ -82,7 +82,7 @@ DIFFERENT = {
     "streams": ({"streams": 99}, rows(), "random streams 99"),
     "an edited corruption": ({"corruptions": {"tint": "ab"}}, rows(), " of tint"),
     "a benchmark": ({"benchmark": "kitti-fc"}, rows(), "benchmark KITTI-FC"),
-    "a data set": ({"dataset": "kitti2012"}, rows(), "data set kitti2012"),
+    "a dataset": ({"dataset": "kitti2012"}, rows(), "dataset kitti2012"),
     "options of the data": ({"protocol": {"options": {"render_pass": "final"}}}, rows(), "render_pass=final"),
     "non-occluded truth": ({"protocol": {"ground_truth": "non-occluded"}}, rows(), "non-occluded ground truth"),
     "the truth of one pair": ({}, edited("truth_digest", pl.col("sample") == "3"), "ground truth "),

@@ -1,4 +1,4 @@
-"""The small data set satisfies the contract, its flow is exact, and a benchmark runs on it."""
+"""The small dataset satisfies the contract, its flow is exact, and a benchmark runs on it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A data set of training pairs in KITTI's layout, made of textures, and a request for training on it."""
+"""A dataset of training pairs in KITTI's layout, made of textures, and a request for training on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages of available names from the registries: models with their checkpoints, benchmarks, data sets, recipes."""
+"""Pages of available names from the registries: models with their checkpoints, benchmarks, datasets, recipes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def files() -> dict[str, str]:
         _checkpoints(),
         "## Benchmarks",
         _benchmarks(),
-        "## Data sets",
+        "## Datasets",
         "Each is a benchmark as well, by its name, under every corruption of image pairs.",
         _datasets(),
         "## Training recipes",

@@ -28,7 +28,7 @@ class Benchmark:
 
     Attributes:
         name: name of the benchmark: "kitti-fc", "demo", "folder", ...
-        dataset: data set that provides the samples.
+        dataset: dataset that provides the samples.
         keys: keys of the samples, in order.
         corruptions: the corruptions, in the paper's order.
         severities: severities to evaluate; 1 to 5 unless restricted.
@@ -38,7 +38,7 @@ class Benchmark:
         classes: mapping from a corruption's name to its class, for classes that differ from the registered one.
         attacks: adversarial attacks on the model, at the same severities; empty unless requested.
         facts: title, availability of ground truth, and the paper's settings.
-        own_depth: the user's depth maps; without them, depth comes from the data set if available.
+        own_depth: the user's depth maps; without them, depth comes from the dataset if available.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Benchmark:
         return self.narrowed(self.facts.quick.corruptions, self.facts.quick.severities)
 
     def _refuse_clip_corruption(self, name: str) -> None:
-        """Raise for a corruption of whole clips if the data set does not contain clips."""
+        """Raise for a corruption of whole clips if the dataset does not contain clips."""
         parts = [part for part, _ in split_stack(name)]
         if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
             return

@@ -77,7 +77,7 @@ NON_OCCLUDED: dict[str, Any] = {"ground_truth": "non-occluded"}
 
 
 def truth_remark(protocol: Mapping[str, Any]) -> str:
-    """Return a remark about the ground truth of a run, or "" if it is the data set's usual ground truth.
+    """Return a remark about the ground truth of a run, or "" if it is the dataset's usual ground truth.
 
     >>> truth_remark(NON_OCCLUDED), truth_remark({})
     ('non-occluded ground truth', '')
@@ -105,8 +105,8 @@ NEUTRAL = BenchmarkFacts(title="own benchmark")
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
-    """Return the facts of a data set used as a benchmark: every sample under every image-pair corruption, or under the
-    corruptions distributed with the data set."""
+    """Return the facts of a dataset used as a benchmark: every sample under every image-pair corruption, or under the
+    corruptions distributed with the dataset."""
     return BenchmarkFacts(
         title=dataset.title,
         description=dataset.description,
@@ -182,5 +182,5 @@ def check_still(name: str, facts: BenchmarkFacts) -> None:
     if facts.published:
         raise UsageError(
             f"{name} is a benchmark of moving scenes, with its own pairs and ground truth; for still scenes name a "
-            "data set instead: --benchmark kitti2015, folder, ... with --still"
+            "dataset instead: --benchmark kitti2015, folder, ... with --still"
         )

@@ -1,4 +1,4 @@
-"""Open a user-defined benchmark, `--benchmark mypkg:MyBench`, or a user-defined data set as a benchmark."""
+"""Open a user-defined benchmark, `--benchmark mypkg:MyBench`, or a user-defined dataset as a benchmark."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
     if not isinstance(made, Benchmark):
         opener = made if inspect.isroutine(made) else getattr(made, "open", None)
         if opener is None:
-            raise UsageError(f"{target} is not a benchmark: it has no function open; see the guide 'add your data set'")
+            raise UsageError(f"{target} is not a benchmark: it has no function open; see the guide 'add your dataset'")
         if inspect.isclass(made) and not isinstance(inspect.getattr_static(made, "open"), staticmethod | classmethod):
             opener = called(target, "its construction", made).open
         made = called(target, "open(data, split)", lambda: opener(data, split))
@@ -40,23 +40,23 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
         raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
     if made.name in reserved or made.name in DATASETS:
         raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it another name")
-    check_members(made.dataset, f"the data set of {target}")
+    check_members(made.dataset, f"the dataset of {target}")
     gone = [key for key in made.keys if key not in set(made.dataset.keys())]
     if gone or not made.keys:
-        raise UsageError(f"{target} lists no sample, or one that its data set lacks: {gone[:1]}")
+        raise UsageError(f"{target} lists no sample, or one that its dataset lacks: {gone[:1]}")
     source = {"benchmark": target, "source": own_source(target, made.dataset)}
     return replace(made, protocol={**made.protocol, "own": source})
 
 
 def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
-    """Return a benchmark with every sample of a user's data set under every image-pair corruption.
+    """Return a benchmark with every sample of a user's dataset under every image-pair corruption.
 
     Raises:
         UsageError: see `open_own_dataset`; or the name is already in use.
     """
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved or dataset.name in DATASETS:
-        raise UsageError(f"{target} has the name of the data set '{dataset.name}': give it another name")
+        raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it another name")
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
     if options:

@@ -60,13 +60,13 @@ def load_benchmark(
     """Open a benchmark by name.
 
     Args:
-        name: name of the benchmark: "demo", "kitti-fc", "gopro-fc", any data set such as "folder" (your own frames or
+        name: name of the benchmark: "demo", "kitti-fc", "gopro-fc", any dataset such as "folder" (your own frames or
             video) or "sintel", or a user-defined benchmark as `module.path:Attribute`.
         data: path of the folder with the samples (for "folder" and "gopro-fc" also a video file); "demo" needs none.
             With the default "demo", a video or a folder of frames is read as "folder", and `module.path:Attribute` as a
-            user-defined data set.
+            user-defined dataset.
         split: path of a file that lists the samples to evaluate, one key per line, or "drive-disjoint" for KITTI 2015.
-        options: options of the data set, for example {"render_pass": "final"} for Sintel. Every data set supports
+        options: options of the dataset, for example {"render_pass": "final"} for Sintel. Every dataset supports
             "depth", the path of a folder of your own depth maps, and "focal", the focal length in pixels (see
             `OwnDepth`).
 
@@ -92,7 +92,7 @@ def _loaded(name: str, data: str | Path | None, split: str | Path | None, option
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
-            raise UsageError(f"{data} is a custom data set; leave out --benchmark, or give the folder of {name}")
+            raise UsageError(f"{data} is a custom dataset; leave out --benchmark, or give the folder of {name}")
         return own_dataset_benchmark(str(data), chosen, options, reserved)
     root = user_path(data) if data is not None else None
     if name == DEFAULT and root is not None:
@@ -111,11 +111,11 @@ def _loaded(name: str, data: str | Path | None, split: str | Path | None, option
 
 
 def _benchmark_of(root: Path) -> str:
-    """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known data set.
+    """Choose the benchmark for data given without a benchmark: "folder", unless the data look like a known dataset.
 
     Raises:
         DataError: the path does not exist.
-        UsageError: the data look like a known data set, which more than one benchmark can read.
+        UsageError: the data look like a known dataset, which more than one benchmark can read.
     """
     if not root.exists():
         raise DataError(f"{root}: no such file or folder; check the path")
@@ -142,7 +142,7 @@ def _opened(
 def benchmark_facts(name: str) -> BenchmarkFacts:
     """Return the facts of a benchmark by its name, for code that reads manifests and tables without the data.
 
-    The facts of a data set use its title, with a suffix for still scenes. For an unregistered name, such as one in a
+    The facts of a dataset use its title, with a suffix for still scenes. For an unregistered name, such as one in a
     manifest from a different machine, the facts are neutral: the name is the title, there are no values from the paper,
     and no code is loaded.
 

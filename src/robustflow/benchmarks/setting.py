@@ -2,7 +2,7 @@
 
 "ID" means that the model was trained on the domain, but on none of the evaluated frames. This depends on the pairs:
 `K:train` denotes the 120 training pairs of the project's split. If one of them is evaluated, because of a different
-`--split`, a small folder, or an evaluation on the whole data set, the model is evaluated on its training data.
+`--split`, a small folder, or an evaluation on the whole dataset, the model is evaluated on its training data.
 
 KITTI's raw data contain the frames of most pairs. A model trained on the raw data without labels has seen these frames
 unless its authors left them out (`KR:train`); its setting is "ID", and a note gives the number of pairs.

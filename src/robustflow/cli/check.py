@@ -1,4 +1,4 @@
-"""`robustflow check`: test your own model, corruption, attack or data set before a run."""
+"""`robustflow check`: test your own model, corruption, attack or dataset before a run."""
 
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ def check(
         str | None, typer.Option(help="model, corruption, attack or dataset; detected from its methods by default.")
     ] = None,
 ) -> None:
-    """Test your own model, corruption, attack or data set: shapes, dtypes, determinism, unmodified inputs.
+    """Test your own model, corruption, attack or dataset: shapes, dtypes, determinism, unmodified inputs.
 
     \b
     Examples:

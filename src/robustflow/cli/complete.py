@@ -1,4 +1,4 @@
-"""Shell completion for names of models, corruptions, benchmarks and data sets."""
+"""Shell completion for names of models, corruptions, benchmarks and datasets."""
 
 from collections.abc import Iterable
 
@@ -34,7 +34,7 @@ def corruptions(incomplete: str) -> list[str]:
 
 
 def benchmarks(incomplete: str) -> list[str]:
-    """Complete names of benchmarks, and of data sets, which can be used as benchmarks."""
+    """Complete names of benchmarks, and of datasets, which can be used as benchmarks."""
     from ..benchmarks import BENCHMARKS
     from ..datasets import DATASETS
 

@@ -74,7 +74,7 @@ def export(
     precision: Precision = None,
     option: ModelOptions = None,
     hub_dataset: Annotated[
-        str | None, typer.Option("--hub-dataset", help="With huggingface: the benchmark's data set on the Hub.")
+        str | None, typer.Option("--hub-dataset", help="With huggingface: the benchmark's dataset on the Hub.")
     ] = None,
 ) -> None:
     """Write a benchmark's frames to clean|<corruption>_<severity>/val/{image_2,flow_occ}, or a run's rows or results.

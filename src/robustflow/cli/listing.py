@@ -1,4 +1,4 @@
-"""`robustflow list`: list available models, corruptions, attacks, benchmarks, data sets and recipes."""
+"""`robustflow list`: list available models, corruptions, attacks, benchmarks, datasets and recipes."""
 
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
@@ -180,7 +180,7 @@ def _benchmarks() -> list[str]:
         truth = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE (no ground truth)"
         lines += [f"{name}: {facts.description}", f"    metrics: {truth}"]
         lines += [f"    --data: {facts.data}"] if facts.data else []
-    return [*lines, "DATASET: any other data set, by name, under every image-pair corruption."]
+    return [*lines, "DATASET: any other dataset, by name, under every image-pair corruption."]
 
 
 def _datasets() -> list[str]:

@@ -49,14 +49,14 @@ Precision = Annotated[
         rich_help_panel=HOW,
     ),
 ]
-Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
+Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the dataset (or a video, for 'folder').")]
 DataOptions = Annotated[
     list[str] | None,
     typer.Option(
         "--data-option",
         "-D",
         metavar="KEY=VALUE",
-        help="Data set option, e.g. render_pass=final. Repeatable.",
+        help="Dataset option, e.g. render_pass=final. Repeatable.",
         rich_help_panel=DATA,
     ),
 ]
@@ -131,7 +131,7 @@ Benchmark = Annotated[
         "--benchmark",
         "-b",
         autocompletion=complete.benchmarks,
-        help="demo, kitti-fc, gopro-fc, any data set (folder, sintel, ...), or your own module.path:Attribute.",
+        help="demo, kitti-fc, gopro-fc, any dataset (folder, sintel, ...), or your own module.path:Attribute.",
     ),
 ]
 Severities = Annotated[
@@ -147,7 +147,7 @@ Severities = Annotated[
 Limit = Annotated[
     int | None,
     typer.Option(
-        help="Use only N pairs, evenly spaced in the data set.",
+        help="Use only N pairs, evenly spaced in the dataset.",
         rich_help_panel=DATA,
     ),
 ]
@@ -240,7 +240,7 @@ def use_psf_dir(folder: Path | None) -> None:
 
 
 def data_options(pairs: list[str] | None, depth: Path | None = None, focal: float | None = None) -> dict[str, Any]:
-    """Combine `KEY=VALUE` texts and the user's depth maps into the options of a data set.
+    """Combine `KEY=VALUE` texts and the user's depth maps into the options of a dataset.
 
     Raises:
         UsageError: as for `keyword_options`.

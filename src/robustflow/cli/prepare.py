@@ -1,4 +1,4 @@
-"""`robustflow prepare`: prepare a benchmark's data from recordings, or list the digests of a data set."""
+"""`robustflow prepare`: prepare a benchmark's data from recordings, or list the digests of a dataset."""
 
 from fractions import Fraction
 from functools import partial
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..video.prepare_folder import PrepareAll
 
 prepare = typer.Typer(
-    help="Prepare a benchmark's data from recordings, or list the digests of a data set.", no_args_is_help=True
+    help="Prepare a benchmark's data from recordings, or list the digests of a dataset.", no_args_is_help=True
 )
 
 
@@ -100,10 +100,10 @@ def gopro_fc(
 
 @prepare.command("digests")
 def digests(
-    data: Annotated[Path, typer.Option("--data", "-d", help="Folder of the data set.")],
+    data: Annotated[Path, typer.Option("--data", "-d", help="Folder of the dataset.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Rewrite the list after files have changed.")] = False,
 ) -> None:
-    """Write a list of the digests of a data set's files, or verify the files against an existing list.
+    """Write a list of the digests of a dataset's files, or verify the files against an existing list.
 
     The list, digests.b2sum, is stored in the folder and copied with it. 'robustflow run' verifies every file that it
     reads, because many formats (.flo, PPM, BMP) cannot detect a changed byte. b2sum --check digests.b2sum does the
@@ -122,13 +122,13 @@ def digests(
 
     folder = user_path(data)
     if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; give the folder of the data set")
+        raise DataError(f"{folder}: no such folder; give the folder of the dataset")
     before = read_list(folder) if not overwrite and (folder / DIGEST_LIST).exists() else None
     console = Console(stderr=True)
     each = track(digests_in(folder), "reading", console=console, disable=not console.is_terminal, transient=True)
     found = dict(each)
     if not found:
-        raise DataError(f"{folder}: no files in it; give the folder of the data set")
+        raise DataError(f"{folder}: no files in it; give the folder of the dataset")
     if before is None:
         path = write_list(folder, found)
         typer.echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")

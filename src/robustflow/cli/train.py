@@ -29,7 +29,7 @@ def train(
     option: ModelOptions = None,
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", "-d", help="Folder that contains data sets, or NAME=FOLDER. Repeatable."),
+        typer.Option("--data", "-d", help="Folder that contains datasets, or NAME=FOLDER. Repeatable."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the training; in trainings/ by default.")
@@ -133,7 +133,7 @@ def train(
         typer.echo(plan_text(chosen, reading, original))
         return
     if not data and needs_data(chosen):
-        raise UsageError("nothing to train on: give --data FOLDER, which contains the data sets; --plan lists them")
+        raise UsageError("nothing to train on: give --data FOLDER, which contains the datasets; --plan lists them")
     if validate is None:
         _refuse_alone(
             ("--validate-data", validate_data),

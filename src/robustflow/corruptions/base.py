@@ -107,7 +107,7 @@ class Corruption(ABC):
 def sample_without_depth(name: str) -> UsageError:
     """Return the error for a depth corruption without depth."""
     return UsageError(
-        f"{name} needs the depth of the sample: choose a data set that has it ('robustflow list datasets'), "
+        f"{name} needs the depth of the sample: choose a dataset that has it ('robustflow list datasets'), "
         "or give your own with --depth DIR"
     )
 

@@ -1,4 +1,4 @@
-"""Data sets: one reader for each, which reads the layout in which the data set is distributed."""
+"""Datasets: one reader for each, which reads the layout in which the dataset is distributed."""
 
 from .base import Dataset, FromClips, PreCorrupted
 from .facts import DatasetFacts

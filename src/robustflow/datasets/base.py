@@ -1,4 +1,4 @@
-"""Protocols for data sets: named samples, and the files that contain them."""
+"""Protocols for datasets: named samples, and the files that contain them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..sample import Frame, Sample, SceneDepth
 
 @runtime_checkable
 class Dataset(Protocol):
-    """Samples by key. Any object with these members is a data set; no base class is needed.
+    """Samples by key. Any object with these members is a dataset; no base class is needed.
 
     Implementations must be picklable, and hold no sample in memory between calls.
 
     Attributes:
-        name: registered name of the data set.
+        name: registered name of the dataset.
         has_flow: whether every sample comes with ground truth.
     """
 
@@ -41,10 +41,10 @@ class Dataset(Protocol):
 
 @runtime_checkable
 class PreCorrupted(Protocol):
-    """A data set that is distributed with corrupted frames."""
+    """A dataset that is distributed with corrupted frames."""
 
     def has_corrupted(self, corruption: str) -> bool:
-        """Return whether the data set contains this corruption at one or more severities."""
+        """Return whether the dataset contains this corruption at one or more severities."""
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """Return the corrupted frames of a sample, RGB uint8 (H, W, 3).
@@ -59,7 +59,7 @@ class PreCorrupted(Protocol):
 
 @runtime_checkable
 class Depths(Protocol):
-    """Source of the depth of samples: a data set with depth, or the user's depth maps."""
+    """Source of the depth of samples: a dataset with depth, or the user's depth maps."""
 
     def depth(self, sample: Sample) -> SceneDepth:
         """Return the depth of a loaded sample.
@@ -73,21 +73,21 @@ class Depths(Protocol):
 
         Raises:
             DataError: a file is missing.
-            UsageError: the data set has no depth.
+            UsageError: the dataset has no depth.
         """
 
 
 def no_depth(corruption: str, dataset: str) -> UsageError:
-    """Return the error for a corruption that needs depth on a data set without depth."""
+    """Return the error for a corruption that needs depth on a dataset without depth."""
     return UsageError(
-        f"{corruption} needs the depth of the scene, which '{dataset}' does not have: choose a data set that has it "
+        f"{corruption} needs the depth of the scene, which '{dataset}' does not have: choose a dataset that has it "
         "('robustflow list datasets'), or give your own maps with --depth DIR"
     )
 
 
 @runtime_checkable
 class Clips(Protocol):
-    """A data set whose pairs come from sequences, and which therefore also provides the frames around a pair, for
+    """A dataset whose pairs come from sequences, and which therefore also provides the frames around a pair, for
     multi-frame models.
 
     Frames are numbered by their offset from frame 1 of the pair, in units of the pair's frame distance: frame 1 has
@@ -111,14 +111,14 @@ class Clips(Protocol):
 
 @runtime_checkable
 class CorruptedClips(Clips, PreCorrupted, Protocol):
-    """A `PreCorrupted` data set that also has the frames around a pair, corrupted in the same way."""
+    """A `PreCorrupted` dataset that also has the frames around a pair, corrupted in the same way."""
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
         """Return the corrupted frame at an offset; offsets 0 and 1 are the frames that `corrupted` returns."""
 
 
 def has_clips(dataset: Dataset) -> bool:
-    """Return whether at least one pair of a data set has a frame before or after it."""
+    """Return whether at least one pair of a dataset has a frame before or after it."""
     if not isinstance(dataset, Clips):
         return False
     keys = dataset.keys()
@@ -127,7 +127,7 @@ def has_clips(dataset: Dataset) -> bool:
 
 @runtime_checkable
 class FromClips(Protocol):
-    """A `PreCorrupted` data set that generates its frames from whole clips on demand."""
+    """A `PreCorrupted` dataset that generates its frames from whole clips on demand."""
 
     def with_variant(self, variant: str) -> Dataset:
         """Return the same data with a different variant of the corruption parameters."""

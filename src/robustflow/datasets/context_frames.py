@@ -22,10 +22,10 @@ from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
-    """Return the window of a multi-frame model on a data set, or None for a two-frame model.
+    """Return the window of a multi-frame model on a dataset, or None for a two-frame model.
 
     Raises:
-        UsageError: the model needs more than two frames, but the data set has only pairs.
+        UsageError: the model needs more than two frames, but the dataset has only pairs.
         ModelError: the model's window is invalid.
     """
     if not isinstance(model, ClipModel):
@@ -43,7 +43,7 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
 
 
 def _with_clips() -> str:
-    """Return the names of the data sets with additional frames around their pairs as text, starting with those that
+    """Return the names of the datasets with additional frames around their pairs as text, starting with those that
     always have them."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}
     with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
@@ -52,7 +52,7 @@ def _with_clips() -> str:
 
 
 class ContextFrames:
-    """The frames of a model's window on one data set.
+    """The frames of a model's window on one dataset.
 
     Frames are passed as (frame 1, frame 2, surrounding frames by ascending offset).
     """
@@ -105,7 +105,7 @@ class ContextFrames:
         return tuple(corrupted[number] for number in numbers)
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """Return the frames that the data set provides in corrupted form."""
+        """Return the frames that the dataset provides in corrupted form."""
         assert isinstance(self._dataset, CorruptedClips)
         return tuple(self._dataset.corrupted_frame(key, number, corruption, severity) for number in self._numbers(key))
 

@@ -74,10 +74,10 @@ def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float6
 
 
 def present(files: list[Path], title: str, parts: str) -> list[Path]:
-    """Return the files from which a data set's depth is read.
+    """Return the files from which a dataset's depth is read.
 
     Raises:
-        DataError: a file is missing; the message names `parts`, the parts of the data set that contain it.
+        DataError: a file is missing; the message names `parts`, the parts of the dataset that contain it.
     """
     for path in files:
         if not path.is_file():

@@ -1,4 +1,4 @@
-"""Facts about a data set that a reader of results needs, as validated data on its class."""
+"""Facts about a dataset that a reader of results needs, as validated data on its class."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ FC_PAPER = "Yi et al., Benchmarking the Robustness of Optical Flow Estimation to
 
 
 class DatasetFacts(Frozen):
-    """The description of a data set.
+    """The description of a dataset.
 
     Attributes:
-        title: official name of the data set.
+        title: official name of the dataset.
         description: one-sentence description.
         ground_truth: "dense", "sparse" (a laser scanner, some pixels) or "none".
-        pairs: number of pairs of the complete data set when opened without options; None if the number varies.
+        pairs: number of pairs of the complete dataset when opened without options; None if the number varies.
         clips: availability of frames before and after the pairs, for multi-frame models: "always", "never", or a
             condition.
         depth: source of the depth of the pairs, for 3-D corruptions: "none" or a short description.
@@ -34,8 +34,8 @@ class DatasetFacts(Frozen):
         training_set: name of the training set that contains these frames, see `robustflow.models.provenance`; "" if
             there is none. If `same_domain` is also empty, no model can declare whether it was trained on these frames.
         same_domain: names of training sets of the same domain that contain different frames.
-        benchmark: name of the benchmark that reads these files; "" if the data set is evaluated under its own name.
-        corruptions: corruptions that are distributed with the frames, each only at severity 1, if the data set is
+        benchmark: name of the benchmark that reads these files; "" if the dataset is evaluated under its own name.
+        corruptions: corruptions that are distributed with the frames, each only at severity 1, if the dataset is
             evaluated under its own name; see `robustflow.corruptions.on_disk`. () if this package corrupts the frames.
         folder_options: names of options that specify an additional folder, which are not part of a run's identity.
 
@@ -63,7 +63,7 @@ T = TypeVar("T", bound=Callable[..., object])
 
 
 def described(facts: DatasetFacts) -> Callable[[T], T]:
-    """Attach facts to a function that opens a data set (a decorator); a class has them as its attribute `facts`."""
+    """Attach facts to a function that opens a dataset (a decorator); a class has them as its attribute `facts`."""
 
     def attach(function: T) -> T:
         function.facts = facts  # type: ignore[attr-defined]
@@ -73,7 +73,7 @@ def described(facts: DatasetFacts) -> Callable[[T], T]:
 
 
 def facts_of(target: object, name: str) -> DatasetFacts:
-    """Return the facts of a data set's class or function, or facts with only a title if none are declared.
+    """Return the facts of a dataset's class or function, or facts with only a title if none are declared.
 
     >>> facts_of(object(), "alley").title
     'alley'

@@ -19,7 +19,7 @@ _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
 
 
 class FlyingChairs(PairDataset):
-    """The FlyingChairs data set. `root` is `data/` or its parent folder.
+    """The FlyingChairs dataset. `root` is `data/` or its parent folder.
 
     Args:
         split: split to read: "all", or "train" or "val" according to the official list, which must then exist.

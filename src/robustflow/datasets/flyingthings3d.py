@@ -22,7 +22,7 @@ from .pairs import PairDataset, PairFiles
 
 
 class FlyingThings3D(PairDataset):
-    """The FlyingThings3D data set. `root` contains `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`; or
+    """The FlyingThings3D dataset. `root` contains `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`; or
     `train/` and `val/` of the subset.
 
     Args:

@@ -28,7 +28,7 @@ FACTS = DatasetFacts(
 )
 
 OWN_FRAMES = "folder"
-"""Registered name of this data set."""
+"""Registered name of this dataset."""
 
 ALONE = "frames"
 """Group of the pictures directly in the folder, independent of the folder's name."""
@@ -76,7 +76,7 @@ class FrameFolder(PairDataset):
 
 @described(FACTS)
 def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: Position = None) -> FrameFolder | Video:
-    """Open the data set `folder`: a video file, a folder of frames, or a folder of such folders, optionally restricted
+    """Open the dataset `folder`: a video file, a folder of frames, or a folder of such folders, optionally restricted
     to the range from `start` to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
 
     Raises:

@@ -20,7 +20,7 @@ _KINDS = ("sharp", "blur", "blur_gamma")
 
 
 class GoPro(PairDataset):
-    """The GoPro data set. `root` contains `train/` and `test/`, or sequences.
+    """The GoPro dataset. `root` contains `train/` and `test/`, or sequences.
 
     Args:
         split: split to read: "all", "train" or "test".

@@ -1,6 +1,6 @@
 """The prepared GoPro-FC: pairs of key frames of clips, and the corruptions that need the whole clip.
 
-Image corruptions are computed on the fly as for every data set. Object motion blur, rolling shutter and the three video
+Image corruptions are computed on the fly as for every dataset. Object motion blur, rolling shutter and the three video
 corruptions are generated from the clip (see `robustflow.video.open_clip`); the runner receives these frames already
 corrupted.
 """
@@ -28,7 +28,7 @@ VARIANTS = "variants"
 
 
 class GoProFCPrepared(Samples):
-    """Data set for a folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: the
+    """Dataset for a folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: the
     frames around a pair are key frames of the clip or of its corrupted stream.
 
     Args:

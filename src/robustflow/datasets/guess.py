@@ -1,4 +1,4 @@
-"""Guess the data set in a folder, for the message when a folder does not match the requested data set."""
+"""Guess the dataset in a folder, for the message when a folder does not match the requested dataset."""
 
 from __future__ import annotations
 

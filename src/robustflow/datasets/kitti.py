@@ -80,7 +80,7 @@ class KittiSequences(KittiPairs):
 
 
 class Kitti2015(KittiSequences):
-    """The KITTI 2015 data set. `root` is `training/` or its parent folder.
+    """The KITTI 2015 dataset. `root` is `training/` or its parent folder.
 
     Raises:
         DataError: the layout is different, or a file of a pair is missing.
@@ -129,7 +129,7 @@ class Kitti2015(KittiSequences):
 
 
 class Kitti2012(KittiSequences):
-    """The KITTI 2012 data set. `root` is `training/` or its parent folder.
+    """The KITTI 2012 dataset. `root` is `training/` or its parent folder.
 
     Args:
         images: frames to read: "colour" (colored_0), "grey" (image_0), or "auto" for colour if its folder exists.

@@ -27,14 +27,14 @@ _TABLES = {
     "kitti_fc_released": ("kitti2015", 200),
     "kitti2012": ("kitti2012", 194),
 }
-"""Table of pairs and number of pairs for each data set. The released KITTI-FC keeps the numbering of 2015."""
+"""Table of pairs and number of pairs for each dataset. The released KITTI-FC keeps the numbering of 2015."""
 
 _NUMBERED_BY_DRIVE = ("kitti2015",)
 
 
 @cache
 def drives(dataset: str) -> Mapping[str, str]:
-    """Return the drive of each pair whose drive is known; empty for data sets other than KITTI's.
+    """Return the drive of each pair whose drive is known; empty for datasets other than KITTI's.
 
     >>> drives("kitti2015")["000010"], len(drives("kitti2015")), len(set(drives("kitti2015").values()))
     ('2011_09_26_drive_0009', 142, 29)
@@ -47,7 +47,7 @@ def drives(dataset: str) -> Mapping[str, str]:
 
 @cache
 def drive_groups(dataset: str) -> Mapping[str, str]:
-    """Return the group of each pair: its drive or a substitute; empty for data sets other than KITTI's.
+    """Return the group of each pair: its drive or a substitute; empty for datasets other than KITTI's.
 
     >>> groups = drive_groups("kitti2015")
     >>> groups["000007"], groups["000004"], groups["000156"]

@@ -23,7 +23,7 @@ _EXPECTED = "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png 
 
 
 class KittiRaw(PairDataset):
-    """The KITTI raw data set. `root` contains one folder of drives per day, or is such a folder.
+    """The KITTI raw dataset. `root` contains one folder of drives per day, or is such a folder.
 
     Args:
         camera: camera to read: "left", "right" or "both".

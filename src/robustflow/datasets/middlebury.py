@@ -18,7 +18,7 @@ from .pairs import PairDataset, PairFiles
 
 
 class Middlebury(PairDataset):
-    """The Middlebury data set. `root` contains `other-data/` and `other-gt-flow/`.
+    """The Middlebury dataset. `root` contains `other-data/` and `other-gt-flow/`.
 
     Raises:
         DataError: the layout is different, or a file of a scene is missing.

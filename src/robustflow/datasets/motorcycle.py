@@ -27,7 +27,7 @@ _OFFSET = 31.086
 
 
 class Motorcycle(Samples):
-    """The data set with the single key "motorcycle". It needs neither a root folder nor a download.
+    """The dataset with the single key "motorcycle". It needs neither a root folder nor a download.
 
     Raises:
         AssetError: the pictures are missing from the installed scikit-image.

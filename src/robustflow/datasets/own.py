@@ -1,4 +1,4 @@
-"""Open a user-defined data set, `module.path:Attribute`, check it, and identify it by the hash of its source."""
+"""Open a user-defined dataset, `module.path:Attribute`, check it, and identify it by the hash of its source."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from ..source_digest import source_digest
 from ..target import import_target, source_of_target
 from .base import Dataset
 
-_GUIDE = "see the guide 'add your data set'"
+_GUIDE = "see the guide 'add your dataset'"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 
 
 def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
-    """Open the data set that a user names as `module.path:Attribute`, and check its first sample.
+    """Open the dataset that a user names as `module.path:Attribute`, and check its first sample.
 
     Args:
         target: reference to a class or function that takes `options` and returns a `Dataset`, or to a `Dataset`.
-        options: keyword options of the data set (`-D root=/data`).
+        options: keyword options of the dataset (`-D root=/data`).
 
     Raises:
-        UsageError: the target cannot be imported or opened, or is not a data set.
+        UsageError: the target cannot be imported or opened, or is not a dataset.
     """
-    made = import_target(target, "data set")
+    made = import_target(target, "dataset")
     if inspect.isclass(made) or inspect.isroutine(made):
         made = _opened(target, made, options)
     elif options:
-        raise UsageError(f"{target} is a data set object, which takes no options; leave out {', '.join(options)}")
+        raise UsageError(f"{target} is a dataset object, which takes no options; leave out {', '.join(options)}")
     check_members(made, target)
     return made
 
@@ -48,7 +48,7 @@ def check_members(dataset: Any, what: str) -> None:
     """
     for member in ("name", "has_flow", "keys", "load", "files"):
         if not hasattr(dataset, member):
-            raise UsageError(f"{what} has no '{member}', so it is not a data set; {_GUIDE}")
+            raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
     if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
         raise UsageError(f"{what}: the name {dataset.name!r} cannot be used: give letters, digits, '_' and '-'")
     keys = called(what, "keys", dataset.keys)
@@ -60,7 +60,7 @@ def check_members(dataset: Any, what: str) -> None:
 
 
 def check_sample(dataset: Any, key: str, what: str) -> Sample:
-    """Load one sample and check it against the data set's declarations.
+    """Load one sample and check it against the dataset's declarations.
 
     Raises:
         UsageError: the check failed.

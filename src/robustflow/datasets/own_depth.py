@@ -1,4 +1,4 @@
-"""User-provided depth maps for a data set: `--depth DIR`.
+"""User-provided depth maps for a dataset: `--depth DIR`.
 
 The map of a frame `clip/frame_0001.png` is `DIR/clip/frame_0001` or `DIR/frame_0001` with the extension .png (16-bit
 grey, millimetres), .npy or .pfm (metres). Pixels without a measurement are zero, NaN or infinite.
@@ -27,11 +27,11 @@ _FOLDERS = 3
 
 
 class OwnDepth:
-    """Depth maps for the frames of a data set. Implements `Depths`.
+    """Depth maps for the frames of a dataset. Implements `Depths`.
 
     Args:
         folder: path of the folder with the maps.
-        dataset: the data set, whose frames must be files.
+        dataset: the dataset, whose frames must be files.
         focal: focal length, in pixels; by default the width of the frames, which corresponds to a horizontal field of
             view of 53 degrees.
 

@@ -1,4 +1,4 @@
-"""A data set of image pairs in files. The files are located when the data set is opened, so that a missing file is
+"""A dataset of image pairs in files. The files are located when the dataset is opened, so that a missing file is
 reported before a run starts."""
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class PairFiles:
     Attributes:
         frames: paths of the two frames.
         flow: path of the ground-truth flow, or None.
-        occlusion: path of a map of occluded pixels, in the data set's format, or None.
+        occlusion: path of a map of occluded pixels, in the dataset's format, or None.
         invalid: path of a map of the pixels without ground truth, if it is a separate file, or None.
         group: name of the sequence; empty if samples are independent.
     """
@@ -51,7 +51,7 @@ class Truth(NamedTuple):
 
 
 class PairDataset(Samples):
-    """Base class for data sets of `PairFiles`. A reader locates the pairs, and overrides the reading of ground truth if
+    """Base class for datasets of `PairFiles`. A reader locates the pairs, and overrides the reading of ground truth if
     necessary.
 
     Implements `Dataset` and `Clips`.
@@ -60,7 +60,7 @@ class PairDataset(Samples):
     name: str = "folder"
     has_flow: bool = True
     non_occluded: bool = False
-    """Whether the ground truth excludes pixels that are occluded in frame 2, contrary to the data set's convention."""
+    """Whether the ground truth excludes pixels that are occluded in frame 2, contrary to the dataset's convention."""
 
     def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         if not pairs:

@@ -1,4 +1,4 @@
-"""Registry of data sets by name, imported on first use; `load_dataset` opens one."""
+"""Registry of datasets by name, imported on first use; `load_dataset` opens one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .base import Dataset
 from .facts import DatasetFacts, facts_of
 
 DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
-"""Registered data sets: callables that take the root (if required) and keyword options, and return a `Dataset`."""
+"""Registered datasets: callables that take the root (if required) and keyword options, and return a `Dataset`."""
 
 _TARGETS = {
     "motorcycle": "motorcycle:Motorcycle",
@@ -41,12 +41,12 @@ for _name, _target in _TARGETS.items():
 
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
-    """Open a data set.
+    """Open a dataset.
 
     Args:
         name: name in `DATASETS`.
-        root: path of the data set's folder; None for a data set without a folder.
-        options: keyword options of the data set (`step=2`, `render_pass="final"`).
+        root: path of the dataset's folder; None for a dataset without a folder.
+        options: keyword options of the dataset (`step=2`, `render_pass="final"`).
 
     Raises:
         UsageError: a name or option is unknown, or a root is missing or not supported.
@@ -72,7 +72,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
 
 def needs_folder(name: str) -> bool:
-    """Return whether a data set is read from a user's folder.
+    """Return whether a dataset is read from a user's folder.
 
     >>> needs_folder("sintel"), needs_folder("shapes")
     (True, False)
@@ -81,7 +81,7 @@ def needs_folder(name: str) -> bool:
 
 
 def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Make folder paths among the options of a data set absolute, including the folder of the user's depth maps; leave
+    """Make folder paths among the options of a dataset absolute, including the folder of the user's depth maps; leave
     other options unchanged.
 
     >>> with_absolute_paths("robustspring", {"spring": "/data/spring"}), with_absolute_paths("sintel", {"step": 2})
@@ -92,7 +92,7 @@ def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]
 
 
 def dataset_facts(name: str) -> DatasetFacts:
-    """Return the facts of a data set by its name: title, licence, citation, counts, layout.
+    """Return the facts of a dataset by its name: title, licence, citation, counts, layout.
 
     For an unregistered name, such as one in a manifest from a different machine, the facts contain only a title, and no
     code is loaded.

@@ -1,4 +1,4 @@
-"""A data set as a Python sequence: `len`, `ds[0]`, `ds["key"]`, `for sample in ds`, and a `repr`."""
+"""A dataset as a Python sequence: `len`, `ds[0]`, `ds["key"]`, `for sample in ds`, and a `repr`."""
 
 from __future__ import annotations
 

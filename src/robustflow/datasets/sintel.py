@@ -29,7 +29,7 @@ _MAPS = ("flow", "occlusions", "invalid", "flow_viz", "depth", "depth_viz", "cam
 
 
 class Sintel(PairDataset):
-    """The MPI-Sintel data set. `root` is `training/` or its parent folder.
+    """The MPI-Sintel dataset. `root` is `training/` or its parent folder.
 
     Args:
         render_pass: rendering pass: "clean", "final", or the name of a folder of pictures next to `flow`.
@@ -57,7 +57,7 @@ class Sintel(PairDataset):
         if render_pass not in passes:
             available = ", ".join(passes) or "none"
             raise DataError(
-                f"{folder}: no pass '{render_pass}'; found: {available} (option render_pass of the data set)"
+                f"{folder}: no pass '{render_pass}'; found: {available} (option render_pass of the dataset)"
             )
         scenes = {path.name for kind in (render_pass, "flow") for path in folders(folder / kind)}
         pairs: dict[str, PairFiles] = {}

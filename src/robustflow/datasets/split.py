@@ -33,7 +33,7 @@ _EVALUATED = 80
 
 
 class Split(NamedTuple):
-    """Keys for evaluation and keys for training, both in the order of the data set."""
+    """Keys for evaluation and keys for training, both in the order of the dataset."""
 
     evaluation: list[str]
     training: list[str]
@@ -90,15 +90,15 @@ KITTI_SPLITS: Mapping[str, Callable[[Sequence[str]], Split]] = {
 
 
 def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
-    """Return the keys that `--split` selects by a named split or a file, in the order of the data set.
+    """Return the keys that `--split` selects by a named split or a file, in the order of the dataset.
 
     Args:
         split: "drive-disjoint", or the path of a file for `read_split`.
-        keys: keys of the data set.
-        dataset: name of the data set.
+        keys: keys of the dataset.
+        dataset: name of the dataset.
 
     Raises:
-        UsageError: the named split belongs to a different data set.
+        UsageError: the named split belongs to a different dataset.
         DataError: see `read_split`; or none of the named split's pairs exists.
     """
     if str(split) != DRIVE_DISJOINT:
@@ -115,7 +115,7 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
 
 
 def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
-    """Return the keys that a file selects, in the order of the data set.
+    """Return the keys that a file selects, in the order of the dataset.
 
     The file contains one key per line or, like KITTI's own lists, a 0 or 1 for every pair in order, where 1 selects the
     pair for evaluation. Empty lines and lines that begin with # are ignored.

@@ -31,7 +31,7 @@ _BASELINE = 0.065
 
 
 class Spring(PairDataset):
-    """The Spring data set. `root` is `train/` or its parent folder.
+    """The Spring dataset. `root` is `train/` or its parent folder.
 
     Args:
         side: camera: "left" or "right".

@@ -1,4 +1,4 @@
-"""Still scenes: every frame of a data set paired with itself, with a true flow of zero."""
+"""Still scenes: every frame of a dataset paired with itself, with a true flow of zero."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ SECOND = ":2"
 
 @runtime_checkable
 class SharesFrames(Protocol):
-    """A data set that reports which of its pairs share a frame."""
+    """A dataset that reports which of its pairs share a frame."""
 
     def frame_names(self, key: str) -> tuple[Hashable, Hashable]:
         """Return the names of the two frames of a pair; a frame has the same name in every pair."""
 
 
 class Still(Samples):
-    """A data set in which every frame of a given data set occurs once, paired with itself; the first frame of a pair
+    """A dataset in which every frame of a given dataset occurs once, paired with itself; the first frame of a pair
     keeps the pair's key. The true flow is zero everywhere, regardless of the pairs' ground truth.
 
     For multi-frame models, the frames around a pair are also the same frame. Implements `Dataset` and `Clips`.
 
     Args:
-        dataset: data set that provides the frames.
+        dataset: dataset that provides the frames.
         keys: keys of the pairs whose frames are used.
-        depths: source of depth for the pairs; by default the data set, if it has depth.
+        depths: source of depth for the pairs; by default the dataset, if it has depth.
 
     Raises:
-        UsageError: the data set provides corrupted frames, from which a still scene cannot be made.
+        UsageError: the dataset provides corrupted frames, from which a still scene cannot be made.
 
     >>> from robustflow.datasets import load_dataset
     >>> still = Still(load_dataset("motorcycle"), ["motorcycle"])

@@ -34,7 +34,7 @@ _EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
 
 
 class TartanAir(PairDataset):
-    """The TartanAir data set. `root` contains the folders of the environments, or is one of them.
+    """The TartanAir dataset. `root` contains the folders of the environments, or is one of them.
 
     Args:
         difficulty: difficulty to read: "all", "Easy" or "Hard".

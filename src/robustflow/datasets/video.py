@@ -1,4 +1,4 @@
-"""A video file as a data set: frames are decoded on demand, in constant memory."""
+"""A video file as a dataset: frames are decoded on demand, in constant memory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .section import Position, position
 
 
 class Video(Samples):
-    """A data set of pairs of video frames `step` apart; keys are frame numbers from "000000". All pairs form one group,
+    """A dataset of pairs of video frames `step` apart; keys are frame numbers from "000000". All pairs form one group,
     because frames of a video are not independent. Implements `Dataset` and `Clips`.
 
     The two frames of a pair come from two readers, so that iterating over the keys in order decodes each frame at most

@@ -46,11 +46,11 @@ class Effect:
 
 
 def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
-    """Return all effects on a data set.
+    """Return all effects on a dataset.
 
     Args:
-        runs: runs by (arm, data set, seed).
-        dataset: name of the data set.
+        runs: runs by (arm, dataset, seed).
+        dataset: name of the dataset.
         seeds: seeds to compare, see `left_out`.
 
     Returns:
@@ -81,7 +81,7 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
 
 
 def left_out(runs: Runs, dataset: str) -> dict[int, str]:
-    """Return the seeds excluded from the comparison on a data set, with the reason: a network is missing, or its clean
+    """Return the seeds excluded from the comparison on a dataset, with the reason: a network is missing, or its clean
     error is not below half the error of zero flow."""
     reasons = {}
     for seed in sorted({seed for _, of, seed in runs if of == dataset}):

@@ -24,7 +24,7 @@ def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
     """Return the page, and a table of all effects (see `effects`).
 
     Args:
-        runs: runs by (arm, data set, seed); a seed with a missing arm is left out.
+        runs: runs by (arm, dataset, seed); a seed with a missing arm is left out.
     """
     parts, tables = [], []
     for dataset in dict.fromkeys(of for _, of, _ in runs):

@@ -39,6 +39,6 @@ class Hypothesis:
 PRIMARY = tuple(Hypothesis(family) for family in LEFT_OUT)
 SECONDARY = tuple(Hypothesis(family, "rcre") for family in LEFT_OUT)
 DATASET = "shapes"
-"""Data set on which the hypotheses are tested."""
+"""Dataset on which the hypotheses are tested."""
 LEVEL = 0.05
 """Significance level of the two primary tests together."""

@@ -48,9 +48,9 @@ class EvaluationSet:
     """A set of pairs on which every network is evaluated.
 
     Attributes:
-        dataset: registered name of the data set.
+        dataset: registered name of the dataset.
         data: path of its folder; None for flying shapes.
-        options: options of the data set.
+        options: options of the dataset.
     """
 
     dataset: str
@@ -85,17 +85,17 @@ class TrainingExperiment:
 
 
 def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[EvaluationSet, ...]:
-    """Return the held-out flying shapes, followed by the data set of each NAME=FOLDER.
+    """Return the held-out flying shapes, followed by the dataset of each NAME=FOLDER.
 
     Raises:
-        UsageError: a text is not NAME=FOLDER, the data set is unknown, or it has no ground truth.
+        UsageError: a text is not NAME=FOLDER, the dataset is unknown, or it has no ground truth.
         DataError: the layout of a folder is different.
     """
     sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
         name, equals, folder = entry.partition("=")
         if not equals:
-            raise UsageError(f"--data {entry}: say which data set it is: NAME=FOLDER, for example kitti2015={entry}")
+            raise UsageError(f"--data {entry}: say which dataset it is: NAME=FOLDER, for example kitti2015={entry}")
         if not load_dataset(name, folder).has_flow:
             raise UsageError(
                 f"--data {entry}: {dataset_facts(name).title} has no ground truth; give pairs with ground truth"
@@ -118,7 +118,7 @@ def run_experiment(
         stop: function called after each update; if it returns True, training stops there, and a later call resumes it.
 
     Returns:
-        Runs by (arm, data set, seed), or None if the experiment was stopped.
+        Runs by (arm, dataset, seed), or None if the experiment was stopped.
 
     Raises:
         RunError: the folder contains trainings with a different number of steps.

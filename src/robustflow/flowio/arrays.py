@@ -15,7 +15,7 @@ MAX_SIDE = 99_999
 """Maximum width and height in any format; the limit of Middlebury's own reader."""
 
 MAX_PIXELS = 2**26
-"""Maximum number of pixels, 67 million; larger files are rejected before decompression. Spring, the data set with the
+"""Maximum number of pixels, 67 million; larger files are rejected before decompression. Spring, the dataset with the
 largest flow, has 8 million."""
 
 UNKNOWN_THRESHOLD = 1e9

@@ -51,7 +51,7 @@ class ClipModel(Protocol):
 
     All frames of a clip are corrupted with the same random draw, and the pair is byte-identical to the one that a
     two-frame model receives (see docs/design/architecture.md). The model must not keep state between calls, because
-    samples arrive in any order and in several processes. If a data set has only pairs, a model that also has `predict`
+    samples arrive in any order and in several processes. If a dataset has only pairs, a model that also has `predict`
     receives only the two frames.
 
     Attributes:

@@ -189,7 +189,7 @@ def _prediction_line(one: Prediction) -> Line:
 
 
 def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
-    """Tabulate the attacks stored by FlowBench, one section per data set.
+    """Tabulate the attacks stored by FlowBench, one section per dataset.
 
     Raises:
         UsageError: the files contain no attacks.

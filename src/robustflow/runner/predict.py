@@ -82,7 +82,7 @@ def predict_flows(
 
     Args:
         model: name or path of a model, or any other model that `evaluate` accepts.
-        dataset: data set with the frames, from `frames_of` for example.
+        dataset: dataset with the frames, from `frames_of` for example.
         folder: output folder, created if it does not exist.
         suffix: format of the flow files, one of `FLOW_FORMATS`.
         overwrite: whether to replace existing files.
@@ -109,7 +109,7 @@ def predict_flows(
 
 
 def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
-    """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a data set.
+    """Yield key and flow, float32 (H, W, 2) in pixels, of the given pairs of a dataset.
 
     Raises:
         ModelError: the model does not return a flow.

@@ -78,7 +78,7 @@ def recheck(
     known = set(dataset.keys())
     absent = sorted(set(chosen["sample"]) - known)
     if absent:
-        raise RunError(f"this data set has no sample '{absent[0]}' (it has {len(known)}); give the data of the run")
+        raise RunError(f"this dataset has no sample '{absent[0]}' (it has {len(known)}); give the data of the run")
     problems = []
     names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:

@@ -43,7 +43,7 @@ class Setup:
 
     @property
     def dataset(self) -> Dataset:
-        """Return the data set of the plan's benchmark."""
+        """Return the dataset of the plan's benchmark."""
         return self.plan.benchmark.dataset
 
     @property
@@ -142,7 +142,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
 
     Raises:
         RunError: the model can no longer be loaded, or is not the model of the run.
-        UsageError, DataError: the data set is missing.
+        UsageError, DataError: the dataset is missing.
     """
     identity = run.manifest.identity
     benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
@@ -170,11 +170,11 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
 def set_up_frames(
     identity: Identity, data: str | Path | None, data_options: dict[str, Any]
 ) -> tuple[Dataset, RunOptions]:
-    """Return the data set and options to recompute the frames of a run without its model.
+    """Return the dataset and options to recompute the frames of a run without its model.
 
     Raises:
         RunError: the data, the severities or the user's files differ from those of the run.
-        UsageError, DataError: the data set is missing.
+        UsageError, DataError: the dataset is missing.
     """
     benchmark = _benchmark_of(identity.frames, data, data_options)
     options = replace(

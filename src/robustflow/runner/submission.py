@@ -32,7 +32,7 @@ class ConditionPairs:
 
     Attributes:
         condition: "clean", or a corruption of RobustSpring.
-        pairs: data set with the frames of the condition.
+        pairs: dataset with the frames of the condition.
         keys: keys of the pairs to predict.
     """
 

@@ -255,7 +255,7 @@ def _digits(value: Any) -> str:
 
 
 _IN_WORDS: dict[str, Callable[[Any], str]] = {
-    "dataset": lambda value: f"data set {value}",
+    "dataset": lambda value: f"dataset {value}",
     "seed": lambda value: f"seed {value}",
     "variant": lambda value: f"{value} corruptions",
     "severity_scale": lambda value: f"{value or 'paper'} severities",

@@ -1,8 +1,8 @@
 """Compute a digest of every file from which a run's samples are read, to detect any later change.
 
-Many formats (BMP, PPM, uncompressed TIFF, .flo) have no checksum, and JPEG and WebP detect few errors. A data set's
+Many formats (BMP, PPM, uncompressed TIFF, .flo) have no checksum, and JPEG and WebP detect few errors. A dataset's
 folder may contain a list of digests, `digests.b2sum`, written by `robustflow prepare digests` and also readable by
-`b2sum --check`. A run compares every file that it reads with the nearest list in a parent folder, so a copied data set
+`b2sum --check`. A run compares every file that it reads with the nearest list in a parent folder, so a copied dataset
 is checked when it is used, at no extra cost.
 """
 
@@ -21,7 +21,7 @@ from ..errors import DataError, RunError
 from ..text import counted, plain
 
 DIGEST_LIST = "digests.b2sum"
-"""File name of the list of digests in a data set's folder."""
+"""File name of the list of digests in a dataset's folder."""
 
 _THREADS = 4
 """Number of threads that read files: hashing releases the GIL, and disks are faster with several requests at a time."""

@@ -40,7 +40,7 @@ class FrameIdentity(_IdentityPart):
     severities.
 
     Attributes:
-        benchmark, dataset: names of the benchmark and its data set.
+        benchmark, dataset: names of the benchmark and its dataset.
         protocol: everything else that determines which frames and ground truth are read.
         seed: seed of all random draws.
         variant: variant of the corruptions.
@@ -49,7 +49,7 @@ class FrameIdentity(_IdentityPart):
         severity_scale: calibrated scale and its digest; None for the paper's scale.
         common_draws: whether the severities of a pair share one draw.
         psf: point spread functions of the user's lenses; None for those of the package.
-        depth: digest of the user's depth maps and focal length; None for the data set's depth.
+        depth: digest of the user's depth maps and focal length; None for the dataset's depth.
         corruptions: digests of the source of the user's corruptions and those of installed packages, by name.
         attack_sources: digests, by attack, of everything besides its name that determines its frames, such as a second
             model.

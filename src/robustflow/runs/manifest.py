@@ -42,7 +42,7 @@ class Selection(Untrusted):
 
 
 class Clip(Untrusted):
-    """The effects of one video corruption on a clip, as its data set records them; `warnings` are shown."""
+    """The effects of one video corruption on a clip, as its dataset records them; `warnings` are shown."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, JsonValue]
@@ -126,7 +126,7 @@ class Manifest(Untrusted):
 
 
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
-    """Return the records of a data set about its clips (`robustflow.datasets.base.FromClips.clip_records`)."""
+    """Return the records of a dataset about its clips (`robustflow.datasets.base.FromClips.clip_records`)."""
     return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)
 
 

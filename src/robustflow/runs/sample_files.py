@@ -13,7 +13,7 @@ def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: D
     """Return the files from which a sample is read; files used only for depth come last.
 
     Args:
-        dataset: data set that contains the sample.
+        dataset: dataset that contains the sample.
         key: key of the sample.
         window: window of frames that a multi-frame model takes; None for a two-frame model.
         depths: source of the depth; None if depth is not read.

@@ -34,8 +34,8 @@ class RunSource:
 
     Attributes:
         model: name and options of the model; None for a Python object, which has no name.
-        data: path of the data set; None if it needs none.
-        data_options: options of the data set.
+        data: path of the dataset; None if it needs none.
+        data_options: options of the dataset.
     """
 
     model: ModelSpec | None = None

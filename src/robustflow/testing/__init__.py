@@ -1,4 +1,4 @@
-"""Checks for user-defined models, corruptions, attacks and data sets, and small test doubles. Imported on first use."""
+"""Checks for user-defined models, corruptions, attacks and datasets, and small test doubles. Imported on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check a user-defined data set before using it in a benchmark; a small data set with known flow."""
+"""Check a user-defined dataset before using it in a benchmark; a small dataset with known flow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..sample import Sample
 
 
 class TexturePairs(Samples):
-    """A data set without files: smooth textures that move by whole pixels, with a different shift for each pair, so
+    """A dataset without files: smooth textures that move by whole pixels, with a different shift for each pair, so
     that the flow is exact.
 
     Args:
@@ -39,11 +39,11 @@ class TexturePairs(Samples):
     """
 
     name = "texture_pairs"
-    """Name of the data set in results."""
+    """Name of the dataset in results."""
     has_flow = True
     """True: every pair has ground truth."""
     facts = DatasetFacts(title="Moving textures", description="Textures that move by whole pixels, for tests.")
-    """Facts about the data set for readers of results."""
+    """Facts about the dataset for readers of results."""
 
     def __init__(self, count: int = 3, size: tuple[int, int] = (64, 96), reach: int = 4, seed: int = 0) -> None:
         if count < 1 or not 0 <= reach < min(size):
@@ -83,9 +83,9 @@ class TexturePairs(Samples):
 
 
 def check_dataset(dataset: Any, samples: int = 3) -> str:
-    """Check a data set, and return its name.
+    """Check a dataset, and return its name.
 
-    A data set must have a name, return the same keys on every call, and return samples as declared: RGB uint8 frames of
+    A dataset must have a name, return the same keys on every call, and return samples as declared: RGB uint8 frames of
     one size, and float32 flow with a valid mask if `has_flow`. Samples must have the same bytes when read twice and in
     a different process. Its files must exist, and an unknown key must raise an error.
 
@@ -100,7 +100,7 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     >>> check_dataset(load_dataset("motorcycle"))
     'motorcycle'
     """
-    what = f"the data set {type(dataset).__name__}"
+    what = f"the dataset {type(dataset).__name__}"
     check_members(dataset, what)
     keys = dataset.keys()
     _require(dataset.keys() == keys, f"{what}: keys() returns different keys on the second call")

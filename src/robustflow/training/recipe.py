@@ -43,11 +43,11 @@ class Optimizer(Frozen):
 
 
 class Part(Frozen):
-    """A data set's part in a mix.
+    """A dataset's part in a mix.
 
     Attributes:
-        data: registered name of the data set.
-        options: options of the data set.
+        data: registered name of the dataset.
+        options: options of the dataset.
         keys: "all", or "training" for the training part of the project's split.
         times: number of times that each pair occurs in an epoch.
         augmentation: "dense" or "sparse" (see `augmentation/`); for training without labels also "stretched" to the
@@ -227,7 +227,7 @@ def _own_parts(path: Path) -> tuple[Part, ...]:
             'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]'
         ) from error
     if not parts:
-        raise UsageError(f"{path}: the mix of data has no parts; name at least one data set")
+        raise UsageError(f"{path}: the mix of data has no parts; name at least one dataset")
     return parts
 
 

@@ -24,7 +24,7 @@ def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
         paths: paths of the files. FlowBench writes a file for each corruption; all FlowBench files are read as one.
 
     Returns:
-        A line for each model. Results of one program on one data set under the same corruptions and severities form a
+        A line for each model. Results of one program on one dataset under the same corruptions and severities form a
         sample set.
 
     Raises:

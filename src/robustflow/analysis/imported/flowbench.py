@@ -55,7 +55,7 @@ FLOWBENCH_CORRUPTIONS = (
 """The corruptions in `common_corruptions_2d` of flowbench/evals.py."""
 
 FLOWBENCH_DATASETS = {"kitti-2015": "kitti2015", "sintel-clean": "sintel", "sintel-final": "sintel"}
-"""FlowBench's name of a data set -> this project's name."""
+"""FlowBench's name of a dataset -> this project's name."""
 
 _SOURCE = "metrics files of FlowBench"
 _ATTACK, _NONE = "common_corruptions", "none"
@@ -93,7 +93,7 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
     """Return the experiments on clean and on corrupted frames in a file.
 
     Raises:
-        DataError: if a corruption or data set is unknown, a severity is outside 1 to 5, or an EPE is not a finite
+        DataError: if a corruption or dataset is unknown, a severity is outside 1 to 5, or an EPE is not a finite
             number.
     """
     experiments = []
@@ -109,7 +109,7 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
 def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]:
     """Yield a line for each model, averaged over the severities that all of the model's corruptions have. Models
     without corrupted frames are left out. CRE is the difference from the clean error over the same images and pixels.
-    Models on one data set under the same corruptions and severities form a sample set.
+    Models on one dataset under the same corruptions and severities form a sample set.
 
     Raises:
         DataError: if a model's corruptions have no severity in common.
@@ -145,9 +145,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]
 def _experiment(entry: dict[str, Any], where: str) -> Experiment:
     dataset = entry.get("dataset")
     if dataset not in tuple(FLOWBENCH_DATASETS):
-        raise DataError(
-            f"{where}: unknown data set '{plain(str(dataset), 40)}'; known: {', '.join(FLOWBENCH_DATASETS)}"
-        )
+        raise DataError(f"{where}: unknown dataset '{plain(str(dataset), 40)}'; known: {', '.join(FLOWBENCH_DATASETS)}")
     corruption: Any = CLEAN
     severity: Any = 0
     if entry["attack"] == _ATTACK:

@@ -1,6 +1,6 @@
 """Read the attack results in FlowBench's `metrics_DATASET.json` (see `flowbench`) and flag questionable rows.
 
-Besides model, checkpoint, data set and `metrics`, such an experiment has "attack" (fgsm, bim, pgd, cospgd, pcfa or
+Besides model, checkpoint, dataset and `metrics`, such an experiment has "attack" (fgsm, bim, pgd, cospgd, pcfa or
 weather), "norm" ("inf", or "two" for the Euclidean norm of one frame; absent for pcfa, whose bound is a root mean
 square over both frames), "epsilon" in 0..1, rounded to four digits, "iterations", "targeted" and "target". The metrics
 contain `epe` (the distance to the target if there is one, otherwise to the ground truth), `epe_ground_truth` if there
@@ -141,7 +141,7 @@ def _row(entry: dict[str, Any], where: str) -> StoredAttack:
     if not isinstance(metrics, dict) or "epe" not in metrics:
         raise DataError(f"{where}: its metrics have no 'epe'")
     if not isinstance(dataset, str) or not dataset:
-        raise DataError(f"{where}: the data set is missing")
+        raise DataError(f"{where}: the dataset is missing")
     names = [entry.get(part) for part in ("model", "checkpoint")]
     if not all(isinstance(name, str | int) and not isinstance(name, bool) and str(name) for name in names):
         raise DataError(f"{where}: the model or the checkpoint is missing")

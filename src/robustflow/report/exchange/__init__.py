@@ -35,7 +35,7 @@ def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Fil
     Args:
         run: the run to export.
         format: one of `EXCHANGE_FORMATS`.
-        hub_dataset: name of the benchmark's data set on the Hub, as ORGANISATION/NAME; required for "huggingface".
+        hub_dataset: name of the benchmark's dataset on the Hub, as ORGANISATION/NAME; required for "huggingface".
 
     Raises:
         UsageError: the format is unknown, or `hub_dataset` is missing for "huggingface".
@@ -47,6 +47,6 @@ def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Fil
         return _FORMATS[format](facts)
     if hub_dataset is None or not _HUB_NAME.fullmatch(hub_dataset):
         raise UsageError(
-            "--format huggingface needs the benchmark's data set on the Hub: give --hub-dataset ORGANISATION/NAME"
+            "--format huggingface needs the benchmark's dataset on the Hub: give --hub-dataset ORGANISATION/NAME"
         )
     return huggingface_files(facts, hub_dataset)

@@ -1,4 +1,4 @@
-"""Croissant metadata: the rows of a run as a data set for search engines and loaders."""
+"""Croissant metadata: the rows of a run as a dataset for search engines and loaders."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ def huggingface_files(facts: RunFacts, dataset: str) -> dict[PurePosixPath, byte
 
     Args:
         facts: facts about the run.
-        dataset: name of the data set on the Hub, as ORGANISATION/NAME; its `eval.yaml` must define the tasks
+        dataset: name of the dataset on the Hub, as ORGANISATION/NAME; its `eval.yaml` must define the tasks
             `epe_clean`, `epe`, `cre`, `crer` and `rcre`.
     """
     text = "".join(_entry(facts, mean, dataset) for mean in facts.averages)

@@ -161,7 +161,7 @@ def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
     if model.spec is None and not _moves(model.model):
         return " (this model object cannot be sent to another process)"
     if not _moves(others):
-        return " (this data set or corruption cannot be sent to another process)"
+        return " (this dataset or corruption cannot be sent to another process)"
     return ""
 
 

@@ -95,7 +95,7 @@ class UnitActor:
         return self._host, installed()
 
     def begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> Answer:
-        """Load data set and model, and return the model's device.
+        """Load dataset and model, and return the model's device.
 
         Args:
             pickled: pickled `Job`.

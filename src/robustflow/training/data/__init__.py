@@ -1,1 +1,1 @@
-"""The input of a training run: find and mix data sets, in an order that is a function of the step."""
+"""The input of a training run: find and mix datasets, in an order that is a function of the step."""

@@ -1,4 +1,4 @@
-"""Find the data sets of a mix in the user's folders."""
+"""Find the datasets of a mix in the user's folders."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _FOLDERS = {
     "kitti_raw": ("kittiraw", "rawdata"),
     "folder": ("frames", "sintelraw"),
 }
-"""Folder names of data sets, in lower-case letters and digits; the other data sets are searched under their own
+"""Folder names of datasets, in lower-case letters and digits; the other datasets are searched under their own
 names."""
 
 
 @dataclass(frozen=True)
 class OpenPart:
-    """A part of a mix, with its data set.
+    """A part of a mix, with its dataset.
 
     Attributes:
         part: the part as defined in the mix.
-        dataset: opened data set.
+        dataset: opened dataset.
         keys: keys of the training pairs.
     """
 
@@ -60,15 +60,15 @@ def needs_data(recipe: Recipe) -> bool:
 
 
 def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
-    """Find and open a part's data set.
+    """Find and open a part's dataset.
 
     Args:
         part: part of a mix.
-        data: folders of data sets or their parent folders, or "NAME=FOLDER" for one data set.
+        data: folders of datasets or their parent folders, or "NAME=FOLDER" for one dataset.
 
     Raises:
-        DataError: the data set is not found, or has a different layout; the message names the expected folders.
-        UsageError: the name in "NAME=FOLDER" is not a data set.
+        DataError: the dataset is not found, or has a different layout; the message names the expected folders.
+        UsageError: the name in "NAME=FOLDER" is not a dataset.
     """
     named, roots = _parted(data)
     folder = named.get(part.data)
@@ -82,7 +82,7 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
         if not keys:
             raise DataError(
                 f"{part.data}: with fewer than 200 pairs all are evaluated, and none is left to train on; give the "
-                "whole data set, or use the recipe 'kitti', which trains on every pair"
+                "whole dataset, or use the recipe 'kitti', which trains on every pair"
             )
     if getattr(dataset, "non_occluded", False):
         warnings.warn(
@@ -100,7 +100,7 @@ def _parted(data: Sequence[str | Path]) -> tuple[dict[str, Path], list[Path]]:
         name, equals, folder = str(entry).partition("=")
         if equals and re.fullmatch(r"[a-z0-9_]+", name):
             if name not in DATASETS:
-                raise UsageError(f"--data {entry}: unknown data set '{name}'; see 'robustflow list datasets'")
+                raise UsageError(f"--data {entry}: unknown dataset '{name}'; see 'robustflow list datasets'")
             named[name] = user_path(folder)
         else:
             roots.append(user_path(entry))

@@ -55,7 +55,7 @@ class TrainingPair(NamedTuple):
         frame1, frame2: RGB frames, float32 (3, H, W), 0..255.
         flow: ground truth, float32 (2, H, W), in pixels.
         valid: mask of valid pixels, float32 (H, W), 0 or 1.
-        name: data set and key of the pair.
+        name: dataset and key of the pair.
         whole: uncropped frames, for UPFlow and BrightFlow; otherwise None.
         plain: cropped frames without changes of colour, corruption or erasing, for BrightFlow; otherwise None.
         changed: frames of the second pass, with changed colours (ARFlow), or with the border removed and enlarged to
@@ -73,7 +73,7 @@ class TrainingPair(NamedTuple):
 
 
 class TrainingPairs:
-    """A mix of data as one sequence of augmented pairs, used as the data set of a torch `DataLoader`.
+    """A mix of data as one sequence of augmented pairs, used as the dataset of a torch `DataLoader`.
 
     Args:
         parts: opened parts of the mix.
@@ -128,7 +128,7 @@ class TrainingPairs:
         raise DataError(f"{_ATTEMPTS} pairs in a row cannot be read; check the data, the last one was '{key}'")
 
     def name(self, position: int) -> str:
-        """Return data set and key of the pair at a position."""
+        """Return dataset and key of the pair at a position."""
         part, key = self._at(self._order.place(position))
         return f"{part.dataset.name} {key}"
 
