@@ -204,5 +204,5 @@ def test_layout_of_depth_and_order_of_frames_do_not_matter(kind):
 
 @both
 def test_intrinsics_of_a_telescope_are_refused(kind):
-    with pytest.raises(UsageError, match=r"focal length of 1e\+09 px does not fit a frame of 90 px"):
+    with pytest.raises(UsageError, match=r"focal length of 1e\+09 px is not plausible for a frame width of 90 px"):
         kind().draw_scene(Rng.of("t"), 5, plane(5.0, (60, 90), focal=1e9))

@@ -1,1 +1,1 @@
-"""Corruptions of the family "depth": 3D versions of the paper's weather and optics, based on scene depth."""
+"""The "depth" family of corruptions: depth-based 3D versions of the paper's weather and optical corruptions."""

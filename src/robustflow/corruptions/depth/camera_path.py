@@ -1,4 +1,4 @@
-"""Describe the motion of points in camera coordinates between two frames."""
+"""Camera motion between two frames, as the motion of points in camera coordinates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...compiled import njit
 from ...sample import Camera
 
 FRAME_INTERVAL = 0.1
-"""Time between the frames of a pair in seconds, as in KITTI (10 Hz)."""
+"""Time between the two frames of a pair, in seconds; as in KITTI (10 Hz)."""
 
 
 class Motion(NamedTuple):

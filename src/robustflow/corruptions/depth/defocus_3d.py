@@ -1,4 +1,4 @@
-"""Apply depth-dependent defocus with a thin lens focused on the near or the far part of the scene."""
+"""Depth-dependent defocus: a thin lens focused on the near or the far part of the scene."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from ..base import DepthCorruption
 from ..kernels.layered_disk import blur_layers
 
 _NEAR, _FAR = 0.1, 0.9
-"""Fractions of frame 1's pixels that are closer than the "near" and the "far" depth."""
+"""Quantiles of frame 1's depth map that define the "near" and "far" depths."""
 _EVERY = 16
 """Stride in pixels for estimating the "near" and "far" depths."""
 LARGEST = 2.0
-"""Largest disk radius as a multiple of the severity's radius."""
+"""Maximum disk radius, as a multiple of the radius for the severity."""
 _FINEST, _STEPS = 1.0, 6
-"""Smallest radius step between layers in pixels, and largest number of steps up to the largest radius."""
+"""Minimum difference in radius between layers, in pixels, and maximum number of steps up to the largest radius."""
 
 
 class ThinLens(NamedTuple):
-    """A thin lens: a point at depth Z has a disk of radius `infinity * |Z - focus| / Z`.
+    """A thin lens that blurs a point at depth Z to a disk of radius `infinity * |Z - focus| / Z`.
 
-    This is (f^2 / N) |Z - F| / (Z (F - f)) / pitch / 2, where `infinity` combines the factors that do not depend on Z.
+    The full formula is (f^2 / N) |Z - F| / (Z (F - f)) / pitch / 2; `infinity` combines all factors that do not depend
+    on Z.
     """
 
     focus: float
@@ -39,7 +40,7 @@ class ThinLens(NamedTuple):
 
 
 class DefocusState(NamedTuple):
-    """State of a pair: the lens and the depth of the scene."""
+    """State for a pair: the lens and the depth of the scene."""
 
     lens: ThinLens
     depth: tuple[DepthMap, DepthMap]
@@ -47,19 +48,19 @@ class DefocusState(NamedTuple):
 
 
 class Defocus3d(DepthCorruption):
-    """Blurs both frames like a thin lens, depending on the depth of every pixel.
+    """Blurs each pixel of both frames according to its depth, as a thin lens would.
 
-    Pixels are grouped into layers of nearly equal blur, whose radii differ by one pixel or a sixth of the largest
-    radius. Each layer is blurred with a flat disk and composited over the layers behind it; see layered_disk.py. The
-    lens is the same for both frames. A scene whose near and far depths are equal is in focus.
+    Pixels are grouped into layers of nearly equal blur, with radii in steps of one pixel or, if larger, a sixth of the
+    maximum radius. Each layer is blurred with a uniform disk and composited over the layers behind it; see
+    layered_disk.py. Both frames use the same lens. If the near and far depths are equal, nothing is blurred.
     """
 
     @abstractmethod
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Return the lens that blurs the part that is out of focus by `radius` pixels."""
+        """Return the lens that blurs the out-of-focus depth (`near` or `far`) by `radius` pixels."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
-        """Compute the lens; nothing is random."""
+        """Compute the lens; the random stream is not used."""
         ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
         near, far = (float(ordered[int(share * (ordered.size - 1))]) for share in (_NEAR, _FAR))
         return DefocusState(self.lens(float(self.parameter(severity)), near, far), depth.maps)
@@ -70,10 +71,7 @@ class Defocus3d(DepthCorruption):
 
 
 def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], list[float]]:
-    """Return (layer index of each pixel, radius of each layer).
-
-    The first layer has the radius of the nearest pixels, the last layer that of the farthest pixels.
-    """
+    """Return the layer index of each pixel and the radius of each layer, from the nearest to the farthest layer."""
     signed = np.empty(depth.shape, np.float32)
     low, high = _signed_radii(depth, *map(np.float32, lens), signed)
     apart = max(_FINEST, max(abs(low), abs(high)) / _STEPS)
@@ -87,7 +85,7 @@ def _layers(depth: DepthMap, lens: ThinLens) -> tuple[npt.NDArray[np.uint8], lis
 
 @njit(cache=True, nogil=True)
 def _signed_radii(depth: Any, focus: Any, infinity: Any, largest: Any, out: Any) -> Any:
-    """Compute the radii, negative in front of the focus; return (smallest, largest)."""
+    """Write signed radii (negative in front of the focus distance) to `out`; return the minimum and the maximum."""
     low, high = largest, -largest
     for y in range(depth.shape[0]):
         source, target = depth[y], out[y]

@@ -1,4 +1,4 @@
-"""Apply defocus with the focus on the far part of the scene."""
+"""Defocus with the focus on the far part of the scene."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from .defocus_3d import LARGEST, Defocus3d, ThinLens
 
 
 class FarFocus(Defocus3d):
-    """Focuses both frames on the far part of the scene with a thin lens, so the foreground is blurred and spreads.
+    """Focuses both frames on the far part of the scene, which blurs the foreground beyond its outlines.
 
-    The focus F is at the 90th percentile of the depths in frame 1. A severity is the disk radius in pixels for a point
-    at the 10th percentile; at other depths Z the radius is proportional to |Z - F| / Z, up to twice the severity's
-    radius. The radii are those of defocus_blur.
+    The focus distance F is the 90th percentile of the depths in frame 1. A severity is the disk radius in pixels at
+    the 10th percentile; at other depths Z, the radius is proportional to |Z - F| / Z, up to twice that radius. The
+    severities are those of defocus_blur.
     """
 
     name = "far_focus"
@@ -18,5 +18,5 @@ class FarFocus(Defocus3d):
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Return a lens focused on `far` that blurs `near` by `radius` pixels."""
+        """Return a lens focused at depth `far` that blurs depth `near` by `radius` pixels."""
         return ThinLens(far, radius * near / (far - near) if far > near else 0.0, LARGEST * radius)

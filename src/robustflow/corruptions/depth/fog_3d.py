@@ -1,4 +1,4 @@
-"""Add fog that becomes denser with distance."""
+"""Fog that hides more of the scene with increasing depth."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..base import DepthCorruption
 from .transmission import Transmission, transmission, veiled
 
 _CONTRAST = 3.912
-"""-ln(0.02), because at the visibility distance an object has 2 % of its contrast (Koschmieder)."""
+"""-ln(0.02), because at the visibility distance, 2 % of an object's contrast remains (Koschmieder)."""
 _DARKEST, _BRIGHTEST = 175.0, 230.0
 _TINT = 6.0
-"""Range of the airlight in grey levels, and largest deviation of red and blue from green, in opposite directions."""
+"""Range of the airlight in grey levels, and maximum deviation of red and blue from green, in opposite directions."""
 
 
 class Fog3d(DepthCorruption):
-    """Adds fog of uniform density to both frames, by Koschmieder's law and the depth of every pixel.
+    """Adds fog of uniform density to both frames, following Koschmieder's law.
 
-    A severity is the meteorological visibility V in metres. With Z the depth in metres, t = exp(-3.912 Z / V) and out =
-    t x + (1 - t) A. The airlight A is drawn once for the pair: its green channel is 175 to 230 grey levels, and red and
-    blue deviate by up to 6 levels in opposite directions, so that A is nearly grey, between warm and cold. In a room a
-    few metres deep this fog is invisible, like real fog.
+    A severity is the meteorological visibility V in metres. A pixel x at a depth of Z metres becomes t x + (1 - t) A
+    with t = exp(-3.912 Z / V). The airlight A is drawn once per pair: green is between 175 and 230 grey levels, and red
+    and blue deviate from it by up to 6 levels in opposite directions, so A is grey with a slightly warm or cold tint.
+    As with real fog, the effect is invisible in a room that is only a few metres deep.
     """
 
     name = "fog_3d"
@@ -35,7 +35,7 @@ class Fog3d(DepthCorruption):
     def draw_scene(
         self, rng: Rng, severity: int, depth: SceneDepth
     ) -> tuple[npt.NDArray[np.float32], tuple[Transmission, Transmission]]:
-        """Draw the airlight; the state is (airlight, transmission of both frames)."""
+        """Return the random airlight and the transmission of both frames."""
         green, tint = rng.uniform(_DARKEST, _BRIGHTEST), rng.uniform(-_TINT, _TINT)
         density = _CONTRAST / self.parameter(severity)
         first, second = (transmission(one, density) for one in depth.maps)

@@ -1,4 +1,4 @@
-"""Apply depth-dependent motion blur: average views of the frame along the camera path."""
+"""Depth-dependent motion blur: the average of views of the frame along the camera path."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from ..base import DepthCorruption
 from .camera_path import Motion, motion_of
 
 _DRAWN = 0.03
-"""Displacement of a point at the median depth between two frames for a drawn motion, as a fraction of the image width.
+"""For random camera motion: displacement of a point at the median depth, as a fraction of the image width.
 """
 _EVERY = 16
 """Stride in pixels for estimating the median depth."""
 _MOST = 40
-"""Largest number of views; on longer paths they are more than one pixel apart."""
+"""Maximum number of views; on longer paths, the views are more than one pixel apart."""
 _FEW, _EIGHTHS = 6, 8
-"""Largest number of views for which colours are interpolated between pixels, in steps of 1/8 px."""
+"""Maximum number of views for which colours are interpolated between pixels, and the number of steps per pixel."""
 _BITS = 16
 _ROUND = 1 << (_BITS - 4)
 _FARTHEST = 2.0**14
-"""Fractional bits of a position in pixels, and the largest displacement."""
+"""Fractional bits of fixed-point positions, rounding offset for 1/8 px, and maximum displacement in pixels."""
 _TILE = 16
-"""Side of the tiles, in pixels, for which the nearest surface is stored."""
+"""Tile size in pixels; the nearest surface is stored per tile."""
 _SAME = np.float32(0.9)
 """Two inverse depths belong to the same surface if their ratio (smaller to larger) is at least this value."""
 
 
 class MotionBlurState(NamedTuple):
-    """State of a pair: the camera path and the depth of the scene."""
+    """State for a pair: the camera path and the depth of the scene."""
 
     path: Motion
-    """Camera motion between the frames, as the motion of a point: X becomes `rotation @ X + translation`."""
+    """Camera motion between the frames: a point X in camera coordinates becomes `rotation @ X + translation`."""
     share: float
     """Exposure time as a fraction of the time between the frames."""
     camera: Camera
@@ -45,18 +45,19 @@ class MotionBlurState(NamedTuple):
 
 
 class MotionBlur3d(DepthCorruption):
-    """Averages the views along the camera path in both frames, so near surfaces are blurred more than far ones.
+    """Averages views along the camera path in both frames, so near surfaces are blurred more than far ones.
 
-    A severity is the exposure time as a fraction of the time between the frames; 0.5 is usual for film. In both frames
-    the camera moves as between the frames; points move straight and at constant speed in camera coordinates, and the
-    exposure is centred on the frame's time, so that content does not shift. Moving objects are blurred as if they were
-    static. If the camera motion is unknown, it is drawn for the pair: a translation without rotation, in a direction
-    uniform in space, which moves a point at the median depth of frame 1 by 3 % of the image width.
+    A severity is the exposure time as a fraction of the time between the frames; 0.5 is typical for film. Both
+    exposures use the camera motion between the two frames. In camera coordinates, points move in straight lines at
+    constant speed, and the exposure is centred on the time of the frame, so the content does not shift. Moving objects
+    are blurred as if they were static. If the camera motion is unknown, a random one is drawn per pair: a translation
+    in a direction uniformly distributed in space, which moves a point at the median depth of frame 1 by 3 % of the
+    image width.
 
-    The number of views is the path length in pixels plus one, at most 40. In each view, a pixel shows the nearest
-    surface that moves over it, or its own surface, looked up in the frame (interpolated if the path is short).
-    Background that is hidden in the frame is replaced by the mean of the known views of the pixel, or by the background
-    beside the edge that uncovers it. Borders repeat the edge pixel.
+    The number of views is the path length in pixels plus one, at most 40. In each view, a pixel shows either the
+    nearest surface that moves over it or its own surface; the colour is looked up in the frame (interpolated if the
+    path is short). Where the uncovered background is not visible in the frame, the mean of the pixel's known views is
+    used or, if there are none, the pixel's own colour. Outside the image, edge pixels are repeated.
     """
 
     name = "motion_blur_3d"
@@ -64,7 +65,7 @@ class MotionBlur3d(DepthCorruption):
     paper_severities = (0.1, 0.25, 0.5, 0.75, 1.0)
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> MotionBlurState:
-        """Return the state with the known or drawn camera path."""
+        """Return the state with the known camera path, or a random one."""
         path = motion_of(depth.camera) or _drawn(rng, depth)
         return MotionBlurState(path, float(self.parameter(severity)), depth.camera, depth.maps)
 
@@ -72,7 +73,7 @@ class MotionBlur3d(DepthCorruption):
         """Blur frame `index`, 0 or 1."""
         frame = contiguous(frame)
         lens = np.array(state.camera.intrinsics(index), np.float64)
-        # the step of a point at depth Z is Z (turn @ ray + translation / Z) for the ray (x, y, 1) it is on
+        # a point at depth Z on the ray (x, y, 1) moves by Z (turn @ ray + translation / Z)
         turn = state.path.rotation - np.eye(3)
         inverse = np.float32(1) / np.ascontiguousarray(state.depth[index])
         near = np.zeros((-(-frame.shape[0] // _TILE), -(-frame.shape[1] // _TILE)), np.float32)
@@ -83,7 +84,7 @@ class MotionBlur3d(DepthCorruption):
 
 
 def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
-    """Draw a translation."""
+
     while True:
         x, y, z = (rng.uniform(-1.0, 1.0) for _ in range(3))
         squared = x * x + y * y + z * z
@@ -91,8 +92,8 @@ def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
             break
     ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
     width = depth.maps[0].shape[1]
-    # a sideways motion moves a point by f t / Z, a forward motion one at a quarter of the width from the centre by W /
-    # 4 t / Z
+    # a sideways translation t moves a point by f t / Z pixels; a forward translation t moves a point that is a quarter
+    # of the width W from the centre by (W / 4) t / Z pixels
     scale = float(ordered[ordered.size // 2]) * _DRAWN * width / float(np.sqrt(squared))
     along, down = depth.camera.focal
     return Motion(np.eye(3), np.array([scale * x / along, scale * y / down, scale * z * 4.0 / width]))
@@ -100,7 +101,7 @@ def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
 
 @njit(cache=True, nogil=True)
 def _pack(frame: Any, out: Any) -> None:
-    """Pack three channels into one word, with room for sums of 4096 values per channel."""
+    """Pack three channels into one 64-bit integer, in which sums of up to 4096 values per channel do not overflow."""
     pixels = frame.reshape(-1)
     for i in range(out.size):
         red, green, blue = np.uint64(pixels[3 * i]), np.uint64(pixels[3 * i + 1]), np.uint64(pixels[3 * i + 2])
@@ -111,7 +112,7 @@ def _pack(frame: Any, out: Any) -> None:
 def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) -> Any:
     """Return (u, v) in pixels: after a fraction t of the path, (x, y) shows the frame's content at (x - t u, y - t v).
 
-    This is exact for a surface of this inverse depth on a path without rotation.
+    This is exact for a surface with this inverse depth if the camera does not rotate.
     """
     px, py = (x - lens[2]) / lens[0], (y - lens[3]) / lens[1]
     a = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] + translation[0] * inverse
@@ -122,7 +123,7 @@ def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) 
 
 @njit(cache=True, nogil=True)
 def _edge(inverse: Any, y0: int, x0: int) -> Any:
-    """Return the largest inverse depth in a tile among edge pixels, i.e. pixels beside a farther surface."""
+    """Return the largest inverse depth among a tile's edge pixels, i.e. pixels next to a farther surface."""
     height, width = inverse.shape
     largest = np.float32(0)
     for y in range(y0, min(y0 + _TILE, height)):
@@ -136,16 +137,14 @@ def _edge(inverse: Any, y0: int, x0: int) -> Any:
 
 @njit(cache=True, nogil=True)
 def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: float, near: Any) -> None:
-    """Compute, for each tile, the largest inverse depth of an edge that enters it during the exposure, 0 if there is
-    none.
-    """
+    """Compute, for each tile, the largest inverse depth of any edge that enters it during the exposure (0 if none)."""
     height, width = inverse.shape
     for j in range(near.shape[0]):
         for i in range(near.shape[1]):
             largest, across, down = _edge(inverse, j * _TILE, i * _TILE), 0.0, 0.0
             if largest == 0:
                 continue
-            for y in (j * _TILE, min((j + 1) * _TILE, height)):  # the motion is largest in a corner
+            for y in (j * _TILE, min((j + 1) * _TILE, height)):  # the motion within a tile is largest at a corner
                 for x in (i * _TILE, min((i + 1) * _TILE, width)):
                     u, v = _step(lens, turn, translation, float(x), float(y), float(largest))
                     across, down = max(across, abs(u)), max(down, abs(v))
@@ -161,9 +160,9 @@ def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: fl
 def _row_of_paths(
     inverse: Any, px: Any, py: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
-    """Compute the path of each pixel in a row: fixed-point (x, y) displacement per view, and the number of views.
+    """Compute, for each pixel in a row, the fixed-point (x, y) displacement per view and the number of views.
 
-    `px` and `py` are the ray coordinates of the columns and of the row.
+    `px` are the ray coordinates of the columns, and `py` is that of the row.
     """
     f = np.float32
     a0, a1, a2 = f(turn[0, 1] * py + turn[0, 2]), f(turn[0, 0]), f(translation[0])
@@ -184,7 +183,7 @@ def _row_of_paths(
 
 @njit(cache=True, nogil=True, inline="always")
 def _place(x: Any, y: Any, width: int, height: int) -> Any:
-    """Return the index of a pixel from fixed-point coordinates, clamped to the border."""
+    """Return the index of the pixel at fixed-point coordinates, clamped to the image."""
     return min(max(y >> _BITS, 0), height - 1) * width + min(max(x >> _BITS, 0), width - 1)
 
 
@@ -198,10 +197,9 @@ def _fixed(value: Any) -> Any:
 def _shown(
     packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest: Any
 ) -> Any:
-    """Return (sum, number) of the views of a pixel in which a nearer surface covers it, and of the views that show its
-    own surface.
+    """Return the sum and number of a pixel's views that show a nearer surface, then of those that show its own surface.
 
-    `path` and `near` are the fixed-point displacements per view of the pixel's surface and of the nearest surface.
+    `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface.
     """
     own = depths[y * width + x]
     limit = own / _SAME
@@ -213,7 +211,7 @@ def _shown(
         part = count - 1 - 2 * k  # in steps of half a view, from the last to the first
         at = _place(cx - ((part * near[0]) >> 1), cy - ((part * near[1]) >> 1), width, height)
         found = depths[at]
-        if limit < found < _SAME * nearest:  # a surface between the two: look up its origin
+        if limit < found < _SAME * nearest:  # a surface between the two: follow its own path
             more = (found - own) / (nearest - own)
             sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
             sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)
@@ -227,14 +225,14 @@ def _shown(
         if depths[at] <= limit:
             back += packed[at]
             backs += 1
-    if backs == 0:  # only the frame's own content is known here
+    if backs == 0:  # use the pixel's own colour
         return front, fronts, packed[y * width + x], 1
     return front, fronts, back, backs
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any) -> Any:
-    """Compute one channel of the mean; unobstructed views without known content use the mean of the known views."""
+    """Compute one channel of the mean; views whose background is unknown count as the mean of the known background."""
     mask = np.uint64((1 << 20) - 1)
     first, second = np.int64((front >> place) & mask), np.int64((back >> place) & mask)
     return np.uint8((first * backs + second * (count - fronts) + (count * backs) // 2) // (count * backs))
@@ -242,7 +240,7 @@ def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any
 
 @njit(cache=True, nogil=True, inline="always")
 def _between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
-    """Interpolate the colour between four pixels in steps of 1/8 px; return 64 times the colour."""
+    """Interpolate the colour between four pixels in steps of 1/8 px, and return it multiplied by 64."""
     x, y = (x + _ROUND) >> (_BITS - 3), (y + _ROUND) >> (_BITS - 3)
     right, down = np.uint64(1), np.uint64(width)
     if not (0 <= x < _EIGHTHS * (width - 1) and 0 <= y < _EIGHTHS * (height - 1)):
@@ -259,9 +257,7 @@ def _between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def _divide(total: Any, count: Any, parts: Any, out: Any, at: Any) -> None:
-    """Divide the three channels of a sum of `count` bytes, with rounding; `parts` are reciprocals with 32 fractional
-    bits.
-    """
+    """Divide the three channels of a sum by `count`, with rounding; `parts` has reciprocals with 32 fractional bits."""
     mask, half, factor = np.uint64((1 << 20) - 1), np.uint64(count // 2), parts[count]
     out[at] = np.uint8((((total & mask) + half) * factor) >> np.uint64(32))
     out[at + 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half) * factor) >> np.uint64(32))
@@ -276,7 +272,7 @@ def _average(
     packed, depths, bytes_ = np.empty(height * width, np.uint64), inverse.reshape(-1), out.reshape(-1)
     _pack(frame, packed)
     half = np.int64(1 << (_BITS - 1))
-    parts = np.empty(_EIGHTHS * _EIGHTHS * _FEW + 1, np.uint64)  # sums of this many bytes are divided exactly
+    parts = np.empty(_EIGHTHS * _EIGHTHS * _FEW + 1, np.uint64)  # division is exact for sums of up to this many bytes
     for k in range(1, parts.size):
         parts[k] = np.uint64((2**32 + k - 1) // k)
     paths, rays = np.empty((3, width), np.int32), np.empty(width, np.float32)

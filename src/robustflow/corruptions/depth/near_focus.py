@@ -1,4 +1,4 @@
-"""Apply defocus with the focus on the near part of the scene."""
+"""Defocus with the focus on the near part of the scene."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from .defocus_3d import LARGEST, Defocus3d, ThinLens
 
 
 class NearFocus(Defocus3d):
-    """Focuses both frames on the near part of the scene with a thin lens, so the background is blurred.
+    """Focuses both frames on the near part of the scene, which blurs the background.
 
-    The focus F is at the 10th percentile of the depths in frame 1. A severity is the disk radius in pixels for a point
-    at the 90th percentile; at other depths Z the radius is proportional to |Z - F| / Z, up to twice the severity's
-    radius. The radii are those of defocus_blur.
+    The focus distance F is the 10th percentile of the depths in frame 1. A severity is the disk radius in pixels at
+    the 90th percentile; at other depths Z, the radius is proportional to |Z - F| / Z, up to twice that radius. The
+    severities are those of defocus_blur.
     """
 
     name = "near_focus"
@@ -18,5 +18,5 @@ class NearFocus(Defocus3d):
     paper_severities = (3.0, 4.0, 6.0, 8.0, 10.0)
 
     def lens(self, radius: float, near: float, far: float) -> ThinLens:
-        """Return a lens focused on `near` that blurs `far` by `radius` pixels."""
+        """Return a lens focused at depth `near` that blurs depth `far` by `radius` pixels."""
         return ThinLens(near, radius * far / (far - near) if far > near else 0.0, LARGEST * radius)

@@ -1,9 +1,9 @@
-"""Simulate rain and snow as particles in the world: their positions in both frames, and their streaks.
+"""Simulate rain and snow as particles in the 3D scene: their positions in both frames and their streaks.
 
-The particles are a Poisson process in space, drawn once per pair in the part of the world visible in either frame.
-Their velocities are constant, so frame 2 shows them where wind and gravity carried them in `FRAME_INTERVAL` seconds;
-the camera motion adds the parallax. A camera with unknown motion is assumed to be at rest. "Down" is the y axis of
-frame 1.
+The particles are a Poisson process in space, sampled once per pair within the region visible in either frame. Their
+velocities are constant, so frame 2 shows them where wind and gravity have carried them in `FRAME_INTERVAL` seconds; the
+camera motion adds parallax. If the camera motion is unknown, the camera is assumed to be at rest. "Down" is the y axis
+of frame 1.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ Points = npt.NDArray[np.float64]
 """Positions in metres or velocities in metres per second, float64 (n, 3)."""
 
 EXPOSURE = 0.002
-"""Exposure time in seconds; the longest exposure of KITTI's cameras."""
+"""Exposure time in seconds: the longest exposure of the KITTI cameras."""
 NEAREST = 0.3
-"""Smallest distance in metres between the camera and a particle."""
+"""Minimum distance in metres between the camera and a particle."""
 _LENS_DIAMETER, _FOCUS = 0.002, 10.0
-"""The camera's aperture and focus distance in metres, which only affect the blur of near particles."""
+"""Aperture diameter and focus distance of the camera in metres; they only affect the blur of near particles."""
 _PIXEL = 1.0
-"""Radius in pixels of the spread of a point in focus, caused by the lens and the pixel."""
+"""Radius in pixels to which the lens and the pixel spread a point that is in focus."""
 _SMALLEST = 6e-4
-"""Diameter as a fraction of the image width below which a particle is part of the veil; 0.75 px at a width of 1242 px.
+"""Particles with a smaller diameter, as a fraction of the image width, form the veil; 0.75 px at a width of 1242 px.
 """
 _MARGIN = 0.05
-"""Margin around the image in which particles are drawn, as a fraction of the longer side, since streaks may enter the
-image.
+"""Margin around the image, as a fraction of the longer side, in which particles are sampled because their streaks may
+extend into the image.
 """
 _MOST = 1_000_000
 
@@ -56,25 +56,24 @@ class Fall(NamedTuple):
     """Parameters of the particles' motion."""
 
     slowest: float
-    """Lowest speed in m/s; the terminal speed is `slowest + spread * u + root * sqrt(D)`, u uniform in [0, 1), D in mm.
-    """
+    """Minimum speed in m/s; the terminal speed is `slowest + spread * u + root * sqrt(D)`, u in (0, 1], D in mm."""
     spread: float
     """Range of the random part of the speed, in m/s."""
     root: float
-    """Diameter-dependent part of the speed for 1 mm, in m/s."""
+    """Diameter-dependent part of the speed at a diameter of 1 mm, in m/s."""
     wind: float
-    """Largest speed of the wind in m/s; the wind is horizontal and the same for all particles."""
+    """Maximum wind speed in m/s; the wind is horizontal and the same for all particles."""
     flutter: float
-    """Largest individual deviation of a particle's velocity along each axis, in m/s."""
+    """Maximum random deviation of a particle's velocity along each axis, in m/s."""
 
 
 class Particles(NamedTuple):
     """Particles in the camera coordinates of each frame."""
 
     positions: tuple[Points, Points]
-    """Positions at the time of the frame, in metres."""
+    """Positions at the time of each frame, in metres."""
     velocities: tuple[Points, Points]
-    """Velocities relative to the world, in m/s."""
+    """Velocities relative to the ground, in m/s."""
     diameters: npt.NDArray[np.float64]
     """Diameters in metres, float64 (n,)."""
     lenses: npt.NDArray[np.float64]
@@ -84,26 +83,26 @@ class Particles(NamedTuple):
 
 
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
-    """Draw the particles of a pair; the key of particle i is a hash of i.
+    """Sample the particles for a pair; the random key of particle i is a hash of i.
 
-    Only particles whose diameter in the image is at least 0.06 % of the image width are drawn.
+    Only particles whose diameter in the image is at least 0.06 % of the image width are sampled.
 
     Raises:
-        UsageError: there are too many particles, because the focal length is too long for the frame size.
+        UsageError: there are too many particles because the focal length is too long for the frame size.
     """
     height, width = shape
     margin = _MARGIN * max(shape)
     reach = camera.focal[0] * 1e-3 / (_SMALLEST * width)
     lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
     spread = (width + 2 * margin) * (height + 2 * margin) / (lenses[:, 0] * lenses[:, 1])
-    # a particle is drawn up to the distance reach * D, so the integral over space and sizes is that of D^3 exp(-slope
-    # D)
+    # particles are sampled up to the distance reach * D, so the integral over space and sizes is that of
+    # D^3 exp(-slope D)
     squared = sizes.slope * sizes.slope
     counts = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
     if not counts.max() < _MOST:
         raise UsageError(
-            f"the camera would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px does not "
-            f"fit a frame of {width} px; check the intrinsics"
+            f"the camera would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px is not "
+            f"plausible for a frame width of {width} px; check the intrinsics"
         )
     motion = motion_of(camera) or STILL
     wind = _wind(rng.spawn("wind"), fall.wind)
@@ -117,10 +116,10 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
 
 
 def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
-    """Return (extinction coefficient in 1/m, start distance in metres) of the particles that are too small to draw.
+    """Return (extinction coefficient in 1/m, start distance in metres) for particles too small to draw individually.
 
     The coefficient is twice the total cross-section per volume, since particles are much larger than the wavelength.
-    The start distance is where a particle of the mean cross-section's size, 3 / slope, becomes too small.
+    The start distance is where a particle with the cross-section-weighted mean diameter, 3 / slope, becomes too small.
 
     >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
     >>> [round(value, 4) for value in veil_of(rain, 1242, Camera((721.0, 721.0), (609.0, 172.0)))]
@@ -134,8 +133,8 @@ def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
 def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
     """Compute the streak of each particle in front of the camera in frame `index`: float64 (n, 7).
 
-    The columns are (x, y) at the start and at the end of the exposure in pixels, depth in metres, the particle's radius
-    in pixels, and the radius in pixels of the spread caused by lens and pixel.
+    The columns are (x, y) at the start and at the end of the exposure in pixels, the depth in metres, the radius of the
+    particle in pixels, and the blur radius in pixels caused by the lens and the pixel.
     """
     lens = particles.lenses[index]
     out = np.empty((len(particles.diameters), 7))
@@ -146,7 +145,7 @@ def streaks_of(particles: Particles, index: int) -> npt.NDArray[np.float64]:
 
 
 def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
-    """Draw the wind (x, z) in m/s, uniform in a disk."""
+    """Sample the wind (x, z) in m/s, uniformly in a disk."""
     while True:
         x, z = rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
         if x * x + z * z <= 1:
@@ -155,13 +154,13 @@ def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def _uniform(key: Any, place: int) -> Any:
-    """Return a uniform multiple of 2**-53 in (0, 1]."""
+    """Return a uniformly distributed multiple of 2**-53 in (0, 1]."""
     return (np.float64(hash64(key, np.uint64(place)) >> np.uint64(11)) + 1.0) * 2.0**-53
 
 
 @njit(cache=True, nogil=True)
 def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
-    """Whether a position lies in the region where particles are drawn for one camera."""
+    """Return whether a position lies in the region in which particles are sampled for one camera."""
     if z < NEAREST or z > box[4] * diameter:
         return False
     column, row = lens[0] * x / z + lens[2] - box[0], lens[1] * y / z + lens[3] - box[1]
@@ -172,12 +171,11 @@ def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
 def _draw(
     keys: Any, numbers: Any, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
-    """Fill rows with position and velocity in frame 1, position and velocity in frame 2, and diameter; return their
-    number.
+    """Fill rows with the positions and velocities in both frames and the diameter; return the number of rows.
 
-    Particles visible in frame 1 are drawn first, then those visible only in frame 2. A particle is visible up to a
-    distance proportional to its diameter, so diameters are the sum of four exponential variates, and the distance is
-    the largest of three uniform variates.
+    Particles visible in frame 1 are sampled first, then those visible only in frame 2. A particle is visible up to a
+    distance proportional to its diameter, so the diameter is a sum of four exponential variates, and the distance is
+    proportional to the largest of three uniform variates.
     """
     kept = 0
     still = np.zeros(3)
@@ -217,8 +215,9 @@ def _draw(
 def _project(
     positions: Any, velocities: Any, diameters: Any, lens: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
-    """Return both ends of the path during the exposure, which is centred on the frame's time; during the exposure the
-    camera moves as between the frames.
+    """Project the particles' paths during the exposure into the image; return the number of particles kept.
+
+    The exposure is centred on the time of the frame, and the camera motion is that between the two frames.
     """
     kept = 0
     part = 0.5 * EXPOSURE / FRAME_INTERVAL

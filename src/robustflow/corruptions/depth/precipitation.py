@@ -1,4 +1,4 @@
-"""Define the base class of rain and snow: particles and a veil in both frames."""
+"""Base class for rain and snow: particles and a veil in both frames."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .transmission import transmission, veiled
 
 
 class PrecipitationState(NamedTuple):
-    """State of a pair: the particles and the depth of the scene."""
+    """State for a pair: the particles, their veil, and the depth of the scene."""
 
     particles: Particles
     depth: tuple[DepthMap, DepthMap]
     """Depth maps of both frames, in metres."""
     veil: tuple[float, float]
-    """Veil of small particles: (extinction coefficient in 1/m, start distance in metres)."""
+    """Veil formed by small particles: (extinction coefficient in 1/m, start distance in metres)."""
 
 
 class Precipitation(DepthCorruption):
-    """Particles of a single colour that hide the background for a fraction of the exposure.
+    """Adds particles of a single colour, each of which hides the background for a fraction of the exposure.
 
-    A particle that covers a pixel for a fraction a of the exposure changes it to (1 - a) x + a * colour; a is 2 r / L
-    for a particle of diameter 2 r that leaves a streak of length L. A particle is drawn as a disk with a soft rim,
-    whose width is the spread of a point at its depth by lens and pixel; its sum over all pixels equals that of the
-    sharp disk, however small. Pixels whose depth is less than that of the particle are unchanged.
+    A particle that covers a pixel for a fraction a of the exposure changes the pixel x to (1 - a) x + a * colour; for a
+    particle of diameter 2 r and a streak of length L, a is 2 r / L. A particle is drawn as a disk with a soft edge as
+    wide as the blur caused by the lens and the pixel at that depth; however small the particle, its sum over all pixels
+    equals that of a sharp disk. Pixels closer than the particle are unchanged.
     """
 
     colour: ClassVar[tuple[float, float, float]]
@@ -42,7 +42,7 @@ class Precipitation(DepthCorruption):
         """Return the particle size distribution for a rate in mm of water per hour."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> PrecipitationState:
-        """Draw the particles."""
+        """Sample the particles."""
         sizes, shape = self.sizes(self.parameter(severity)), depth.maps[0].shape
         particles = draw_particles(rng, sizes, self.fall, shape, depth.camera)
         return PrecipitationState(particles, depth.maps, veil_of(sizes, shape[1], depth.camera))
@@ -60,16 +60,15 @@ class Precipitation(DepthCorruption):
 def _cover(streaks: Any, depth: Any, passed: Any) -> None:
     """Multiply `passed` by the fraction of light that each streak transmits at each pixel.
 
-    In coordinates along and across the streak, the disk covers a point while its centre is on a segment of the path.
-    The disk's profile is the difference of two paraboloids with radii r + s and r - s, whose integrals along the path
-    are polynomials.
+    The disk covers a point while its centre is on a certain segment of the path. The disk's profile is the difference
+    of two paraboloids with radii r + s and r - s, whose integrals along the path are polynomials.
     """
     height, width = depth.shape
     for i in range(len(streaks)):
         x0, y0, dx, dy = streaks[i, 0], streaks[i, 1], streaks[i, 2] - streaks[i, 0], streaks[i, 3] - streaks[i, 1]
         z, radius, soft = streaks[i, 4], streaks[i, 5], streaks[i, 6]
         length = np.sqrt(dx * dx + dy * dy)
-        if length < 0.1:  # too short to have a direction
+        if length < 0.1:  # too short to have a well-defined direction
             x0, y0 = x0 + 0.5 * dx - 0.05, y0 + 0.5 * dy
             length, dx, dy = 0.1, 0.1, 0.0
         outer, inner = radius + soft, max(radius - soft, 0.0)

@@ -1,4 +1,4 @@
-"""Compute the light transmitted through a scattering medium."""
+"""Transmission of light through a scattering medium."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ...images.contiguous import contiguous
 from ...sample import DepthMap, Frame
 
 Transmission = npt.NDArray[np.float32]
-"""Transmitted fraction of an object's light, float32 (H, W) in (0, 1]."""
+"""Fraction of an object's light that reaches the camera, float32 (H, W) in (0, 1]."""
 
 _STEPS, _THICKEST = 256, 16
-"""Table steps per unit of optical thickness, and the thickness beyond which nothing is visible."""
+"""Table entries per unit of optical thickness, and the thickness beyond which nothing is visible."""
 
 
 def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmission:
@@ -25,7 +25,7 @@ def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmi
     Args:
         depth: depth map, float32 (H, W), in metres.
         density: extinction coefficient in 1/m.
-        start: distance in metres from the camera at which the medium starts.
+        start: distance in metres between the camera and the start of the medium.
 
     >>> transmission(np.array([[1.0, 3.0]], np.float32), 0.5, 1.0).round(4).tolist()
     [[1.0, 0.367...]]
@@ -36,7 +36,7 @@ def transmission(depth: DepthMap, density: float, start: float = 0.0) -> Transmi
 
 
 def veiled(frame: Frame, passed: Transmission, colour: npt.NDArray[np.float32]) -> Frame:
-    """Blend the frame, weighted by `passed`, with `colour`, and round once.
+    """Return passed * frame + (1 - passed) * colour, rounded once.
 
     >>> frame, passed = np.full((1, 1, 3), 100, np.uint8), np.full((1, 1), 0.75, np.float32)
     >>> veiled(frame, passed, np.float32([200, 180, 100])).tolist()
@@ -50,8 +50,9 @@ def veiled(frame: Frame, passed: Transmission, colour: npt.NDArray[np.float32]) 
 
 @cache
 def _decay() -> npt.NDArray[np.float32]:
-    """Return exp(-i / 256), using a Taylor series of a 64th of the exponent, squared six times; the last bit of the C
-    library's exponential differs between machines.
+    """Return a table of exp(-i / 256), computed from the Taylor series of exp(-i / 256 / 64) by squaring six times.
+
+    `np.exp` is not used because its last bit differs between machines.
     """
     x = np.arange(_STEPS * _THICKEST + 2) / (-64.0 * _STEPS)
     total = term = np.ones_like(x)
@@ -77,7 +78,7 @@ def _look_up(depth: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
-    """Compute passed * frame + (1 - passed) * colour."""
+
     red, green, blue = colour[0], colour[1], colour[2]
     for y in range(frame.shape[0]):
         source, target, row = frame[y], out[y], passed[y]

@@ -1,1 +1,1 @@
-"""Corruptions of the family "sensor", caused by the camera between the scene and the file."""
+"""The "sensor" family of corruptions: noise and processing inside the camera."""

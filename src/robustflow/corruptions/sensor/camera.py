@@ -1,13 +1,13 @@
-"""Model a camera between scene and RAW: tone curve, colours and white balance, drawn as in Brooks et al. (CVPR 2019).
+"""Random camera model after Brooks et al. (CVPR 2019): tone curve, colour matrix and white balance.
 
 "Unprocessing Images for Learned Raw Denoising" converts an sRGB image back to sensor data: inverse tone curve
 (smoothstep), inverse gamma (2.2), the camera's colour matrix, inverse white balance and brightness. Matrices, gains and
-curves are those of the paper, with three changes, so that developing the RAW image reproduces the picture:
+curves are those of the paper, with three changes, so that developing the RAW image reproduces the original image:
 
 * a camera's response to a primary is never negative; the one negative entry of the fitted matrices is set to 0;
 * near white, where the paper's gains fade to 1 depending on the grey value of the pixel, each channel fades separately,
-  which is invertible;
-* the brightness is limited to 0.6 .. 1, so that green never saturates the sensor.
+  so that the step is invertible;
+* the brightness is limited to the range 0.6 to 1, so that green never saturates the sensor.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _CAMERAS = (
     ((0.838, -0.263, -0.0639), (-0.2887, 1.0725, 0.2496), (-0.0627, 0.1427, 0.5438)),
     ((0.6596, -0.2079, -0.0562), (-0.4782, 1.3016, 0.1933), (-0.097, 0.1581, 0.5181)),
 )
-"""XYZ-to-camera matrices of the four cameras in the Darmstadt Noise Dataset."""
+"""XYZ-to-camera matrices of the four cameras used for the Darmstadt Noise Dataset."""
 _SRGB_TO_XYZ = (
     (0.4124564, 0.3575761, 0.1804375),
     (0.2126729, 0.7151522, 0.0721750),
@@ -37,11 +37,11 @@ _SRGB_TO_XYZ = (
 _RED, _BLUE = (1.9, 2.4), (1.5, 1.9)
 _BRIGHTNESS, _BRIGHTNESS_SPREAD, _BRIGHTNESS_LIMITS = 0.8, 0.1, (0.6, 1.0)
 LEVELS = 1 << 14
-"""Number of steps of the table from linear light to bytes; at least ten steps per byte value."""
+"""Size of the table that maps linear light to bytes; there are at least ten entries per byte value."""
 
 
 class CameraColours(NamedTuple):
-    """Camera parameters shared by a pair.
+    """Camera parameters shared by both frames of a pair.
 
     Attributes:
         from_srgb: matrix from linear sRGB to camera colours, float64 (3, 3); entries are nonnegative and rows sum to 1.
@@ -55,7 +55,7 @@ class CameraColours(NamedTuple):
 
 
 def draw_camera(rng: Rng) -> CameraColours:
-    """Draw a camera: a random weighted mean of four cameras, with random white balance and brightness."""
+    """Sample a camera: a random weighted mean of four cameras, with random white balance and brightness."""
     weights = [rng.uniform() + 1e-8 for _ in _CAMERAS]
     mean = np.zeros((3, 3))
     for weight, camera in zip(weights, _CAMERAS, strict=True):
@@ -73,7 +73,7 @@ def _row_sums(matrix: Numbers) -> Numbers:
 
 
 def _inverse(m: Numbers) -> Numbers:
-    """Invert a matrix by cofactors, because the results of linear algebra libraries differ between machines."""
+    """Invert a matrix using cofactors, because the results of linear algebra libraries differ between machines."""
     next_row, last_row = np.roll(m, -1, axis=0), np.roll(m, 1, axis=0)
     cofactors = np.roll(next_row, -1, axis=1) * np.roll(last_row, 1, axis=1)
     cofactors = cofactors - np.roll(next_row, 1, axis=1) * np.roll(last_row, -1, axis=1)
@@ -100,7 +100,7 @@ def bytes_of_linear() -> npt.NDArray[np.uint8]:
 
 
 def _linear(shown: npt.NDArray[np.floating[Any]]) -> npt.NDArray[Any]:
-    """Solve shown = 3 v^2 - 2 v^3, v = x^(1/2.2), for the linear light x, by bisection for r with v = r^5, x = r^11."""
+    """Solve shown = 3 v^2 - 2 v^3 with v = x^(1/2.2) for the linear light x; bisects r, where v = r^5 and x = r^11."""
     low, high = np.zeros_like(shown), np.ones_like(shown)
     for _ in range(60):
         r = 0.5 * (low + high)

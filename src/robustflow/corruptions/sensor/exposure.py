@@ -1,8 +1,9 @@
-"""Expose a RAW image: photon noise, read noise and A/D conversion, with a noise level given by the ISO.
+"""Expose a RAW image: photon noise, read noise and A/D conversion, with the noise level determined by the ISO number.
 
-The number of electrons is Poisson distributed with a mean given by the light, read-out adds normally distributed noise,
-and the converter rounds and clips to 14 bits between the black and white level. Noise is heteroscedastic: its variance
-is `shot` times the light plus `read` squared, in units of the white level, as in Foi et al. (IEEE TIP 2008).
+The number of electrons follows a Poisson distribution whose mean is proportional to the light. Read-out adds Gaussian
+noise, and the converter rounds to 14 bits and clips to the range between the black and white levels. The noise is
+heteroscedastic: its variance is `shot` times the light plus `read` squared, in units of the white level, as in Foi et
+al. (IEEE TIP 2008).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Light = npt.NDArray[np.float32]
 Raw = npt.NDArray[np.uint16]
 
 BLACK, WHITE = 2048, (1 << 14) - 1
-"""Levels of a 14-bit converter for no light and for a full pixel."""
+"""Output of the 14-bit converter for no light and for a saturated pixel."""
 _LARGEST_ISO, _LARGEST_SHOT = 12800, 0.012
 _SLOPE, _OFFSET = Decimal("2.18"), Decimal("1.20")
 _WHOLE_BITS, _REST_BITS, _PARTS = 7, 3, 256
@@ -36,8 +37,8 @@ class Sensor(NamedTuple):
     """Noise parameters of a sensor.
 
     Attributes:
-        shot: light corresponding to one electron, as a fraction of a full pixel.
-        read: standard deviation of the read noise, as a fraction of a full pixel.
+        shot: light corresponding to one electron, as a fraction of the saturation level.
+        read: standard deviation of the read noise, as a fraction of the saturation level.
     """
 
     shot: float
@@ -46,10 +47,10 @@ class Sensor(NamedTuple):
 
 @cache
 def sensor_at(iso: int) -> Sensor:
-    """Return the noise at an ISO, as fitted by Brooks et al. to the cameras of the Darmstadt Noise Dataset.
+    """Return the noise parameters for an ISO number, as fitted by Brooks et al. to the Darmstadt Noise Dataset.
 
-    Their largest shot noise, 0.012, is assigned to ISO 12800, so a full pixel contains 10667 electrons at ISO 100. The
-    read noise follows from the centre of their fit: log(read^2) = 2.18 log(shot) + 1.20.
+    Their largest shot noise, 0.012, is assigned to ISO 12800, so a saturated pixel contains 10667 electrons at ISO 100.
+    The read noise follows from the centre of their fit: log(read^2) = 2.18 log(shot) + 1.20.
 
     >>> sensor = sensor_at(12800)
     >>> sensor.shot, round(sensor.read, 4), round(sensor.read / sensor.shot, 2)
@@ -60,10 +61,10 @@ def sensor_at(iso: int) -> Sensor:
 
 
 def digitised(light: Light) -> Raw:
-    """Compute the noise-free RAW image of a light distribution.
+    """Compute the noise-free RAW image.
 
     Args:
-        light: float32 (H, W), light as a fraction of a full pixel.
+        light: light as a fraction of the saturation level, float32 (H, W).
 
     Returns:
         uint16 (H, W), from 0 to `WHITE`.
@@ -72,12 +73,12 @@ def digitised(light: Light) -> Raw:
 
 
 def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
-    """Compute the RAW image of a light distribution with the noise of a sensor.
+    """Compute a noisy RAW image.
 
     Args:
-        light: float32 (H, W), light as a fraction of a full pixel, 0 to 1.
+        light: light as a fraction of the saturation level, float32 (H, W) in [0, 1].
         sensor: noise parameters of the sensor.
-        key: key of the frame's random stream, whose word i determines pixel i (row-major).
+        key: key of the frame's random stream; its i-th 64-bit value determines pixel i (row-major).
 
     Returns:
         uint16 (H, W), from 0 to `WHITE`.
@@ -99,8 +100,10 @@ def exposed(light: Light, sensor: Sensor, key: np.uint64) -> Raw:
 
 @cache
 def _poisson_tables() -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-    """Return concatenated alias tables for Poisson distributions: means 0 .. 63 with 128 columns each, followed by
-    fractional means in steps of 1/256 with 8 columns each.
+    """Return concatenated alias tables for Poisson distributions.
+
+    The means 0 to 63 have 128 columns each; they are followed by fractional means in steps of 1/256, with 8 columns
+    each.
     """
     whole = [_poisson_table(Decimal(mean), _WHOLE_BITS) for mean in range(EXACT)]
     rest = [_poisson_table((part + Decimal("0.5")) / _PARTS, _REST_BITS) for part in range(_PARTS)]
@@ -115,11 +118,11 @@ def _poisson_table(mean: Decimal, bits: int) -> npt.NDArray[np.uint32]:
 def _expose(
     light: Any, electrons: Any, level: Any, read: Any, whole: Any, rest: Any, normal: Any, key: Any, out: Any
 ) -> None:
-    """Expose the pixels. From `EXACT` electrons on, a Poisson sample is a rounded normal quantile, corrected for
-    skewness.
+    """Expose the pixels.
 
-    Below `EXACT`, it is the sum of a sample for the integer part of the mean, from the low 32 bits of the pixel's word,
-    and one for the fractional part, from the next 16 bits. The high 16 bits are used for the read noise.
+    For means of at least `EXACT` electrons, a Poisson sample is a rounded normal quantile, corrected for skewness. For
+    smaller means, it is the sum of one sample for the integer part of the mean, from the low 32 bits of the pixel's
+    random value, and one for the fractional part, from the next 16 bits. The high 16 bits are used for the read noise.
     """
     words = np.empty(_BLOCK, np.uint64)
     counts, first, second = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)

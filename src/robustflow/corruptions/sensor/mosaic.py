@@ -1,9 +1,9 @@
-"""Convert a picture to the light on a sensor's pixels, and a RAW image back to a picture.
+"""Convert an RGB image to the light on the sensor's pixels, and a RAW image back to RGB.
 
-Each pixel records one colour of the RGGB pattern. Demosaicing is that of Malvar, He and Cutler ("High-quality linear
+Each pixel records one colour of the RGGB pattern. Demosaicing follows Malvar, He and Cutler ("High-quality linear
 interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004). Before demosaicing, the RAW image is
-denoised by a bilateral filter over the eight nearest pixels of the same colour. The range weight is Tukey's biweight
-instead of a Gaussian (Durand and Dorsey, SIGGRAPH 2002), with a width given by the sensor's noise at that brightness.
+denoised with a bilateral filter over the eight nearest pixels of the same colour. Its range weight is Tukey's biweight
+instead of a Gaussian (Durand and Dorsey, SIGGRAPH 2002); the width depends on the sensor's noise at that brightness.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from .camera import CameraColours, bytes_of_linear, linear_of_bytes
 from .exposure import BLACK, WHITE, Light, Raw, Sensor
 
 KNEE = 0.9
-"""Linear value above which white balance fades out, so that white saturates all channels."""
+"""Linear value above which the white balance fades out, so that white saturates all channels."""
 _PAD = 4
 """Padding in pixels: 2 for denoising and 2 for demosaicing; even, so that the Bayer pattern is preserved."""
 _WIDTH = 12.0
-"""Squared difference from which a neighbour has zero weight, in units of the noise variance of one pixel."""
+"""Squared difference at which a neighbour's weight reaches zero, in units of the noise variance of one pixel."""
 
 
 def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
-    """Convert an RGB uint8 frame (H, W, 3) to light on the sensor, float32 (H, W), as a fraction of a full pixel."""
+    """Convert an RGB frame, uint8 (H, W, 3), to light on the sensor as a fraction of saturation, float32 (H, W)."""
     source = contiguous(frame)
     out = np.empty(source.shape[:2], np.float32)
     _mosaic(source, linear_of_bytes(), *_single(camera.from_srgb, camera.gains), out)
@@ -41,7 +41,7 @@ def developed(raw: Raw, camera: CameraColours, denoise: Sensor | None) -> Frame:
     Args:
         raw: RAW image, uint16 (H, W), from 0 to the white level.
         camera: camera that recorded the RAW image.
-        denoise: noise parameters for denoising; None to skip denoising.
+        denoise: noise parameters for denoising, or None to skip denoising.
 
     Returns:
         RGB uint8 (H, W, 3).
@@ -91,9 +91,7 @@ def _pad(raw: Any, black: Any, scale: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _denoise(noisy: Any, shot: Any, read: Any, out: Any) -> None:
-    """Denoise a RAW image, leaving a border of two pixels undefined; `shot` and `read` are in units of squared
-    difference.
-    """
+    """Denoise a RAW image, except for a border of two pixels; `shot` and `read` are in units of squared difference."""
     size = noisy.shape[1] - 4
     for y in range(noisy.shape[0] - 4):
         top, above, here = noisy[y], noisy[y + 1], noisy[y + 2]
@@ -110,7 +108,7 @@ def _denoise(noisy: Any, shot: Any, read: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _mean_of_alike(v: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, shot: Any, read: Any) -> Any:
-    """Return the mean of v and its neighbours, weighted by similarity."""
+    """Return the similarity-weighted mean of v and its neighbours."""
     one, zero = np.float32(1.0), np.float32(0.0)
     mean = (((a + b) + (c + d)) + ((e + f) + (g + h)) + v) * np.float32(1.0 / 9.0)
     scale = one / (shot * max(mean, zero) + read)
@@ -129,7 +127,7 @@ def _balance(linear: Any, gains: Any) -> None:
     """Invert the gains of `_mosaic`, in place."""
     one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
-    own = np.empty((2, linear.shape[1]), np.float32)  # gains of the pixels in even and in odd rows
+    own = np.empty((2, linear.shape[1]), np.float32)  # gains for pixels in even and odd rows
     for y in range(2):
         for x in range(own.shape[1]):
             own[y, x] = gains[y + (x & 1)]

@@ -1,4 +1,4 @@
-"""Add sensor noise by simulating the whole processing pipeline of a camera."""
+"""Sensor noise, simulated with the complete processing pipeline of a camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .mosaic import developed, light_on_sensor
 
 @dataclass(frozen=True)
 class RawState:
-    """State of a pair: the camera and its noise parameters; the streams of the frames are spawned from `stream`."""
+    """State for a pair: the camera and its noise parameters; `stream` is the parent of both frames' random streams."""
 
     camera: CameraColours
     sensor: Sensor
@@ -24,11 +24,12 @@ class RawState:
 
 
 class RawNoise(Corruption):
-    """Simulates capturing the frame with a noisy sensor; `severities` are ISO numbers.
+    """Simulates capturing the frames with a noisy sensor; severities are ISO numbers.
 
-    The picture is converted back to the light on a sensor (`camera`, `mosaic`), exposed with photon and read noise
+    Each frame is converted back to the light on the sensor (`camera`, `mosaic`), exposed with photon and read noise
     (`exposure`), and developed again: denoising, white balance, demosaicing, colours, gamma and tone curve. Camera and
-    gains are drawn once for the pair; the noise is independent in each frame. Excluded from the paper's averages.
+    gains are drawn once per pair; the noise is independent in each frame. This corruption is excluded from the paper's
+    averages.
     """
 
     name = "raw_noise"
@@ -36,11 +37,11 @@ class RawNoise(Corruption):
     paper_severities = (800, 1600, 3200, 6400, 12800)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> RawState:
-        """Draw the camera, and the stream from which the frames' streams are spawned."""
+        """Sample the camera and the parent of the frames' random streams."""
         return RawState(draw_camera(rng.spawn("camera")), sensor_at(self.parameter(severity)), rng)
 
     def apply(self, frame: Frame, state: RawState, index: int) -> Frame:
-        """Expose and develop one frame."""
+        """Expose and develop frame `index`, 0 or 1."""
         key = np.uint64(state.stream.spawn("frame", index).key)
         raw = exposed(light_on_sensor(frame, state.camera), state.sensor, key)
         return developed(raw, state.camera, denoise=state.sensor)
