@@ -80,7 +80,7 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
     assert gma.number("epe", "motion_blur") == 4.86
     code, _, error = robustflow("leaderboard", run / "summary.json", "--no-published")
     assert code == 1
-    assert "neither results.json of the reference code nor" in error
+    assert "neither a results.json of the reference code nor" in error
 
 
 def test_what_cannot_be_shown(robustflow):

@@ -45,7 +45,7 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
         (pl.col("corruption") == "random_gauss", {"attack_rms": 0.51}, "measurements", "exceeds its budget"),
         (_SQUARE, {"attack_capped_sum": 1e9}, "measurements", "exceeds its error"),
         (_SQUARE, {"attack_warnings": "fine"}, "measurements", "an unknown warning"),
-        (_SQUARE, {"attack_rms": None}, "measurements", "values of the attack are missing"),
+        (_SQUARE, {"attack_rms": None}, "measurements", "attack values are missing"),
         (_SQUARE, {"attack_way_gone": 2.0}, "measurements", "beyond the target"),
         (_SQUARE, {"attack_evaluations": -1}, "rows", "below 0"),
         (_SQUARE, {"epe_sum": 0.0}, "measurements", ""),

@@ -31,8 +31,9 @@ def by_region(summary: Summary) -> pl.DataFrame:
     """Compute the errors in each image region.
 
     Returns:
-        Columns region, label, share (percent of the valid pixels), epe_clean, epe, cre, crer, rcre, fl_clean, fl, and
-        broken (net percent of the region's pixels that became Fl outliers), in the order of `metrics.regions.REGIONS`.
+        A table with the columns region, label, share (percent of the valid pixels), epe_clean, epe, cre, crer, rcre,
+        fl_clean, fl, and broken (net percent of the region's pixels that became Fl outliers), in the order of
+        `metrics.regions.REGIONS`.
     """
     records = [
         (
@@ -49,9 +50,10 @@ def by_family(summary: Summary) -> pl.DataFrame:
     """Compute the errors under each corruption family.
 
     Returns:
-        Columns family, corruptions (number of corruptions run), epe, cre, crer, rcre, fl, broken (net percent of
-        pixels), and contribution (the family's part of the overall CRE in pixels; negative if the family reduces the
-        error). If only the paper's corruptions were run, the contributions add up to the CRE. Percentages would be
+        A table with the columns family, corruptions (number of corruptions run), epe, cre, crer, rcre, fl, broken (net
+        percent of pixels), and contribution (the family's part of the overall CRE in pixels; negative if the family
+        reduces the error). If only the paper's corruptions were run, the contributions add up to the CRE. Percentages
+        would be
         misleading: if one family has a negative contribution, the others add up to more than 100 %.
     """
     averaged = summary.averaged_over
@@ -68,13 +70,13 @@ def by_family(summary: Summary) -> pl.DataFrame:
 
 
 def by_severity(summary: Summary, metric: str = "epe") -> pl.DataFrame:
-    """Compute how a metric grows with severity, per corruption.
+    """Compute, for each corruption, how a metric grows with severity.
 
     Returns:
-        Columns corruption, family, slope (least-squares fit, in the metric's unit per severity level), lowest, highest,
-        bend (slope over the upper half of the severities minus slope over the lower half; positive if the growth
-        accelerates), rises (whether the metric never decreases with severity). Corruptions with fewer than two
-        severities are left out; bend needs four.
+        A table with the columns corruption, family, slope (least-squares fit, in the metric's unit per severity level),
+        lowest, highest, bend (slope over the upper half of the severities minus slope over the lower half; positive if
+        the growth accelerates), rises (whether the metric never decreases with severity). Corruptions with fewer than
+        two severities are left out; bend needs four.
     """
     records = []
     for name, scores in summary.corruptions.items():

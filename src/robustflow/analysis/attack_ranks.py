@@ -15,7 +15,8 @@ from .ranking import spearman, spearman_interval
 from .run_names import run_names
 
 LEAST_MODELS = 5
-"""Minimum number of models for a rank correlation: with four, one random order in twelve gives 1 or -1."""
+"""Minimum number of models for a rank correlation: with four models, one in twelve random orders has a correlation of 1
+or -1."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +26,9 @@ class Prediction:
     Attributes:
         attack: name of the attack.
         severities: severities at which all models were attacked.
-        metric: "cre", or "rcre" without ground truth; the same for corruptions and the attack.
+        metric: "cre", or "rcre" without ground truth; used for both the corruptions and the attack.
         models: names of the compared models.
-        left_out: model name -> reason why the model is left out.
+        left_out: model name -> reason for leaving the model out.
         rho: Spearman's rank correlation; None with fewer than `LEAST_MODELS` models or if one variable is constant.
         interval: 95 % confidence interval of `rho`.
     """
@@ -42,10 +43,10 @@ class Prediction:
 
 
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
-    """Compare every attack that two or more runs contain, in the order of the first such run.
+    """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance.
 
-    A model is left out of an attack that has a warning for this model, and of all attacks if the model should not be
-    ranked. Errors under corruptions are computed over the cells that all runs have in common.
+    A model is left out for any attack that has a warning for it, and for all attacks if it should not be ranked. Errors
+    under corruptions are computed over the cells that all runs have in common.
 
     Raises:
         RunError: the runs have no frames in common.

@@ -20,7 +20,7 @@ _BEATEN = {
     "square": "square_above_white_box",
     "transfer": "transfer_above_white_box",
 }
-"""Attack -> the warning given to a white-box attack that is weaker than this attack; a key of `BESIDE_OTHERS`."""
+"""Attack -> warning for white-box attacks that are weaker than this attack; a key of `BESIDE_OTHERS`."""
 
 
 @dataclass(frozen=True)
@@ -31,17 +31,19 @@ class AttackScore:
         attack, severity: name and severity of the attack.
         norm, budget: norm of the attack ("linf" or "rms") and its bound in grey levels (0 to 255).
         samples: number of attacked samples.
-        epe, cre, crer: mean error in px, its increase over the clean error in px, and that increase divided by the
+        epe, cre, crer: mean error in px, its increase over the clean error in px, and this increase divided by the
             clean error; None without ground truth.
         rcre: mean change in the flow, px.
         px1, px3, px5, fl: percentage of pixels with an error above 1, 3 and 5 px, and of KITTI's Fl outliers; None
             without ground truth.
         median: median error of a sample, averaged over samples, px; None without ground truth.
-        capped: mean error, each pixel's error capped at the frame's diagonal, px; None without ground truth.
-        way_gone: share of the way from the clean flow to the target, %; None without a target.
-        gain: error (change in the flow, without ground truth) minus that under random noise of the same norm, px.
+        capped: mean error with the error of each pixel capped at the frame diagonal, px; None without ground truth.
+        way_gone: percentage of the distance from the clean flow to the target that the attack covers; None without a
+            target.
+        gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm,
+            px.
         linf, rms: mean norms of the perturbations, grey levels.
-        evaluations: mean number of flow predictions that the attack requested.
+        evaluations: mean number of flow predictions made by the attack.
         seconds: mean run time of the attack over all severities; None if the run does not record it.
         warnings: warning key -> number of samples with this warning.
     """
@@ -131,7 +133,7 @@ def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | 
         clean: mean error on the clean frames, px.
 
     Returns:
-        The budget in grey levels; None without ground truth or if the error doubles at none of the severities.
+        The budget in grey levels; None without ground truth or if the error does not double at any severity.
     """
     if not clean:
         return None
@@ -147,7 +149,7 @@ def budget_at_double(scores: Sequence[AttackScore], attack: str, clean: float | 
 
 
 def _compared(scores: list[AttackScore]) -> list[AttackScore]:
-    """Add the gain over noise and the warnings that need the scores of several attacks."""
+    """Add the gain over noise and the warnings that depend on the scores of several attacks."""
     by_cell = {(score.attack, score.severity): score.strength for score in scores}
     compared = []
     for score in scores:

@@ -1,4 +1,4 @@
-"""Write the conclusions that runs on a user's own frames support without ground truth, with the evidence."""
+"""State what runs on a user's own frames show without ground truth, and how strong the evidence is."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def without_truth(run: Run) -> bool:
 
 def conclusions(results: Iterable[ModelResult]) -> list[str]:
     """Write one conclusion for each set of frames without ground truth: which corruption changes the flow most or, for
-    several models, which model's flow changes least; how strong the evidence is; and which further data would help."""
+    several models, which model's flow changes least; how strong the evidence is; and what additional data would
+    help."""
     own = (line for line in results if line.run is not None and without_truth(line.run))
     return [conclusion(lines) for lines in by_frames(own).values()]
 
@@ -74,7 +75,7 @@ def _clean_length(run: Run) -> str:
 
 
 def _surety(run: Run) -> str:
-    """State how certain the mean of a run is and what would make it more certain."""
+    """State how certain a run's mean is and what would make it more certain."""
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
     if low is None:
@@ -152,7 +153,7 @@ def _others(run: Run) -> str:
 
 
 def _counts(run: Run) -> tuple[int, int]:
-    """Return the number of pairs and the number of independent groups of pairs."""
+    """Return the numbers of pairs and of independent groups of pairs."""
     clean = run.rows.filter(corruption=CLEAN)
     return clean["sample"].n_unique(), clean["group"].n_unique()
 

@@ -101,8 +101,8 @@ def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
 
 
 def orders(runs: Sequence[Run], metric: str) -> Orders | None:
-    """Compute the scores of several models under several conditions; None unless two models were run under two
-    conditions.
+    """Compute the scores of several models under several conditions; None unless at least two models were run under at
+    least two conditions.
 
     Runs that measured the same rows belong to one condition. Two presets or checkpoints of a model count as two models.
 

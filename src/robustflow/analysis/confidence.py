@@ -26,7 +26,8 @@ class ConfidenceScore:
         ause_normalised: `ause` with the errors of each image divided by their mean; None if no image has an error.
         error_80, error_50: mean error of the most confident 80 and 50 % of the pixels, px; None without ground truth.
         spearman: rank correlation of confidence and error, ideally -1; None where confidence or error is constant.
-        rejected: percentage of pixels rejected by the forward-backward check; None for the model's own confidence.
+        rejected: percentage of pixels rejected by the forward-backward check; None for confidence predicted by the
+            model.
         by_confidence, by_error: the sparsification curve and the oracle's curve: mean error of the remaining pixels
             after 0, 10, ... 90 % of the pixels are removed, px; empty without ground truth.
     """
@@ -45,7 +46,7 @@ class ConfidenceScore:
 
 def confidence_scores(run: Run) -> list[ConfidenceScore]:
     """Score a run's confidence on the clean frames, over all corruptions, for each family, and for each family at each
-    severity; empty if the run has no confidence. Corruptions without a family only count in the average."""
+    severity; empty if the run has no confidence. Corruptions without a family count only towards the average."""
     rows = run.rows.filter(pl.col("ause").is_not_null() | pl.col("rejected_count").is_not_null())
     return [_score(family, severity, part) for family, severity, part in _conditions(rows) if part.height]
 

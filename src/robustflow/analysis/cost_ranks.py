@@ -1,4 +1,4 @@
-"""Rank models by cost and relative robustness: the paper's Tab. 3, and runs by the same rule."""
+"""Rank models by cost and relative robustness, as in the paper's Tab. 3."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from .ranking import average_ranks, competition_ranks
 
 @dataclass(frozen=True)
 class RunRanks:
-    """Ranks of a run by CREr within its setting, by FLOPs among models counted at the same input size, and by both (see
-    `ranking`); None if there is nothing to compare with."""
+    """Ranks of a run by CREr within its setting, by FLOPs among models whose FLOPs were counted at the same input size,
+    and by both (see `ranking`); None if there is nothing to compare with."""
 
     crer: int | None
     flops: int | None
@@ -39,7 +39,7 @@ def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
 
 
 def run_ranks(results: Sequence[ModelResult]) -> dict[ModelResult, RunRanks]:
-    """Rank every model with a CREr among the models of its setting on the same frames. Excluded models get no rank and
+    """Rank every model that has a CREr within its setting, on the same frames. Excluded models get no rank and
     do not affect the ranks of the others."""
     measured = [line for line in results if line.crer is not None]
     sound = ranked(measured)
@@ -56,7 +56,7 @@ def run_ranks(results: Sequence[ModelResult]) -> dict[ModelResult, RunRanks]:
 
 
 def _ranks(values: Mapping[ModelResult, float]) -> dict[ModelResult, int]:
-    """Rank the models; empty for a single model."""
+    """Return the ranks; empty for a single model."""
     return competition_ranks(values) if len(values) > 1 else {}
 
 

@@ -16,8 +16,8 @@ from ..runs.means import clean_flow_length
 from ..runs.run import Run
 
 ACCURATE_BELOW = 0.5
-"""Upper bound of a sound model's clean EPE, as a fraction of the EPE of zero flow. A flow with a larger error improves
-as much by being shorter as by being correct, so a small change under corruption is not evidence of robustness."""
+"""Upper bound on the clean EPE of a sound model, as a fraction of the EPE of zero flow. Above this bound,
+a model is hardly better than zero flow, so a small change under corruption is not evidence of robustness."""
 SMALL_MOTION = 1.0
 """Mean length of the ground-truth flow in pixels below which even sound models may exceed `ACCURATE_BELOW`: on
 Middlebury's RubberWhale (1.26 px) the EPE of the package's models is 0.23 to 0.40 px."""
@@ -65,8 +65,7 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
-    """List the reasons of `exclusion_reasons` that follow from the rows (columns of `ROW_SCHEMA`) of a run on moving
-    scenes.
+    """List the reasons that follow from the rows (columns of `ROW_SCHEMA`) of a run on moving scenes.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> reasons_from_rows(rows_frame([]))

@@ -36,7 +36,7 @@ class Value:
 
     @property
     def text(self) -> str:
-        """The number with the printed number of decimals, or with two.
+        """The number formatted with as many decimals as printed, or with two if it was not rounded.
 
         >>> Value(4.2, 2).text, Value(1.23456).text
         ('4.20', '1.23')
@@ -61,7 +61,7 @@ class ModelResult:
         benchmark, setting, name: name of the benchmark, setting (how the training data relate to the benchmark), and
             name of the model.
         frames: name of the sample set; lines with the same sample set can be compared.
-        note: remark that a reader needs before comparing; "" for none.
+        note: remark that a reader needs to know before comparing; "" for none.
         values: (metric, condition) -> value.
         run: the measured run; None for the paper and results files.
         beside_published: whether averages are restricted to the paper's corruptions, for comparison with published

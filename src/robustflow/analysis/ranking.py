@@ -21,7 +21,7 @@ _NORMAL = 1.959964
 
 
 def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
-    """Rank values from 1 for the smallest; equal values share a rank and the following ranks are skipped.
+    """Rank values, starting with 1 for the smallest; equal values share a rank and the following ranks are skipped.
 
     >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
     {'a': 2, 'b': 1, 'c': 2, 'd': 4}
@@ -33,7 +33,7 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
 
 
 def middle_ranks(values: Sequence[float]) -> list[float]:
-    """Rank values from 1 for the smallest; equal values share the mean of the ranks that they occupy.
+    """Rank values, starting with 1 for the smallest; equal values share the mean of the ranks that they occupy.
 
     >>> middle_ranks([2.0, 1.0, 2.0, 3.0])
     [2.5, 1.0, 2.5, 4.0]

@@ -61,11 +61,11 @@ def read_results(path: str | Path) -> list[ModelResult]:
     path = Path(path).expanduser()
     try:
         if path.stat().st_size > _LARGEST_FILE:
-            raise DataError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB; results have one short line per value")
+            raise DataError(f"{path} is larger than {_LARGEST_FILE >> 20} MiB; results have one short line per value")
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise DataError(f"{path}: cannot be read ({reason}); give a CSV file of results") from error
+        raise DataError(f"{path} cannot be read ({reason}); give a CSV file of results") from error
     return parse_results(text, str(path), FILE)
 
 
@@ -80,7 +80,7 @@ def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
     try:
         absent = [column for column in _REQUIRED if column not in (reader.fieldnames or [])]
         if absent:
-            raise DataError(f"{name}: no column '{absent[0]}'; the first line must name {','.join(_REQUIRED)}")
+            raise DataError(f"{name} has no column '{absent[0]}'; the header must contain {','.join(_REQUIRED)}")
         return merged((_one(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
     except csv.Error as error:
         raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error
@@ -90,7 +90,7 @@ def _one(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
     """Parse one line of the file, which contains one value."""
     if None in line or None in line.values():
         raise DataError(
-            f"{where}: the number of cells differs from that of the header; quote a cell that contains a comma"
+            f"{where}: the number of cells differs from that of the header; quote cells that contain commas"
         )
     cells = {column: line[column].strip() for column in line}
     for column in ("setting", "model", "metric", "corruption"):
@@ -104,7 +104,7 @@ def _one(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
     _check_corruption(cells["corruption"], where)
     number, decimals = _number(cells["value"], where)
     if number < 0 and cells["metric"] in ("epe", "rcre"):
-        raise DataError(f"{where}: {cells['metric'].upper()} {number:g}: a length in pixels cannot be below 0")
+        raise DataError(f"{where}: {cells['metric'].upper()} {number:g}: a length in pixels cannot be negative")
     value = Value(number, decimals, None if marked == "" else marked == "yes", cells.get("source") or "")
     return ModelResult(
         benchmark=cells.get("benchmark") or "kitti-fc",

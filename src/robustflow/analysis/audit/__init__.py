@@ -1,4 +1,4 @@
-"""Check whether published results or your own are consistent, and list each inconsistency with both numbers."""
+"""Check published results, or your own, for consistency and list each inconsistency with both numbers."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
 
 
 def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Check that the average of each metric is the mean over the listed corruptions that tables can show."""
+    """Check that the average of each metric is the mean over the corruptions listed in the table."""
     count, findings = 0, []
     for line, metric, values in _metrics(results):
         given = values.get((metric, AVERAGE))
@@ -145,9 +145,9 @@ def _beside_epe(results: Sequence[ModelResult], metric: str) -> Iterator[tuple[M
 
 
 def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Check that exactly the smallest number in each column is marked, among the models of one setting.
+    """Check that, among the models of one setting, exactly the smallest number in each column is marked.
 
-    Settings without any marks (the paper's knowledge-driven methods) are not checked.
+    Settings without marks (the paper's knowledge-driven methods) are not checked.
     """
     count, findings = 0, []
     for metric, peers in _settings(results):

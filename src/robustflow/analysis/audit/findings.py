@@ -25,12 +25,12 @@ AUDIT_CHECKS = {
 
 
 class Finding(FrozenFinite):
-    """A number that is inconsistent with the others beyond rounding.
+    """A number that differs from the value computed from other numbers by more than rounding can explain.
 
     Attributes:
         check: key of `AUDIT_CHECKS`.
         source: table or file that contains the number.
-        setting, model, metric, corruption: position of the number; "" if not applicable.
+        setting, model, metric, corruption: where the number appears; "" if not applicable.
         given: number as printed.
         recomputed: number computed from the other numbers.
         tolerance: largest difference between the two that rounding alone can cause.
@@ -68,7 +68,7 @@ class Audit(Frozen):
         return not self.findings
 
     def counts(self) -> dict[str, int]:
-        """Return the number of findings by check."""
+        """Return the number of findings per check."""
         return dict(Counter(finding.check for finding in self.findings))
 
 

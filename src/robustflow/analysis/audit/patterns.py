@@ -16,7 +16,7 @@ _LEAST = 3
 
 
 def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Find two models of a setting whose rows fit each other's EPE but not their own."""
+    """Find pairs of models in the same setting whose rows match each other's EPE but not their own."""
     count, findings = 0, []
     wrong = {line: _misfitting(line.values, line.values) for line in results}
     for first, second in combinations([line for line, names in wrong.items() if len(names) >= _LEAST], 2):
@@ -30,22 +30,22 @@ def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
         cells = len(_both(one, two))
         rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped relative to their EPE rows"
         message = (
-            f"the CRE {rows}: all {cells} values of each fit the EPE of the other; {len(wrong[first])} and "
-            f"{len(wrong[second])} do not fit their own"
+            f"the CRE {rows}: all {cells} values of each match the other's EPE; {len(wrong[first])} and "
+            f"{len(wrong[second])} do not match their own"
         )
         findings.append(finding("swapped", first, "cre", "", message))
         own, other = _impossible(one, one) + _impossible(two, two), _impossible(one, two) + _impossible(two, one)
         if own and not other:
             message = (
-                f"the RCRE {rows}: {own} values are impossible (RCRE below |EPE - clean EPE|) as printed, none when "
-                "swapped"
+                f"the RCRE {rows}: {own} values are impossible (RCRE below |EPE - clean EPE|) as printed, but none "
+                "when swapped"
             )
             findings.append(finding("swapped", first, "rcre", "", message))
     return "swapped", count, findings
 
 
 def check_shifted(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Find consecutive values of a model that fit the neighbouring column but not their own."""
+    """Find consecutive values of a model that match the neighbouring column but not their own."""
     count, findings = 0, []
     for line in results:
         values = line.values
@@ -69,8 +69,8 @@ def _shift(line: ModelResult, run: list[str], side: str) -> list[Finding]:
     if len(run) < _LEAST:
         return []
     message = (
-        f"{line.setting} {line.name}: EPE - clean EPE of {', '.join(run)} equals the CRE one column to the {side}, "
-        "not its own: a row is shifted by one column in one of the tables"
+        f"{line.setting} {line.name}: EPE - clean EPE for {', '.join(run)} equals the CRE one column to the {side} "
+        "instead of the CRE in the same column: a row is shifted by one column in one of the tables"
     )
     return [finding("shifted", line, "epe", run[0], message)]
 

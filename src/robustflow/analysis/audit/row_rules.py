@@ -1,4 +1,4 @@
-"""Rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
+"""Rules that every row of a run must satisfy, according to the definitions in `robustflow.metrics.rows`.
 
 The rules hold for any model on any frames, so a row that breaks a rule was not measured or was changed afterwards. Sums
 of lengths are compared up to a relative rounding error of 1e-9.
@@ -48,7 +48,7 @@ def broken_rules(rows: pl.DataFrame, attacks: Collection[str] = ()) -> Iterator[
 
 
 def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Do the same as `broken_rules` for columns that only attack rows have.
+    """Like `broken_rules`, but for the columns that only attack rows have.
 
     Args:
         rows: rows of one run's attacks (`Run.attack_rows`).
@@ -67,12 +67,12 @@ def broken_attack_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]
     unknown = [text for text in attacks["attack_warnings"].drop_nulls().unique() if not {*text.split(",")} <= known]
     of_truth = pl.col("n_valid").is_not_null() & (pl.col("n_valid") > 0)
     rules = {
-        "values of the attack are missing": pl.any_horizontal(
+        "attack values are missing": pl.any_horizontal(
             pl.col("attack_linf", "attack_rms", "attack_evaluations").is_null()
         )
         | (of_truth & pl.any_horizontal(pl.col("attack_capped_sum", "attack_median").is_null())),
         "the attack exceeds its budget": _any([*_beyond("attack_linf", linf), *_beyond("attack_rms", rms)]),
-        "the norms of the attack are inconsistent": _exceeds(pl.col("attack_rms"), pl.col("attack_linf"))
+        "the norms of the perturbation are inconsistent": _exceeds(pl.col("attack_rms"), pl.col("attack_linf"))
         | (pl.col("attack_linf") > 255),
         "its capped error exceeds its error": _exceeds(pl.col("attack_capped_sum"), pl.col("epe_sum")),
         "its flow moved beyond the target": pl.col("attack_way_gone") > 1 + _CLOSE,

@@ -1,6 +1,7 @@
-"""Import results written by other benchmarks' programs as lines of tables.
+"""Import results that other benchmarks' programs wrote, as lines of tables.
 
-Such results are means without rows, so they cannot be verified. Every imported line says so (`NOTE`).
+These results are means without the underlying rows, so they cannot be verified. Every imported line has a note that
+states this (`NOTE`).
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
             experiments += flowbench.parse(content, path)
         else:
             raise DataError(
-                f"{path}: neither results.json of the reference code nor metrics_DATASET.json of FlowBench; name "
-                "results as CSV, or a run's folder or record"
+                f"{path} is neither a results.json of the reference code nor a metrics_DATASET.json of FlowBench; "
+                "give one of these, a CSV file of results, or a run's folder or record"
             )
     return [*reference.lines(benchmarks, NOTE), *flowbench.lines(experiments, NOTE)]

@@ -57,7 +57,7 @@ FLOWBENCH_CORRUPTIONS = (
 FLOWBENCH_DATASETS = {"kitti-2015": "kitti2015", "sintel-clean": "sintel", "sintel-final": "sintel"}
 """FlowBench's name of a dataset -> this project's name."""
 
-_SOURCE = "metrics files of FlowBench"
+_SOURCE = "FlowBench metrics files"
 _ATTACK, _NONE = "common_corruptions", "none"
 
 
@@ -125,7 +125,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]
         if not levels:
             raise DataError(
                 f"FlowBench, {model} {checkpoint} on {dataset}: its corruptions have no severity in common, so their "
-                "means cannot be compared; give the files of one severity"
+                "means cannot be compared; give files of a single severity"
             )
         values = {name: fsum(errors[name, level] for level in levels) / len(levels) for name in names}
         values[AVERAGE] = fsum(values.values()) / len(names)
@@ -145,7 +145,9 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]
 def _experiment(entry: dict[str, Any], where: str) -> Experiment:
     dataset = entry.get("dataset")
     if dataset not in tuple(FLOWBENCH_DATASETS):
-        raise DataError(f"{where}: unknown dataset '{plain(str(dataset), 40)}'; known: {', '.join(FLOWBENCH_DATASETS)}")
+        raise DataError(
+            f"{where}: unknown dataset '{plain(str(dataset), 40)}'; known datasets: {', '.join(FLOWBENCH_DATASETS)}"
+        )
     corruption: Any = CLEAN
     severity: Any = 0
     if entry["attack"] == _ATTACK:

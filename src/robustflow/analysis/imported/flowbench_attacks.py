@@ -1,11 +1,11 @@
 """Read the attack results in FlowBench's `metrics_DATASET.json` (see `flowbench`) and flag questionable rows.
 
-Besides model, checkpoint, dataset and `metrics`, such an experiment has "attack" (fgsm, bim, pgd, cospgd, pcfa or
+In addition to model, checkpoint, dataset and `metrics`, each experiment has "attack" (fgsm, bim, pgd, cospgd, pcfa or
 weather), "norm" ("inf", or "two" for the Euclidean norm of one frame; absent for pcfa, whose bound is a root mean
 square over both frames), "epsilon" in 0..1, rounded to four digits, "iterations", "targeted" and "target". The metrics
 contain `epe` (the distance to the target if there is one, otherwise to the ground truth), `epe_ground_truth` if there
-is a target, and in some files the size of the perturbation (`l2_delta12`, a root mean square; `l_inf_delta12`). Files
-per iteration (`..._i3`) are left out.
+is a target, and in some files the size of the perturbation (`l2_delta12`, a root mean square; `l_inf_delta12`). Results
+of single iterations (`..._i3`) are left out.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
     for path in paths:
         content = read_json_file(path)
         if not is_flowbench(content):
-            raise DataError(f"{path}: not a metrics_DATASET.json of FlowBench, which has a list 'experiments'")
+            raise DataError(f"{path} is not a metrics_DATASET.json of FlowBench, which contains a list 'experiments'")
         for index, entry in enumerate(content["experiments"], 1):
             where = f"{path}, experiment {index}"
             if not isinstance(entry, dict):
@@ -102,7 +102,7 @@ def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
             if entry.get("attack") in STORED_ATTACKS and not _by_iteration(entry):
                 rows.append(_row(entry, where))
     if len(rows) > _MOST_ROWS:
-        raise DataError(f"{len(rows)} rows of attacks: more than {_MOST_ROWS}; give fewer files")
+        raise DataError(f"{len(rows)} attack rows exceed the limit of {_MOST_ROWS}; give fewer files")
     return _compared(rows)
 
 
@@ -151,7 +151,7 @@ def _row(entry: dict[str, Any], where: str) -> StoredAttack:
     if not isinstance(targeted, bool) or target not in ("none", "zero", "negative"):
         raise DataError(f"{where}: target {plain(repr(target), 40)}; expected zero or negative")
     if iterations is not None and (isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1):
-        raise DataError(f"{where}: iterations {plain(repr(iterations), 40)}; expected a whole number from 1")
+        raise DataError(f"{where}: iterations {plain(repr(iterations), 40)}; expected a positive integer")
     norm, budget = "", None
     if attack != "weather":
         norm = "rms" if attack == "pcfa" else _NORMS.get(str(entry.get("norm")), "")

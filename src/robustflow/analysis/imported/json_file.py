@@ -24,12 +24,12 @@ def read_json_file(path: Path) -> Any:
     path = path.expanduser()
     try:
         if path.stat().st_size > _LARGEST_FILE:
-            raise DataError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB; result files are far smaller")
+            raise DataError(f"{path} is larger than {_LARGEST_FILE >> 20} MiB; result files are much smaller")
         return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_each_once)
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); give a file of results") from error
+        raise DataError(f"{path} cannot be read ({error.strerror}); give a results file") from error
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{path}: not JSON ({plain(str(error))}); give the file as it was written") from error
+        raise DataError(f"{path} is not valid JSON ({plain(str(error))}); give the original file") from error
 
 
 def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
@@ -39,19 +39,19 @@ def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
     (2.0, -0.5)
 
     Raises:
-        DataError: it is none.
+        DataError: if the value is not such a number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise DataError(f"{where}: {plain(repr(value), 40)} is not a number")
     if not abs(value) <= _LARGEST_NUMBER:  # comparisons with NaN are false
         raise DataError(f"{where}: {plain(repr(value), 40)} is not a finite number of pixels")
     if value < 0 and not signed:
-        raise DataError(f"{where}: {float(value):g}: a length in pixels cannot be below 0")
+        raise DataError(f"{where}: {float(value):g}: a length in pixels cannot be negative")
     return float(value)
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
     if twice:
-        raise ValueError(f"'{plain(twice[0], 40)}' is given twice")
+        raise ValueError(f"'{plain(twice[0], 40)}' appears twice")
     return dict(pairs)

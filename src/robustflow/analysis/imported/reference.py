@@ -85,7 +85,7 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
             if written_metric in entry:
                 values[metric, name] = _mean(entry[written_metric], f"{where}, {written_metric}", metric == "cre")
     if not values:
-        raise DataError(f"{path}: it contains no corruption; robustness cannot be measured")
+        raise DataError(f"{path} contains no corruptions, so robustness cannot be measured")
     clean = _clean(content, path)
     if clean is not None:
         values["epe", CLEAN] = clean

@@ -1,4 +1,4 @@
-"""The paper's ten observations, each checked by a computation on results that ends in a verdict."""
+"""The paper's ten observations, each checked against results by a computation that returns a verdict."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def observations(
         costs: model name -> FLOPs and CREr, for observation 6.
         methods: model name -> method; by default, those of the paper's models.
 
-    A statement holds, or does not hold, if its 95 % interval excludes the opposite; otherwise there is too little
-    evidence. For statements about models in general, intervals are over families (variants of one method count once);
-    for statements about named models, over corruptions. On fewer than `LEAST_PAIRS` image pairs, or with fewer than
-    `LEAST_FAMILIES` families of models, the numbers are given without a verdict: "too little evidence".
+    The verdict is "holds" or "does not hold" only if the 95 % interval excludes the opposite. For statements about
+    models in general, intervals are over families (variants of one method count once); for statements about named
+    models, over corruptions. On fewer than `LEAST_PAIRS` image pairs, or with fewer than `LEAST_FAMILIES` families of
+    models, the verdict is always "too little evidence".
 
     >>> from robustflow.analysis.published.tables import published_costs, published_results
     >>> checked = observations(published_results(), published_costs())

@@ -65,7 +65,7 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
     message = (
         "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE alone "
         "causes a negative correlation, and errors that all grow by one factor cause a positive one. CRE is "
-        "computed from the printed EPE here; where a printed CRE differs, both are given"
+        "computed from the printed EPE here; where a printed CRE differs, both are reported"
     )
     return [*parts, part("the correlation of CRE with clean EPE is not only an arithmetic artefact", UNKNOWN, message)]
 

@@ -1,4 +1,4 @@
-"""The studentised bootstrap (bootstrap-t) over clusters, seeded, all resamples at once.
+"""The studentised bootstrap (bootstrap-t) over clusters, seeded and vectorised over resamples.
 
 Each resample draws G of the G clusters with replacement. With theta the statistic and se its standard error,
 t* = (theta* - theta) / se* approximates the unknown distribution of (theta - truth) / se, so that
@@ -92,9 +92,9 @@ def bootstrap(
     True
     """
     if not 0.5 <= level < 1:
-        raise UsageError(f"a level of {level:g} is not a confidence level: give 0.5 or more, below 1, for example 0.95")
+        raise UsageError(f"a level of {level:g} is not a confidence level: it must be at least 0.5 and below 1")
     if not 99 <= resamples <= 1_000_000:
-        raise UsageError(f"{resamples} resamples: give 99 to 1000000")
+        raise UsageError(f"{resamples} resamples are out of range: give 99 to 1000000")
     whole = np.ones((1, clusters))
     estimates_of = {key: statistic(whole) for key, statistic in statistics.items()}
     if not enough_clusters(clusters, level):

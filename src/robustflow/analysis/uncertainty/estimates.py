@@ -1,8 +1,8 @@
-"""Means over images and the contribution of each cluster, for many resamples at once.
+"""Means over images and the contribution of each cluster, vectorised over resamples.
 
-A cluster is drawn as a whole: a video sequence, or a single image if images are independent. Let T_gk be the sum over
-the images of cluster g at condition k (a corruption at a severity), N_gk the number of these images, w_g the number of
-times that the cluster was drawn, and v_k the weight of condition k (with sum 1). Then
+A cluster is a video sequence, or a single image if images are independent; its images are always drawn together. Let
+T_gk be the sum over the images of cluster g at condition k (a corruption at a severity), N_gk the number of these
+images, w_g the number of times that the cluster was drawn, and v_k the weight of condition k (with sum 1). Then
 
     mean_k = sum_g w_g T_gk / sum_g w_g N_gk        theta = sum_k v_k mean_k
 

@@ -41,7 +41,8 @@ def intervals(
 ) -> pl.DataFrame:
     """Compute intervals of EPE, CRE, CREr and RCRE, overall and per corruption, and of the clean EPE.
 
-    Images are resampled; if several images share a `group` (such as the pairs of a video), whole groups are resampled.
+    Images are resampled; if several images share a `group` (such as the pairs of a video), groups are resampled
+    instead.
 
     Args:
         rows: rows of one run.

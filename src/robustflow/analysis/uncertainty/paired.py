@@ -122,7 +122,7 @@ def _differences(
 ) -> dict[MetricKey, _Difference]:
     first, second = sums
     if first.clusters != second.clusters:
-        raise RunError("the two runs group their samples differently; compare runs of the same data")
+        raise RunError("the two runs group their samples differently; compare runs on the same data")
     keys = [key for key in keys if second.measured(*key)]
 
     statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}

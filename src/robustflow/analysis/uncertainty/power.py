@@ -126,20 +126,20 @@ def plan_pairs(
             in common.
     """
     if not (math.isfinite(effect) and effect > 0):
-        raise UsageError(f"effect {effect:g}: give a difference in pixels above 0")
+        raise UsageError(f"an effect of {effect:g} px cannot be detected: give a positive difference in pixels")
     for name, value in (("power", power), ("level", level)):
         if not 0 < value < 1:
-            raise UsageError(f"{name} {value:g}: give a probability between 0 and 1")
+            raise UsageError(f"{name} {value:g} is out of range: give a probability between 0 and 1")
     if len(runs) < 2:
-        raise UsageError("power analysis needs two models or more: give a run of each")
+        raise UsageError("power analysis needs at least two models: give one run of each")
     records = []
     for names in combinations(runs, 2):
         first, second = (ClusterSums.of(rows) for rows in common_rows([runs[name] for name in names], list(names))[0])
         count = len(first.clusters)
         if count < 2:
             raise RunError(
-                f"{names[0]} and {names[1]} have {counted(first.images, 'pair')} of one sequence in common, which has "
-                "no variance: run both on pairs of two sequences or more"
+                f"{names[0]} and {names[1]} have {counted(first.images, 'pair')} of only one sequence in common, so "
+                "there is no variance between sequences: run both on pairs from at least two sequences"
             )
         for metric in PLANNED_METRICS:
             if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):

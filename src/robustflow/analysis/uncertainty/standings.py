@@ -35,7 +35,7 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     """Rank several models with ties: each model's rank, and the range of ranks that the paired tests allow.
 
     A model that is significantly worse than m others (Holm's correction over all pairs) has rank m + 1 at best; a model
-    that is significantly better than m others is at worst m places from the end.
+    that is significantly better than m others has at least m models ranked below it.
 
     Args:
         pairs: comparisons of all pairs of the models, from `compare_all`.
@@ -88,7 +88,7 @@ def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
 
     models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
     if len(scores) < 2 or len(models) < 2:
-        raise RunError("rank stability needs two models that were both run under two conditions")
+        raise RunError("rank stability needs at least two models that were both run under at least two conditions")
     ranks = {condition: competition_ranks({m: one[m] for m in models}) for condition, one in scores.items()}
     first = next(iter(ranks.values()))
     records = []

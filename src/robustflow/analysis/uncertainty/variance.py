@@ -53,11 +53,11 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     if metric not in VARIANCE_METRICS:
         raise unknown_name("metric", metric, VARIANCE_METRICS)
     if len(runs) < 2:
-        raise RunError("the variance between seeds needs at least two; run the same model with --seeds 2 or more")
+        raise RunError("the variance between seeds needs at least two seeds; run the same model with --seeds 2 or more")
     y = _cells(runs, metric)
     images, seeds, levels = y.shape
     if images < 2:
-        raise RunError("fewer than two images were measured with every seed; the variance between images needs two")
+        raise RunError("fewer than two images were measured with every seed; their variance needs at least two")
     mean = y.mean()
     image, seed, level = (y.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1)))
     both = y.mean(axis=2)
