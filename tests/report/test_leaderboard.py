@@ -7,7 +7,6 @@ from __future__ import annotations
 import csv
 import io
 from statistics import fmean
-from types import MappingProxyType
 from typing import ClassVar
 
 import pytest
@@ -24,14 +23,14 @@ from robustflow.report.site.content import whole_content
 from robustflow.report.tables import build_table
 
 
-def _cells_of(results, costs=MappingProxyType({})):
+def _cells_of(results):
     """Cells by key of each line, in the order of the lines."""
-    boards = boards_of(results, costs, {})
+    boards = boards_of(results, {})
     cells = {line.result: board.cells_of(line) for board in boards for line in board.lines}
     return {line: cells[line] for line in results}
 
 
-_CELLS = _cells_of(published_results(), published_costs())
+_CELLS = _cells_of(published_results())
 _SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
 
 
@@ -125,7 +124,7 @@ def test_order_puts_what_is_missing_last():
     text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
     results = parse_results(text, "a.csv", "a")
     assert [line.name for line in sorted(results, key=by_error)] == ["C", "A", "B"]
-    (board,) = boards_of(results, {}, {})
+    (board,) = boards_of(results, {})
     assert [line.label for line in board.lines] == ["C", "A", "B"]
 
 
@@ -170,7 +169,7 @@ def test_a_single_measured_model_has_no_rank():
 
 def test_every_renderer_writes_a_leaderboard_like_any_table():
     head = "setting,model,metric,corruption,value\n"
-    (board,) = boards_of(parse_results(head + "OOD,A|B,epe,average,2.00\n", "a.csv", "a"), {}, {"a": "Frames of a"})
+    (board,) = boards_of(parse_results(head + "OOD,A|B,epe,average,2.00\n", "a.csv", "a"), {"a": "Frames of a"})
     assert list(csv.DictReader(io.StringIO(render(board, "csv")))) == [
         {"section": "Frames of a", "model": "A|B", "EPE": "2.00", "best": "", "note": ""}
     ]

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import pytest
 
-from robustflow.analysis.published.tables import published_costs, published_results
+from robustflow.analysis.published.tables import published_results
 from robustflow.errors import UsageError
 from robustflow.report.analysis_tables import observations_table
 from robustflow.report.render import FORMATS, render
@@ -32,7 +32,7 @@ def _table(name: str, note: str = "") -> Table:
 @pytest.mark.parametrize("name", TABLES)
 @pytest.mark.parametrize("format", FORMATS)
 def test_every_number_of_every_table_is_there(name, format):
-    table = build_table(name, published_results(), published_costs())
+    table = build_table(name, published_results())
     text = render(table, format)
     found = re.findall(r"-?\d+\.\d+", text)
     for section in table.sections:
@@ -132,9 +132,9 @@ def test_latex_of_a_hostile_name_has_no_live_command(name):
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 def test_latex_compiles(tmp_path):
-    parts = [render(build_table(name, published_results(), published_costs()), "latex") for name in TABLES]
+    parts = [render(build_table(name, published_results()), "latex") for name in TABLES]
     parts += [render(_table(name, note=name), "latex") for name in HOSTILE]
-    parts.append(render(observations_table(published_results(), published_costs()), "latex"))
+    parts.append(render(observations_table(published_results()), "latex"))
     head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{textcomp,booktabs,graphicx}\begin{document}"
     (tmp_path / "t.tex").write_text("\n".join([head, *(f"{part}\\clearpage" for part in parts), r"\end{document}"]))
     done = subprocess.run(
@@ -152,14 +152,14 @@ def test_latex_shades_as_the_paper_does_and_can_be_referred_to():
     assert r"\label{tab:robustflow-epe}" in epe
     best = r"SAMFlow-H & \cellcolor{gray!20}\textbf{3.78} & \cellcolor{gray!20}\textbf{7.08} & "
     assert best in epe
-    cost = render(build_table("cost", published_results(), published_costs()), "latex")
+    cost = render(build_table("cost", published_results()), "latex")
     shaded = [line.split(" & ")[0] for line in cost.splitlines() if line.startswith(r"\rowcolor{gray!20}")]
     assert shaded == [r"\rowcolor{gray!20}CSFlow", r"\rowcolor{gray!20}ARFlow"]
     assert r"\cellcolor" not in cost
 
 
 def test_latex_of_sentences_longer_than_a_page_continues_in_another_table():
-    table = observations_table(published_results(), published_costs())
+    table = observations_table(published_results())
     text = render(table, "latex")
     assert text.count(r"\begin{table*}") == text.count(r"\caption") == 3
     assert "observations (1 of 3)" in text

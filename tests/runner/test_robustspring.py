@@ -129,7 +129,7 @@ def test_it_stands_in_tables_and_on_pages_like_any_other(run):
     table = build_table("rcre", results)
     headings = [(column.label, column.group) for column in table.columns]
     assert headings == [("RS fog", "Weather"), ("RS zoom blur", "Blur"), ("AVG RCRE", "")]
-    (board,) = boards_of(results, {}, {})
+    (board,) = boards_of(results, {})
     assert board.title == "RobustSpring"
     assert [view for view, _ in board.views] == ["overview", "compact", "classes", "weather", "blur"]
     assert ("rcre", "robustspring_fog") in [column.key for column in board.columns]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..runs.costs import RunCost
-from .model_result import ModelResult, ranked
-from .published.tables import Cost
+from .model_result import ModelResult, PrintedCost, ranked
 from .ranking import average_ranks, competition_ranks
 
 
@@ -21,13 +20,20 @@ class RunRanks:
     average: int | None
 
 
-def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
-    """Compute the ranks by "flops", "crer_ood", "crer_id", "average_ood" and "average_id" for every model in `costs`.
+def printed_costs(results: Iterable[ModelResult]) -> dict[str, PrintedCost]:
+    """Return the paper's costs of the models in the results, by model in the order of Tab. 3."""
+    costs = {line.name: line.printed_cost for line in results if line.printed_cost is not None}
+    return dict(sorted(costs.items(), key=lambda item: item[1].row))
 
-    >>> from robustflow.analysis.published.tables import published_costs
-    >>> cost_ranks(published_costs())["average_id"]["CSFlow"]
+
+def printed_cost_ranks(results: Iterable[ModelResult]) -> dict[str, dict[str, int]]:
+    """Rank the models with a printed cost by "flops", "crer_ood", "crer_id", "average_ood" and "average_id".
+
+    >>> from robustflow.analysis.published.tables import published_results
+    >>> printed_cost_ranks(published_results())["average_id"]["CSFlow"]
     4
     """
+    costs = printed_costs(results)
     ranks = {"flops": competition_ranks({name: cost.flops_g for name, cost in costs.items()})}
     for setting in ("ood", "id"):
         known = {name: getattr(cost, f"crer_{setting}") for name, cost in costs.items()}

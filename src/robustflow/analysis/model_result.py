@@ -11,6 +11,7 @@ from ..errors import DataError
 from ..metrics.summary import has_gaps
 from ..runs.costs import RunCost, read_cost
 from ..text import plain
+from ..validated import Frozen
 from .results import AVERAGE, CLEAN
 from .uncertainty.of_runs import IntervalEnds, interval_ends
 
@@ -53,6 +54,31 @@ class Value:
         return _UNROUNDED * max(1.0, abs(self.number)) if self.decimals is None else 0.5 * 10.0**-self.decimals
 
 
+class PrintedCost(Frozen):
+    """Size, computing cost and relative robustness of a model in the paper (Tab. 3), with the printed ranks.
+
+    Attributes:
+        row: row of the table, from 0.
+        parameters_m: number of parameters, millions.
+        flops_g: floating-point operations per prediction, 10^9.
+        crer_ood, crer_id: CRE / clean EPE in each setting; None if not evaluated.
+        flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: printed ranks, where 1 is best.
+    """
+
+    row: int
+    model: str
+    parameters_m: float
+    flops_g: float
+    flops_rank: int
+    crer_ood: float | None
+    crer_rank_ood: int | None
+    crer_id: float | None
+    crer_rank_id: int | None
+    average_rank_ood: int | None
+    average_rank_id: int | None
+    source: str
+
+
 @dataclass(frozen=True, eq=False)
 class ModelResult:
     """One line of any table. Values derived from a run's rows are computed on first use and cached.
@@ -67,6 +93,7 @@ class ModelResult:
         beside_published: whether averages are restricted to the paper's corruptions, for comparison with published
             ones.
         detailed: whether to compute an interval for each corruption instead of for the averages only.
+        printed_cost: the paper's cost of the model, on published lines with ground truth.
         exclusion: function that computes `excluded`, which depends on the other runs read together with this run.
     """
 
@@ -79,6 +106,7 @@ class ModelResult:
     run: Run | None = None
     beside_published: bool = False
     detailed: bool = True
+    printed_cost: PrintedCost | None = None
     exclusion: Callable[[], str] = field(default=str, repr=False)
 
     @property

@@ -53,7 +53,7 @@ def run_results(
         values = {key: Value(float(number), source=digest) for key, number in numbers.items() if number is not None}
         head = (run.benchmark, sample_set(run), run_setting(run), name, note)
         exclusion = partial(lambda index: reasons()[index], index)
-        results.append(ModelResult(*head, values, run, beside_published, detailed, exclusion))
+        results.append(ModelResult(*head, values, run, beside_published, detailed, exclusion=exclusion))
     return results
 
 

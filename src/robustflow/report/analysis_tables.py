@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..analysis import anatomy
@@ -11,7 +11,6 @@ from ..analysis.effective import effective_robustness
 from ..analysis.labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
 from ..analysis.model_result import ModelResult
 from ..analysis.observations import observations
-from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.run_names import run_names
 from ..analysis.run_results import comparison_notes
@@ -92,11 +91,11 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")
 
 
-def observations_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Table:
+def observations_table(results: Sequence[ModelResult]) -> Table:
     """Tabulate the paper's ten observations with their verdicts for comparable results."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
-    for observation in observations(results, costs):
+    for observation in observations(results):
         lines = [
             Line.of("main" if part.main else "also", (part.verdict, part.claim, part.message))
             for part in observation.parts

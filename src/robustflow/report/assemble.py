@@ -13,7 +13,7 @@ from ..analysis.displacements import displacements_of
 from ..analysis.labels import on_benchmark
 from ..analysis.model_result import ModelResult, by_frames, ranked
 from ..analysis.observations.verdict import UNKNOWN
-from ..analysis.published.tables import PAPER, published_costs, published_results
+from ..analysis.published.tables import PAPER, published_results
 from ..analysis.run_results import run_results
 from ..errors import UsageError, unknown_name
 from ..text import plain
@@ -65,22 +65,17 @@ def tables_of(
         if name not in (*ALL_TABLES, ROW):
             raise unknown_name("table", name, (*ALL_TABLES, ROW))
     results = results_of(runs, published)
-    costs = published_costs() if published else {}
     about = [line for line in results if line.frames != PAPER] if only_own else results
     seeds = seed_groups(runs)
 
-    def all_observations(part: Sequence[ModelResult]) -> Table:
-        costs_of = costs if part[0].frames == PAPER else {}
-        return observations_table(part, costs_of)
-
     def computable_observations(part: Sequence[ModelResult]) -> Table:
-        table = all_observations(part)
+        table = observations_table(part)
         if all(line.cells[0].text == UNKNOWN for line in table.lines):
             raise UsageError("none of the paper's observations can be computed from these results")
         return table
 
     makers: dict[str, Callable[[], list[Table]]] = {
-        name: lambda name=name: [build_table(name, results, costs, seeds)]  # type: ignore[misc]
+        name: lambda name=name: [build_table(name, results, seeds)]  # type: ignore[misc]
         for name in TABLES
     }
     makers |= {
@@ -89,7 +84,7 @@ def tables_of(
         "uncoupled": lambda: [_uncoupled(_some(runs, "uncoupled"))],
         "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(about, all_observations),
+        "observations": lambda: _by_sample_set(about, observations_table),
     }
     makers[FLAT_AND_DEPTH] = lambda: [depth_table(_some(runs, FLAT_AND_DEPTH), seed)]
     makers |= {name: partial(_attack_tables, name, runs, seed) for name in ATTACK_TABLES}

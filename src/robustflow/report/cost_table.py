@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from ..analysis.cost_ranks import cost_ranks, counted_size, run_ranks
+from ..analysis.cost_ranks import counted_size, printed_cost_ranks, printed_costs, run_ranks
 from ..analysis.model_result import ModelResult
-from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER, Cost
+from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER
 from ..errors import UsageError
 from ..runs.costs import COUNTED_SIZE, RunCost
 from .table import Column, Line, Section, Table, TableCell, number_text, with_exclusion
@@ -26,7 +26,7 @@ _PLACE = {"OOD": (2, 5), "ID": (3, 6)}
 _OTHER = (4, 7)
 
 
-def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Table:
+def cost_table(results: Sequence[ModelResult]) -> Table:
     """Tabulate CREr and cost, ranked as in `ranking`.
 
     The models of `costs` come first, with their printed CREr in both settings. The models of `results` measured on
@@ -35,14 +35,13 @@ def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Tab
 
     Args:
         results: results from any source.
-        costs: published costs by model.
 
     Raises:
         UsageError: there are no costs, and no result has a CREr.
     """
     sections = []
-    if costs:
-        sections.append(Section("Published", _published_lines(costs)))
+    if printed := _published_lines(results):
+        sections.append(Section("Published", printed))
     others = [line for line in results if line.frames != PAPER]
     if lines := _measured_lines(others):
         sections.append(Section("Measured on different frames", lines))
@@ -71,10 +70,10 @@ def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Tab
     )
 
 
-def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
-    ranks = cost_ranks(costs)
+def _published_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
+    ranks = printed_cost_ranks(results)
     lines = []
-    for name, cost in costs.items():
+    for name, cost in printed_costs(results).items():
         crer = [
             TableCell("-" if value is None else f"{value:.2f} ({ranks[key][name]})")
             for key, value in (("crer_ood", cost.crer_ood), ("crer_id", cost.crer_id))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..analysis.best import Compared, best_of_columns
-from ..analysis.cost_ranks import cost_ranks, run_ranks
+from ..analysis.cost_ranks import printed_cost_ranks, run_ranks
 from ..analysis.imported import NOTE as IMPORTED
 from ..analysis.labels import (
     FAMILY_LABELS,
@@ -18,11 +18,10 @@ from ..analysis.labels import (
     setting_words,
     short_label,
 )
-from ..analysis.model_result import ModelResult, Value, ValueKey, by_frames
-from ..analysis.published.tables import PAPER, Cost
+from ..analysis.model_result import ModelResult, PrintedCost, Value, ValueKey, by_frames
+from ..analysis.published.tables import PAPER
 from ..analysis.ranking import competition_ranks
 from ..analysis.results import AVERAGE, CLEAN
-from ..benchmarks import benchmark_facts
 from ..corruptions.names import MEMBERS
 from ..runs.family_means import family_means
 from ..text import plain
@@ -112,18 +111,15 @@ _OVERVIEW = (
 _COMPACT: tuple[ValueKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", AVERAGE))
 
 
-def boards_of(
-    results: Sequence[ModelResult], costs: Mapping[str, Cost], group_titles: Mapping[str, str]
-) -> list[Board]:
+def boards_of(results: Sequence[ModelResult], group_titles: Mapping[str, str]) -> list[Board]:
     """Build one board per benchmark, ordered by number of runs, then by number of models.
 
     Args:
         results: results from any source; the means over corruption classes, which the paper does not print, are added.
-        costs: the paper's costs by model, with CREr as printed.
         group_titles: heading for each sample set.
     """
     of_benchmark: dict[str, dict[ModelResult, dict[ValueKey, TableCell]]] = {}
-    for line, cells in _cells(results, costs).items():
+    for line, cells in _cells(results).items():
         of_benchmark.setdefault(line.benchmark, {})[line] = cells
 
     def place(lines: Mapping[ModelResult, object]) -> tuple[int, int]:
@@ -139,10 +135,10 @@ def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
     return bool(line.excluded), value is None, value or 0.0, plain(line.name)
 
 
-def _cells(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
+def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
     """Build the cells of each line with their marks. As in the paper, knowledge-driven methods have no marks. Numbers
     that the paper does not print and imported lines, whose frames cannot be verified, have none either."""
-    ranks = cost_ranks(costs) if costs else {}
+    ranks = printed_cost_ranks(results)
     own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     values, compared, derived = {}, [], {}
     for line in results:
@@ -156,8 +152,8 @@ def _cells(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> dict[Mo
             **_numbers({CRER: line.crer, COVERAGE: line.coverage}),
         }
         printed: dict[ValueKey, Value] = {}
-        if line.frames == PAPER and benchmark_facts(line.benchmark).has_flow and line.name in costs:
-            printed = _published(line, costs[line.name], ranks)
+        if line.printed_cost is not None:
+            printed = _published(line, line.printed_cost, ranks)
         elif line.cost is not None:
             rank = own_ranks[line].average if line in own_ranks else None
             printed = _cost(line.cost.parameters_m, line.cost.flops_g, rank)
@@ -181,7 +177,7 @@ def _cells(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> dict[Mo
     }
 
 
-def _published(line: ModelResult, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> dict[ValueKey, Value]:
+def _published(line: ModelResult, cost: PrintedCost, ranks: Mapping[str, Mapping[str, int]]) -> dict[ValueKey, Value]:
     setting = line.setting.lower()
     if setting not in ("ood", "id"):
         return _cost(cost.parameters_m, cost.flops_g, None)

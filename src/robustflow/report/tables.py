@@ -17,7 +17,6 @@ from ..analysis.labels import (
     short_label,
 )
 from ..analysis.model_result import ModelResult, Value
-from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.still import PHANTOM
 from ..benchmarks import benchmark_facts
@@ -34,7 +33,6 @@ TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 def build_table(
     name: str,
     results: Sequence[ModelResult],
-    costs: Mapping[str, Cost] | None = None,
     seeds: Sequence[SeedGroup] = (),
 ) -> Table:
     """Build one of the paper's tables from any results.
@@ -43,7 +41,6 @@ def build_table(
         name: "epe" (Tab. 2), "cre" (Tab. 7), "rcre" (Tab. 8), "gopro-rcre" (Tab. 4) or "cost" (Tab. 3).
         results: published results, results of runs, or both concatenated. A footnote explains why a model is not
             ranked; a separate column gives the share of predicted pixels if a model did not predict all of them.
-        costs: published costs by model, for "cost".
         seeds: groups of runs that differ in the seed; a line with their mean and standard deviation follows the last
             run of each.
 
@@ -61,7 +58,7 @@ def build_table(
     if name not in TABLES:
         raise unknown_name("table", name, TABLES)
     if name == "cost":
-        return cost_table(results, costs or {})
+        return cost_table(results)
     metric = "rcre" if name == "gopro-rcre" else name
     # The paper has two RCRE tables, one of them for the benchmark without ground truth.
     chosen = {

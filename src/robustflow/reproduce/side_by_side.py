@@ -10,7 +10,7 @@ from statistics import fmean
 
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, family_label, short_label
 from ..analysis.model_result import ModelResult
-from ..analysis.published.tables import published_costs, published_results
+from ..analysis.published.tables import published_results
 from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ..analysis.run_results import comparison_note, run_results
 from ..benchmarks import benchmark_facts
@@ -85,8 +85,7 @@ def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) ->
             values.pop((metric, AVERAGE), None)
             if of_these:
                 values[metric, AVERAGE] = fmean(of_these)
-    elif variant.method in published_costs():
-        cost = published_costs()[variant.method]
+    elif cost := next((line.printed_cost for line in lines if line.printed_cost), None):
         printed = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting)
         if printed is not None:
             return values | {("crer", AVERAGE): printed}

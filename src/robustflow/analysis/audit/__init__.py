@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+from ..cost_ranks import printed_costs
 from ..model_result import ModelResult
-from ..published.tables import Cost, published_costs, published_results
+from ..published.tables import published_results
 from .checks import check_averages, check_bound, check_cre, check_crer, check_marks
 from .costs import check_costs
 from .findings import AUDIT_CHECKS, Audit, Finding, merged_audit
@@ -21,13 +22,11 @@ def audit_published() -> Audit:
     >>> audit_published().counts()["swapped"]
     2
     """
-    return audit_results(published_results(), published_costs(), audited="the published tables")
+    return audit_results(published_results(), audited="the published tables")
 
 
-def audit_results(
-    results: Sequence[ModelResult], costs: Mapping[str, Cost] | None = None, audited: str = "results"
-) -> Audit:
-    """Audit results from any source, with an optional cost table."""
+def audit_results(results: Sequence[ModelResult], audited: str = "results") -> Audit:
+    """Audit results from any source."""
     checks = (check_swapped, check_shifted, check_cre, check_averages, check_crer, check_bound, check_marks)
     parts = [check(results) for check in checks]
-    return merged_audit(audited, parts + (check_costs(results, costs) if costs else []))
+    return merged_audit(audited, parts + (check_costs(results) if printed_costs(results) else []))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-from ...benchmarks import benchmark_facts
-from ..cost_ranks import cost_ranks
-from ..model_result import ModelResult, Value
-from ..published.tables import PAPER, Cost
+from ..cost_ranks import printed_cost_ranks, printed_costs
+from ..model_result import ModelResult, PrintedCost, Value
 from ..results import AVERAGE, CLEAN
 from .findings import Finding
 from .rounding import misfits, ratio_range
@@ -16,19 +15,15 @@ _CRER_HALF = 0.005
 _Part = tuple[str, int, list[Finding]]
 
 
-def check_costs(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> list[_Part]:
-    """Check the CREr and ranks of a cost table against the published results of the same models."""
+def check_costs(results: Sequence[ModelResult]) -> list[_Part]:
+    """Check the printed CREr and ranks against the other published values of the same models."""
     from_epe: list[Finding] = []
     from_cre: list[Finding] = []
-    corrected: dict[str, Cost] = {}
-    paper = {
-        (line.setting, line.name): line.values
-        for line in results
-        if line.frames == PAPER and benchmark_facts(line.benchmark).has_flow
-    }
+    costs = printed_costs(results)
+    corrected = dict(costs)
+    paper = {(line.setting, line.name): line.values for line in results if line.printed_cost is not None}
     count = 0
     for name, cost in costs.items():
-        corrected[name] = cost
         for setting in ("OOD", "ID"):
             field = f"crer_{setting.lower()}"
             given, values = getattr(cost, field), paper.get((setting, name))
@@ -43,16 +38,17 @@ def check_costs(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> li
             if misfit:
                 # Printed values have two decimals, and equal printed values share a rank.
                 corrected[name] = corrected[name].model_copy(update={field: round(top[0] / clean.number, 2)})
+    recomputed = printed_cost_ranks(replace(line, printed_cost=corrected.get(line.name)) for line in results)
     return [
         ("crer", count, from_epe),
         ("crer_from_cre", count, from_cre),
-        _ranks("rank", costs, cost_ranks(costs), "based on the printed values"),
-        _ranks("rank_from_epe", costs, cost_ranks(corrected), "with inconsistent CREr recomputed from the EPE"),
+        _ranks("rank", costs, printed_cost_ranks(results), "based on the printed values"),
+        _ranks("rank_from_epe", costs, recomputed, "with inconsistent CREr recomputed from the EPE"),
     ]
 
 
 def _crer(
-    check: str, cost: Cost, setting: str, given: float, made_of: str, top: tuple[float, float], clean: Value
+    check: str, cost: PrintedCost, setting: str, given: float, made_of: str, top: tuple[float, float], clean: Value
 ) -> list[Finding]:
     ratio = top[0] / clean.number
     low, high = ratio_range(top, (clean.number, clean.half))
@@ -63,7 +59,7 @@ def _crer(
     return [_finding(check, cost, setting, (given, ratio, tolerance), message)]
 
 
-def _ranks(check: str, costs: Mapping[str, Cost], ranks: Mapping[str, Mapping[str, int]], how: str) -> _Part:
+def _ranks(check: str, costs: Mapping[str, PrintedCost], ranks: Mapping[str, Mapping[str, int]], how: str) -> _Part:
     count, findings = 0, []
     for field in ("flops_rank", "crer_rank_ood", "crer_rank_id", "average_rank_ood", "average_rank_id"):
         made = ranks[field.replace("_rank", "")]
@@ -80,7 +76,7 @@ def _ranks(check: str, costs: Mapping[str, Cost], ranks: Mapping[str, Mapping[st
     return check, count, findings
 
 
-def _finding(check: str, cost: Cost, setting: str, numbers: tuple[float, float, float], message: str) -> Finding:
+def _finding(check: str, cost: PrintedCost, setting: str, numbers: tuple[float, float, float], message: str) -> Finding:
     given, recomputed, tolerance = map(float, numbers)
     return Finding(
         check=check,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ...text import counted
 from ..model_result import ModelResult
-from ..published.tables import Cost, Method
+from ..published.tables import Method
 from .corruptions import dark_and_overexposed, local_information
 from .evidence import Evidence
 from .fine_tuning import fine_tuning_costs_robustness, weather_is_why
@@ -42,14 +42,12 @@ _OBSERVATIONS = (
 
 def observations(
     results: Sequence[ModelResult],
-    costs: Mapping[str, Cost] | None = None,
     methods: Mapping[str, Method] | None = None,
 ) -> list[Observation]:
     """Check the paper's observations on results.
 
     Args:
         results: published results or results of runs, not both, measured on the same frames per benchmark.
-        costs: model name -> FLOPs and CREr, for observation 6.
         methods: model name -> method; by default, those of the paper's models.
 
     The verdict is "holds" or "does not hold" only if the 95 % interval excludes the opposite. For statements about
@@ -57,12 +55,12 @@ def observations(
     models, over corruptions. On fewer than `LEAST_PAIRS` image pairs, or with fewer than `LEAST_FAMILIES` families of
     models, the verdict is always "too little evidence".
 
-    >>> from robustflow.analysis.published.tables import published_costs, published_results
-    >>> checked = observations(published_results(), published_costs())
+    >>> from robustflow.analysis.published.tables import published_results
+    >>> checked = observations(published_results())
     >>> [observation.number for observation in checked if observation.verdict == "holds"]
     [3, 4, 6, 7, 8]
     """
-    evidence = Evidence(results, costs or {}, methods)
+    evidence = Evidence(results, methods)
     checked = [observe(evidence) for observe in _OBSERVATIONS]
     families = {
         of_rcre: len(set(map(evidence.family, evidence.rcre if of_rcre else evidence.entries)))

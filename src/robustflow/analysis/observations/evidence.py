@@ -16,8 +16,9 @@ from ...benchmarks import benchmark_facts
 from ...corruptions.registry import PAPER_ORDER
 from ...runs.family_means import family_means
 from ..audit.rounding import misfits
+from ..cost_ranks import printed_cost_ranks
 from ..model_result import ModelResult
-from ..published.tables import Cost, Method, method_of, not_discussed
+from ..published.tables import Method, method_of, not_discussed
 from ..results import AVERAGE, CLEAN
 
 ModelInSetting = tuple[str, str]
@@ -35,14 +36,12 @@ class Evidence:
 
     Attributes:
         entries: (setting, model) of each model with a clean and an average EPE, in order.
+        cost_ranks: ranks by cost and CREr, see `printed_cost_ranks`.
         rcre: (setting, model) -> corruption -> RCRE on benchmarks without ground truth (GoPro-FC).
-        costs: model name -> cost.
     """
 
-    def __init__(
-        self, results: Sequence[ModelResult], costs: Mapping[str, Cost], methods: Mapping[str, Method] | None
-    ) -> None:
-        self.costs = costs
+    def __init__(self, results: Sequence[ModelResult], methods: Mapping[str, Method] | None) -> None:
+        self.cost_ranks = printed_cost_ranks(results)
         self._methods = methods
         self._without = not_discussed(results)
         self._epe: dict[ModelInSetting, dict[str, float]] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from statistics import median
 
-from ..cost_ranks import cost_ranks
 from ..uncoupled import coupling
 from .evidence import Evidence, ModelInSetting, named
 from .margin import Margin, all_hold, among, of_correlation, of_difference, of_mean, places
@@ -194,10 +193,10 @@ def cost_considered(evidence: Evidence) -> Observation:
     """Check observation 6: unsupervised models have a better average rank of FLOPs and CREr (ID) than supervised
     ones."""
     title = "After considering computing cost, unsupervised methods show the highest priority"
-    ranks = cost_ranks(evidence.costs) if evidence.costs else {}
-    kinds = {name: method.type for name in evidence.costs if (method := evidence.method(name)) is not None}
+    ranks = evidence.cost_ranks
+    kinds = {name: method.type for name in ranks["flops"] if (method := evidence.method(name)) is not None}
     groups = {
-        kind: {name: rank for name, rank in ranks.get("average_id", {}).items() if kinds.get(name) == kind}
+        kind: {name: rank for name, rank in ranks["average_id"].items() if kinds.get(name) == kind}
         for kind in ("supervised", "unsupervised")
     }
     claim = "unsupervised models rank ahead of supervised ones (ID)"

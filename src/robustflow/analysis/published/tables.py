@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import Literal
 
+from ...benchmarks import benchmark_facts
 from ...validated import Frozen
-from ..model_result import ModelResult, merged
+from ..model_result import ModelResult, PrintedCost, merged
 from ..results_file import parse_results
 
 PAPER = "paper"
@@ -42,29 +44,6 @@ class Method(Frozen):
     source: str
 
 
-class Cost(Frozen):
-    """Size, computing cost and relative robustness of a model (Tab. 3), with the printed ranks.
-
-    Attributes:
-        parameters_m: number of parameters, millions.
-        flops_g: floating-point operations per prediction, 10^9.
-        crer_ood, crer_id: CRE / clean EPE in each setting; None if not evaluated.
-        flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: printed ranks, where 1 is best.
-    """
-
-    model: str
-    parameters_m: float
-    flops_g: float
-    flops_rank: int
-    crer_ood: float | None
-    crer_rank_ood: int | None
-    crer_id: float | None
-    crer_rank_id: int | None
-    average_rank_ood: int | None
-    average_rank_id: int | None
-    source: str
-
-
 @cache
 def published_results() -> tuple[ModelResult, ...]:
     """Return the KITTI-FC EPE, CRE and RCRE of 29 variants and the GoPro-FC RCRE of 11.
@@ -75,19 +54,24 @@ def published_results() -> tuple[ModelResult, ...]:
     >>> [line.number("epe", "snow") for line in lines if (line.setting, line.name) == ("ID", "RAFT")]
     [35.76]
     """
-    return tuple(merged(line for table in _TABLES for line in parse_results(_text(table), f"{table}.csv", PAPER)))
+    costs = published_costs()
+    lines = merged(line for table in _TABLES for line in parse_results(_text(table), f"{table}.csv", PAPER))
+    return tuple(
+        replace(line, printed_cost=costs.get(line.name)) if benchmark_facts(line.benchmark).has_flow else line
+        for line in lines
+    )
 
 
 @cache
-def published_costs() -> dict[str, Cost]:
+def published_costs() -> dict[str, PrintedCost]:
     """Return Tab. 3 by model, in the paper's order.
 
     >>> published_costs()["SAMFlow-H"].flops_g
     1026.0
     """
-    lines = csv.DictReader(_text("cost").splitlines())
-    costs = (Cost.model_validate({name: cell or None for name, cell in line.items()}) for line in lines)
-    return {cost.model: cost for cost in costs}
+    lines = enumerate(csv.DictReader(_text("cost").splitlines()))
+    rows = ({name: cell or None for name, cell in line.items()} | {"row": row} for row, line in lines)
+    return {cost.model: cost for cost in map(PrintedCost.model_validate, rows)}
 
 
 def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ...analysis.exclusion import exclusion_reasons
 from ...analysis.labels import benchmark_words
 from ...analysis.model_result import ModelResult, ValueKey, merged
-from ...analysis.published.tables import PAPER, Cost, published_costs, published_results
+from ...analysis.published.tables import PAPER, published_results
 from ...analysis.results_file import FILE
 from ...analysis.run_results import comparison_notes, run_results
 from ...analysis.uncertainty.of_runs import interval_ends
@@ -38,7 +38,6 @@ class Content:
     Attributes:
         title: title of the page.
         lines: lines of the runs, then of the files, then of the paper.
-        costs: the paper's costs; empty if its results are not shown.
         pages: id of the model's page for each line.
         group_titles: heading for each sample set.
         alone: whether the page is about its runs, and the paper's results are shown only for comparison, without
@@ -49,7 +48,6 @@ class Content:
 
     title: str
     lines: Sequence[ModelResult]
-    costs: Mapping[str, Cost]
     pages: Mapping[ModelResult, str]
     group_titles: Mapping[str, str]
     alone: bool
@@ -63,7 +61,7 @@ class Content:
     @cached_property
     def boards(self) -> list[Board]:
         """Leaderboard of each benchmark."""
-        return boards_of(self.lines, self.costs, self.group_titles)
+        return boards_of(self.lines, self.group_titles)
 
     @cached_property
     def cells(self) -> dict[ModelResult, dict[ValueKey, TableCell]]:
@@ -133,8 +131,7 @@ def _content(
         raise UsageError(
             "nothing to show: there are no results; give runs or results files, or include the published results"
         )
-    costs = published_costs() if published else {}
-    return Content(title, lines, costs, page_ids(lines), titles, alone, beside)
+    return Content(title, lines, page_ids(lines), titles, alone, beside)
 
 
 _LONGEST_ID = 40

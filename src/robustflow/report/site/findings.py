@@ -9,7 +9,6 @@ from ...analysis.model_result import by_frames, ranked
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
-from ...benchmarks import benchmark_facts
 from ...text import plain
 from .content import Content
 
@@ -39,7 +38,7 @@ def checked_observations(content: Content, benchmark: str) -> list[Checked]:
     computed."""
     checked = []
     for frames, part in by_frames(ranked(line for line in content.focus if line.benchmark == benchmark)).items():
-        made = observations(part, content.costs if frames == PAPER else {})
+        made = observations(part)
         if any(one.verdict != UNKNOWN for one in made):
             checked.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
     return checked
@@ -53,9 +52,8 @@ def audits(content: Content, benchmark: str) -> list[Audit]:
     for frames, lines in by_frames(results).items():
         if frames == PAPER and content.alone:
             continue
-        costs = content.costs if frames == PAPER and benchmark_facts(benchmark).has_flow else {}
         audited = "the published tables" if frames == PAPER else content.group_titles.get(frames, plain(frames))
-        made.append(audit_results(lines, costs, audited))
+        made.append(audit_results(lines, audited))
     return made
 
 
