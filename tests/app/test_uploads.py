@@ -80,7 +80,7 @@ def _claims(width: int, height: int) -> bytes:
 @pytest.mark.parametrize(
     ("files", "says"),
     [
-        ({"frame1": ("a.png", b"only text\n")}, "a.png: cannot be read as a picture"),
+        ({"frame1": ("a.png", b"only text\n")}, "a.png: cannot be read as an image"),
         ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: not a picture"),
         ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: not a picture"),
         ({"frame1": ("a.png", _png(FRAME)[:-100])}, "a.png: "),

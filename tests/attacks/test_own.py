@@ -187,8 +187,8 @@ def test_the_checker_passes_what_keeps_the_contract():
 @pytest.mark.parametrize(
     ("made", "message"),
     [
-        (Far, "leaves its budget: end with problem.ball.project"),
-        (Last, "saw one of .*return problem.best"),
+        (Far, "exceeds its budget: end with problem.ball.project"),
+        (Last, "but evaluated one with .*return problem.best"),
         (Unseeded, "different bytes on the second call"),
     ],
 )

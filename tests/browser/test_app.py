@@ -220,7 +220,7 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     for field in ("Frame 1", "Frame 2"):
         page.get_by_label(field).set_input_files(_file("notes.png", b"<b>only</b> text\n"))
     page.get_by_role("button", name="Use these frames").click()
-    expect(page.get_by_role("alert")).to_contain_text("notes.png: cannot be read as a picture")
+    expect(page.get_by_role("alert")).to_contain_text("notes.png: cannot be read as an image")
     assert "\n" not in page.get_by_role("alert").inner_text()
     expect(page.locator("#shown")).to_have_text("No frames: choose others, or the demo pair.")
     expect(page.locator("#pictures figure")).to_have_count(0)

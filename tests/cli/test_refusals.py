@@ -140,7 +140,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "profile dis", (1, 2), "PyTorch"),
         (write_frames, "corrupt data/000.png data/001.png -c fog -s 9", 2, "severity 9"),
         (write_frames, "corrupt data/000.png data/none.png -c contrast", 1, "none.png"),
-        (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "cut short"),
+        (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "truncated"),
         (
             lambda f: write_frames(f, [(64, 96), (64, 98)]),
             "corrupt data/000.png data/001.png -c contrast",

@@ -129,8 +129,8 @@ def test_what_is_not_a_corruption_is_refused(package, spec, message):
         ("return frame / 2", "returned float64"),
         ("return frame[1:]", "must return a uint8 array of shape"),
         ("return None", "returned NoneType"),
-        ("return np.random.default_rng().integers(0, 255, frame.shape).astype(np.uint8)", "different bytes on"),
-        ("self.n = getattr(self, 'n', 0) + 1; return np.full_like(frame, self.n)", "different bytes on"),
+        ("return np.random.default_rng().integers(0, 255, frame.shape).astype(np.uint8)", "different bytes for frame"),
+        ("self.n = getattr(self, 'n', 0) + 1; return np.full_like(frame, self.n)", "different bytes for frame"),
         ("raise ValueError('no rain today')", "failed in apply: ValueError: no rain today"),
     ],
 )

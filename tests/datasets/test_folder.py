@@ -63,7 +63,7 @@ def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="step cannot be 0"):
         load_dataset("folder", tmp_path, step=0)
     (tmp_path / "b.bmp").write_bytes(b"")
-    refused(tmp_path, "cannot be read as a picture|share a name")
+    refused(tmp_path, "cannot be read as an image|share a name")
 
 
 def decoded(path: Path) -> list[np.ndarray]:

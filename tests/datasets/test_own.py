@@ -133,7 +133,7 @@ def test_what_is_not_a_data_set(module, name, match):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "match"), [("Random", "differs when it is read again"), ("Endless", "a KeyError")])
+@pytest.mark.parametrize(("name", "match"), [("Random", "differs when read a second time"), ("Endless", "a KeyError")])
 def test_check_dataset_looks_further(module, name, match):
     import own_noise
 

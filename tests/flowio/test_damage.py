@@ -1,5 +1,5 @@
-"""Files that are truncated, claim a wrong size, or have a different format are refused in one line, before memory is
-allocated.
+"""Files that are truncated, claim a wrong size, or have a different format are rejected with a one-line message before
+memory is allocated.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def test_hostile_flo5(tmp_path: Path) -> None:
         "59049x59049": lambda file: file.create_dataset("flow", (9**5, 9**5, 2), "f4", chunks=(1, 1, 2)),
         "header claims 2": lambda file: file.create_dataset("flow", (2**31, 2, 2), "f4", chunks=(1, 1, 2)),
         "float \\(H, W, 2\\)": lambda file: file.create_dataset("flow", data=FLOW[..., 0]),
-        "holds float": lambda file: file.create_dataset("flow", data=FLOW.astype("i4")),
+        "is float": lambda file: file.create_dataset("flow", data=FLOW.astype("i4")),
         "no dataset 'flow'": lambda file: file.create_dataset("disparity", data=FLOW),
         "plain dataset": lambda file: file.create_group("flow"),
         "so not a Spring": lambda file: file.__setitem__("flow", h5py.ExternalLink(str(other), "flow")),

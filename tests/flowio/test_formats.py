@@ -1,4 +1,4 @@
-"""Every format reads back the written values, and agrees with an independent reader."""
+"""Values written in any format are read back unchanged, and an independent reader agrees."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_kitti_refuses_what_it_cannot_hold_unless_it_is_invalid(tmp_path: Path, 
 
 
 def test_kitti_by_hand(tmp_path: Path) -> None:
-    """The formula of the development kit, written in OpenCV's BGR order."""
+    """The development kit's formula, in OpenCV's BGR order."""
     raw = np.zeros((1, 2, 3), np.uint16)
     raw[0, 0] = (1, 32768 - 64 * 3, 32768 + 32)  # valid, v = -3, u = 0.5
     raw[0, 1] = (0, 40000, 40000)
@@ -110,7 +110,7 @@ def test_flo_marks_unknown_as_middlebury_does(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("order", "scale"), [("<", b"-1.0"), (">", b"1.0"), (">", b"1"), ("<", b"-1.000000")])
 def test_pfm_by_hand_in_both_byte_orders(tmp_path: Path, order: str, scale: bytes) -> None:
-    """Rows run from bottom to top; the third channel is ignored; NaN and infinity mark unknown flow."""
+    """Rows are stored from bottom to top, the third channel is ignored, and NaN and infinity mark unknown flow."""
     bottom, top = [1.5, -2, 7, np.nan, 0, 0], [3, 4, 9, 1, np.inf, 0]
     (tmp_path / "flow.pfm").write_bytes(b"PF\n2 2\n" + scale + b"\n" + struct.pack(f"{order}12f", *bottom, *top))
     flow, valid = read_flow(tmp_path / "flow.pfm")

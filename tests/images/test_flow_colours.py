@@ -1,6 +1,4 @@
-"""The colour wheel of Baker et al.: its published properties, and comparison with a loop that follows their
-description.
-"""
+"""The colour wheel of Baker et al. has its published properties and matches a loop written from their description."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ STRETCHES = (15, 6, 4, 11, 13, 6)
 
 
 def _naive_wheel() -> list[list[int]]:
-    """The colour wheel as the paper's software builds it: six loops, each changing one channel."""
+    """Build the colour wheel like the paper's software: six loops, each of which changes one channel."""
     ry, yg, gc, cb, bm, mr = STRETCHES
     wheel = [[255, 255 * i // ry, 0] for i in range(ry)]
     wheel += [[255 - 255 * i // yg, 255, 0] for i in range(yg)]
@@ -56,7 +54,7 @@ def test_every_vector_has_the_papers_colour(u, v, radius):
     got = flow_colours(np.array([[[u, v]]], np.float32), radius)[0, 0].astype(int)
     expected = np.array(_naive_colour(u + 0.0, v + 0.0, radius))
     length = math.hypot(u, v) / radius
-    if abs(length - 1) > 1e-9:  # where full colour ends, one rounding makes the difference
+    if abs(length - 1) > 1e-9:  # at full saturation, a single rounding error makes the difference
         assert np.abs(got - expected).max() <= 1
 
 

@@ -1,4 +1,4 @@
-"""Damage that decoders ignore is refused wherever the format reveals it."""
+"""Damaged files that decoders accept are rejected wherever the format reveals the damage."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def chunk(name: bytes, content: bytes) -> bytes:
 
 
 def png_of(rows: bytes, header: bytes) -> bytes:
-    """A PNG with correct checksums for any rows."""
+    """Encode a PNG with correct checksums from arbitrary row data."""
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
@@ -42,7 +42,7 @@ def test_a_png_with_too_few_rows(tmp_path: Path, interlaced: bool) -> None:
     sizes = [(1, 1), (1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4)] if interlaced else [(8, 8)]
     rows = [bytes([0]) + bytes(3 * columns) for columns, count in sizes for _ in range(count)]
     path.write_bytes(png_of(b"".join(rows), header))
-    assert not read_image(path).any(), "black rows are rows"
+    assert not read_image(path).any(), "a black row is valid data"
     path.write_bytes(png_of(b"".join(rows[:-1]), header))
     with pytest.raises(DataError, match=r"ends before its last row"):
         read_image(path)
@@ -58,7 +58,7 @@ def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
 def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
-    """Pillow reads every file whose markers are intact, but returns wrong pixels."""
+    """Pillow reads any file whose markers are intact, but returns wrong pixels."""
     path, whole = tmp_path / "a.jpg", encoded("JPEG", quality=90, **options)
     path.write_bytes(whole)
     assert read_image(path).shape == PICTURE.shape
@@ -75,13 +75,13 @@ def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
 
 
 def test_a_jpeg_with_something_behind_it_is_a_jpeg(tmp_path: Path) -> None:
-    """Cameras store previews and videos after the image."""
+    """Cameras append previews and videos to the image."""
     (tmp_path / "a.jpg").write_bytes(encoded("JPEG") + b"\0trailer" * 50)
     assert read_image(tmp_path / "a.jpg").shape == PICTURE.shape
 
 
 def test_jpegs_that_others_wrote_are_read() -> None:
-    """Pictures from installed packages, made by many cameras and programs."""
+    """Images from installed packages, created by many different cameras and programs."""
     import matplotlib
     import skimage
 
@@ -97,7 +97,7 @@ def test_a_file_that_is_longer_than_it_says(tmp_path: Path, kind: str) -> None:
     middle = len(whole) // 2
     for changed in (whole + b"xyz", whole[:middle] + b"xyz" + whole[middle:]):
         path.write_bytes(changed)
-        with pytest.raises(DataError, match=r"too long, or contains several pictures|damaged"):
+        with pytest.raises(DataError, match=r"too long, or contains several images|damaged"):
             read_image(path)
 
 
@@ -120,13 +120,13 @@ def test_a_deflated_tiff_of_which_a_byte_changed(tmp_path: Path) -> None:
 def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) -> None:
     others = [Image.fromarray(PICTURE[::-1].copy()), Image.fromarray(PICTURE[:, ::-1].copy())]
     Image.fromarray(PICTURE).save(tmp_path / name, save_all=True, append_images=others, **options)
-    with pytest.raises(DataError, match=r"contains 3 pictures, .* as separate files"):
+    with pytest.raises(DataError, match=r"contains 3 images, .* as separate files"):
         read_image(tmp_path / name)
 
 
 @pytest.mark.slow
 def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
-    """20 000 x 20 000 zeros fit into a small PNG and would take 12 GB."""
+    """20 000 x 20 000 zeros fit into a small PNG but would need 12 GB of memory."""
     path, side = tmp_path / "a.png", 20_000
     compress, parts = zlib.compressobj(9), []
     for _ in range(side):

@@ -1,4 +1,4 @@
-"""Pictures are read back unchanged, or refused with a reason."""
+"""Images are read back unchanged, or rejected with a reason."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_grey_becomes_three_equal_channels(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("suffix", ["png", "jpg", "ppm", "tiff", "webp"])
 @pytest.mark.parametrize("size", [12, 90])
 def test_no_truncated_picture_is_taken_for_whole(tmp_path: Path, suffix: str, size: int) -> None:
-    """Smooth content, because decoders fill in missing parts of it plausibly."""
+    """Smooth content, because decoders replace its missing parts with plausible values."""
     y, x = np.mgrid[:size, :size]
     image = np.stack([x * 2, y * 2, x + y], axis=-1).astype(np.uint8)
     whole = cv2.imencode(f".{suffix}", image)[1].tobytes()
@@ -60,7 +60,7 @@ def test_no_truncated_picture_is_taken_for_whole(tmp_path: Path, suffix: str, si
     assert read_image(path).shape == (size, size, 3)
     for length in [*range(0, len(whole), max(1, len(whole) // 150)), len(whole) - 1]:
         path.write_bytes(whole[:length])
-        refused(path, "cut short|damaged|empty")
+        refused(path, "truncated|damaged|empty")
 
 
 def test_a_flipped_byte_of_a_png_is_noticed_or_harmless(tmp_path: Path) -> None:
@@ -123,8 +123,8 @@ def test_orientation_is_applied_as_opencv_does(tmp_path: Path, orientation: int)
     ("content", "match"),
     [
         (b"", "empty"),
-        (b"<!DOCTYPE html>", "not a picture"),
-        (b"GIF89a" + bytes(40), "not a picture"),
+        (b"<!DOCTYPE html>", "not an image"),
+        (b"GIF89a" + bytes(40), "not an image"),
         (b"P6\n99999 99999\n255\n" + bytes(36), "damaged|more than"),
         (b"P6\n12000 12000\n255\n" + bytes(36), "damaged|pixels exceed"),
     ],
@@ -133,7 +133,7 @@ def test_orientation_is_applied_as_opencv_does(tmp_path: Path, orientation: int)
 def test_what_is_not_a_picture(tmp_path: Path, content: bytes, match: str) -> None:
     (tmp_path / "a.ppm").write_bytes(content)
     refused(tmp_path / "a.ppm", match)
-    refused(tmp_path / "missing.png", "no such picture")
+    refused(tmp_path / "missing.png", "no such image")
 
 
 @pytest.mark.parametrize(
@@ -157,5 +157,5 @@ def test_the_stored_size_needs_no_pixel(tmp_path: Path) -> None:
     assert stored_size(tmp_path / "turned.jpg") == RGB.shape[:2]
     assert image_size(tmp_path / "turned.jpg") == RGB.shape[1::-1]
     (tmp_path / "text.png").write_text("text")
-    with pytest.raises(DataError, match="cannot be read as a picture"):
+    with pytest.raises(DataError, match="cannot be read as an image"):
         stored_size(tmp_path / "text.png")

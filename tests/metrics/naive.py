@@ -13,12 +13,12 @@ def distance(a, b):
 
 
 def pixels(array):
-    """Coordinates (y, x) of every pixel in row order."""
+    """Coordinates (y, x) of every pixel, in row-major order."""
     return [(y, x) for y in range(array.shape[0]) for x in range(array.shape[1])]
 
 
 def wauc(error):
-    """One pixel's weighted area under the inlier curve, over all 100 thresholds."""
+    """Weighted area under the inlier curve of one pixel, summed over all 100 thresholds."""
     weights = [1 - (i - 1) / 100 for i in range(1, 101)]
     return sum(w for i, w in enumerate(weights, 1) if error <= i / 20) / sum(weights)
 
@@ -63,7 +63,7 @@ def regions_of(y, x, flow, occluded, found):
 
 
 def row(pred, clean, flow, valid, occluded):
-    """All sums and counts of a row, accumulated in row order of the pixels; None for regions that do not exist."""
+    """All sums and counts of a row, accumulated in row-major order; None for regions that do not exist."""
     columns = ("n_valid", "fl_count", "px1_count", "px3_count", "px5_count", "n_all", "n_invalid")
     out = dict.fromkeys(columns, 0)
     out |= dict.fromkeys(

@@ -1,4 +1,4 @@
-"""Random flows, masks and samples; values on the metrics' thresholds are drawn often."""
+"""Random flows, masks and samples; values exactly on the metrics' thresholds are drawn often."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -29,7 +29,7 @@ def cases(draw, finite=True):
     occluded = draw(st.none() | masks(shape))
     sample = Sample("s", (frame, frame), draw(flows(shape)), draw(masks(shape)), occluded)
     pred, clean = draw(flows(shape, finite)), draw(flows(shape, finite))
-    if draw(st.booleans()):  # Errors close to the thresholds, on motion of any length.
+    if draw(st.booleans()):  # Errors close to the thresholds, for motion of any magnitude.
         with np.errstate(invalid="ignore"):
             pred, clean = sample.flow + pred % 8, sample.flow + clean % 8
     return pred, clean, sample

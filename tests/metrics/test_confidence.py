@@ -1,4 +1,5 @@
-"""Sparsification, AUSE and the forward-backward check compared with written-out definitions, theory and properties."""
+"""Sparsification, AUSE and the forward-backward check match naive implementations, theoretical values and known
+properties."""
 
 from __future__ import annotations
 
@@ -15,11 +16,12 @@ from robustflow.errors import DataError
 from robustflow.metrics import ause, confidence_correlation, error_at, forward_backward, sparsification
 
 pixels = st.lists(st.tuples(st.integers(0, 20), st.integers(-4, 4)), min_size=1, max_size=40)
-"""Errors in quarters of a pixel, and confidences with many ties."""
+"""Errors in multiples of a quarter pixel, and confidences with many ties."""
 
 
 def naive_curve(errors, keys):
-    """The mean over all orders within a tie, in exact fractions: every pixel of a tie has the tie's mean error."""
+    """Compute the mean over all orderings within a tie, in exact fractions: every pixel of a tie gets the tie's mean
+    error."""
     mean = {key: [e for e, k in zip(errors, keys, strict=True) if k == key] for key in keys}
     ordered = [Fraction(sum(mean[key]), len(mean[key])) for key in sorted(keys)]
     return [
@@ -67,14 +69,16 @@ def test_rank_correlation_equals_scipy(case):
 
 
 def test_a_random_confidence_scores_what_theory_gives():
-    """In a random order every remainder has the mean error, so the area is that mean minus the oracle's mean height.
-    For errors uniform in 0..1, of which the oracle keeps the smallest share p with mean p / 2, it is 1/2 - 1/4.
+    """In a random order, the expected error of the remaining pixels is the overall mean, so the area is this mean minus
+    the oracle's mean height.
+
+    For uniform errors in 0..1, the fraction p that the oracle keeps has the mean p / 2, so the area is 1/2 - 1/4.
     """
     rng = np.random.default_rng(0)
     errors = (np.arange(100_000) + 0.5) / 100_000
     expected = errors.mean() - sparsification(errors, -errors).by_error.mean()
     assert expected == pytest.approx(0.25, abs=0.003)  # 100 steps, each with the value at its left edge
-    assert ause(errors, np.zeros_like(errors)) == pytest.approx(expected, abs=1e-12), "constant: the mean over orders"
+    assert ause(errors, np.zeros_like(errors)) == pytest.approx(expected, abs=1e-12), "mean over all orderings"
     scores = [ause(errors, rng.random(errors.size)) for _ in range(20)]
     assert np.mean(scores) == pytest.approx(expected, abs=4 * np.std(scores, ddof=1) / math.sqrt(20))
 
@@ -95,7 +99,7 @@ def test_pixels_without_an_error_have_no_say_and_no_pixel_gives_none():
 
 
 def test_a_confidence_of_another_size_or_nan_is_one_line():
-    with pytest.raises(DataError, match=r"\(3,\) does not fit errors of shape \(2,\)"):
+    with pytest.raises(DataError, match=r"shape \(3,\), but the errors have shape \(2,\)"):
         ause([1.0, 2.0], [1, 2, 3])
     with pytest.raises(DataError, match="NaN at 1 pixels"):
         ause([1.0, 2.0], [1, np.nan])

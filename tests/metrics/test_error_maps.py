@@ -88,7 +88,7 @@ def test_what_is_not_a_flow_is_refused(wrong):
 
 def test_sizes_that_differ_are_refused():
     flow = np.zeros((3, 4, 2), np.float32)
-    with pytest.raises(DataError, match="4x3, its reference 3x4"):
+    with pytest.raises(DataError, match="4x3, but its reference is 3x4"):
         epe_map(flow, np.zeros((4, 3, 2), np.float32))
 
 
@@ -107,7 +107,7 @@ def test_mean_error_of_a_constant_offset_is_its_length(data):
 
 
 def test_lucas_kanade_estimate_of_kitti_2012(shared):
-    """The known EPE of this published estimate on its noc map is 10.6271 px."""
+    """The published EPE of this estimate on its noc map is 10.6271 px."""
     folder = shared("data/kitti2012_colour_noc_only")
     (estimate,) = (folder / "LKflow").glob("*.png")
     flow, _ = read_flow(estimate)

@@ -1,4 +1,4 @@
-"""Metrics of plain arrays compared with plain loops, for every library, dtype and mask."""
+"""Metrics of plain arrays match plain loops for every array library, dtype and mask."""
 
 import math
 

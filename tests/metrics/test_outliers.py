@@ -46,7 +46,7 @@ def test_fl_needs_both_thresholds():
 
 
 def test_lucas_kanade_estimate_of_kitti_2012(shared):
-    """The known Fl of this published estimate on its noc map is 78.560 %."""
+    """The published Fl of this estimate on its noc map is 78.560 %."""
     folder = shared("data/kitti2012_colour_noc_only")
     (estimate,) = (folder / "LKflow").glob("*.png")
     flow, _ = read_flow(estimate)

@@ -63,7 +63,7 @@ def test_without_ground_truth_there_are_no_regions():
 def test_ground_truth_that_is_valid_but_not_finite_is_refused():
     sample = _sample()
     sample.flow[2, 3] = np.inf
-    with pytest.raises(DataError, match=r"sample 'a'.*not finite"):
+    with pytest.raises(DataError, match=r"sample 'a'.*non-finite"):
         Regions.of(sample)
     sample.valid[2, 3] = False
     assert not Regions.of(sample).mask("s0_10")[2, 3]

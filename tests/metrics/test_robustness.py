@@ -35,7 +35,7 @@ def test_undefined_stays_undefined():
 
 @given(cases())
 def test_rcre_bounds_the_change_of_the_error(case):
-    """The triangle inequality holds pixel by pixel, hence for every mean over the same pixels."""
+    """The triangle inequality holds for each pixel, and hence for every mean over the same pixels."""
     pred, clean, sample = case
     moved = rcre(pred, clean, sample.valid)
     change = cre(epe(pred, sample.flow, sample.valid), epe(clean, sample.flow, sample.valid))

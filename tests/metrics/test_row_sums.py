@@ -1,4 +1,4 @@
-"""One pass gives the same bytes as a separate pass for each sum."""
+"""A single pass produces the same bytes as a separate pass for each sum."""
 
 import math
 

@@ -129,7 +129,7 @@ def test_what_does_not_fit_the_sample_is_refused():
     small = np.zeros((2, 2, 2), np.float32)
     with pytest.raises(DataError, match="sample 'a' is 5x4"):
         measure(small, small, sample, regions)
-    with pytest.raises(DataError, match="5x4, its reference 2x2"):
+    with pytest.raises(DataError, match="5x4, but its reference is 2x2"):
         measure(flow, small, sample, regions)
     with pytest.raises(DataError, match=r"pass Regions\.of"):
         measure(flow, flow, sample, None)

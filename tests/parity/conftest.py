@@ -1,4 +1,4 @@
-"""Every case in a pack becomes a test; the errors are listed at the end of the run."""
+"""Create a test for every case in a parity pack; list the errors at the end of the test run."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import pytest
 from ..shared_data import shared_root
 
 NO_CASE = "none"
-"""If a pack has no case with this ending, or is missing, one test remains and skips with the reason."""
+"""Parameter of the single test that remains, and is skipped with a reason, if a pack is missing or has no case with
+this ending."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """A test that takes `case` runs once for each case letter in the pack that its class or module names as PACK, with
-    the file ending from the mark `expected` (`a_expected_ft.npz` is case a of the ending "_ft").
+    """Run a test with the argument `case` once for each case letter in the pack that its class or module names as PACK;
+    the mark `expected` sets the file ending (`a_expected_ft.npz` is case a with the ending "_ft").
     """
     if "case" not in metafunc.fixturenames:
         return
@@ -34,7 +35,7 @@ def pack(request: pytest.FixtureRequest, shared):
 
     folder = shared(f"parity/{(request.cls or request.module).PACK}")
     if "case" in request.fixturenames and request.getfixturevalue("case") == NO_CASE:
-        pytest.skip(f"the pack {folder.name} holds no case of this kind")
+        pytest.skip(f"the pack {folder.name} has no case of this kind")
     return Pack(folder)
 
 

@@ -14,15 +14,15 @@ import torch
 from .weight_rule import digest, weights
 
 REPORT: list[str] = []
-"""Compared values, for the summary at the end of the test run."""
+"""Results of the comparisons, for the summary at the end of the test run."""
 
 
 @dataclass(frozen=True)
 class Pack:
-    """One pack, which is a folder.
+    """A parity pack, stored as a folder.
 
     Attributes:
-        folder: folder with keys files, input images, expected arrays and a README that states the tolerances.
+        folder: folder with key files, input images, expected arrays, and a README that states the tolerances.
     """
 
     folder: Path
@@ -42,7 +42,7 @@ class Pack:
             return dict(arrays)
 
     def fill(self, net: torch.nn.Module, keys: str = "keys.json") -> torch.nn.Module:
-        """Give a network the rule's weights. Its names, shapes, dtypes and their order must equal the original's."""
+        """Set a network's weights by the rule. Their names, shapes, dtypes and order must equal the original's."""
         entries = json.loads((self.folder / keys).read_text())["entries"]
         own = net.state_dict()
         assert [(name, list(value.shape), str(value.dtype).removeprefix("torch.")) for name, value in own.items()] == [
@@ -53,7 +53,7 @@ class Pack:
         stated = re.search(rf"{self.folder.name}/{re.escape(keys)} \| ([0-9a-f]{{64}})", self._overview)
         if stated:
             assert checksum == stated[1], "the weights differ from the rule's"
-        REPORT.append(f"{self.folder.name}/{keys}: {len(entries)} keys equal, weights {checksum}")
+        REPORT.append(f"{self.folder.name}/{keys}: {len(entries)} keys match, SHA-256 of the weights {checksum}")
         net.load_state_dict({**own, **{key: torch.from_numpy(value) for key, value in values.items()}}, strict=True)
         return net.eval().requires_grad_(False)
 
@@ -64,31 +64,31 @@ class Pack:
         if elsewhere := re.match(r"See (\.\./\w+/README\.md)", text):
             text = (self.folder / elsewhere[1]).read_text()
         stated = re.search(r"Floors?\b.*?max ([\d.e-]+), mean ([\d.e-]+)", text)
-        assert stated, f"{self.folder.name}/README.md names no floor"
+        assert stated, f"{self.folder.name}/README.md states no floor"
         return float(stated[1]), float(stated[2])
 
     def check_flow(
         self, what: str, found: torch.Tensor, expected: np.ndarray, floor: tuple[float, float] | None = None
     ) -> None:
-        """Assert an error of at most max(10 floors, 0.001 px), and a mean of at most 5 floors + 0.0001 px. The floor is
-        the pack's, or a given one if the pack's is for a different number of iterations.
+        """Assert that the maximum error is at most max(10 floors, 0.001 px), and the mean error at most 5 floors +
+        0.0001 px. Pass `floor` if the pack's floor was measured for a different number of iterations.
         """
         floor_max, floor_mean = floor or self.floor
         self._check(what, found, expected, max(10 * floor_max, 1e-3), 5 * floor_mean + 1e-4)
 
     def check_features(self, what: str, found: torch.Tensor, expected: np.ndarray) -> None:
-        """Assert an error of at most 0.0001 of the largest expected value."""
+        """Assert that the maximum error is at most 0.0001 of the largest expected value."""
         self._check(what, found, expected, 1e-4 * float(np.abs(expected).max()))
 
     def check_within(self, what: str, found: torch.Tensor, expected: np.ndarray, tolerance: float) -> None:
-        """Assert an error of at most `tolerance`."""
+        """Assert that the maximum error is at most `tolerance`."""
         self._check(what, found, expected, tolerance)
 
     def _check(
         self, what: str, found: torch.Tensor, expected: np.ndarray, max_allowed: float, mean_allowed: float = np.inf
     ) -> None:
         found = np.asarray(found)
-        assert found.shape == expected.shape, f"{what}: {found.shape} instead of {expected.shape}"
+        assert found.shape == expected.shape, f"{what}: shape {found.shape} instead of {expected.shape}"
         difference = np.abs(found.astype(np.float64) - expected)
         line = f"{self.folder.name} {what}: max {difference.max():.1e} (up to {max_allowed:.1e}), "
         line += f"mean {difference.mean():.1e}" + (f" (up to {mean_allowed:.1e})" if np.isfinite(mean_allowed) else "")

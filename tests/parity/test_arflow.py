@@ -1,4 +1,4 @@
-"""ARFlow compared with the original's outputs."""
+"""ARFlow matches the outputs of the original implementation."""
 
 import pytest
 
@@ -18,7 +18,7 @@ PACK = "arflow"
 def test_flows_and_features(pack, case):
     expected = pack.expected(case)
     if "flows_fw_4" not in expected:
-        pytest.skip("a case of the stretched kind, compared below")
+        pytest.skip("a stretched case, compared in the next test")
     net = pack.fill(ARFlow())
     features1, features2 = (net.features(pack.image(f"{case}_im{i}") / 255) for i in (1, 2))
     pack.check_features(f"{case} feat_level6", features1[5], expected["feat_level6"])
@@ -33,7 +33,7 @@ def test_flows_and_features(pack, case):
 def test_the_adapter_stretches_as_the_original_is_evaluated(pack, case):
     expected = pack.expected(case)
     frames = [pack.frame(f"{case}_im{i}") for i in (1, 2)]
-    # A case of the stretched kind states its shape through every second pixel of its flow.
+    # A stretched case stores only every second pixel of its flow, so its shape must be inferred.
     stretched = expected.get("flow_at_test_shape")
     size = tuple(2 * side for side in stretched.shape[2:]) if stretched is not None else None
     convention = InputConvention(fit="stretch", multiple=64, size=size)
@@ -41,4 +41,4 @@ def test_the_adapter_stretches_as_the_original_is_evaluated(pack, case):
     flow = torch.from_numpy(model.predict(*frames)).permute(2, 0, 1)[None]
     pack.check_flow(f"{case} flow through the adapter", flow, expected["flow"])
     batched = model.run(frames, frames[::-1])[0].transpose(2, 0, 1)[None]
-    pack.check_flow(f"{case} flow beside the reverse", batched, expected["flow"])
+    pack.check_flow(f"{case} flow in a batch", batched, expected["flow"])

@@ -1,4 +1,4 @@
-"""ARFlow's file in its authors' layout, from the command line to the report, on real frames."""
+"""A weight file in the layout of ARFlow's authors, from the command line to the report, on real frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ PACK = "arflow"
 
 @pytest.fixture
 def checkpoint(pack, tmp_path):
-    """A file as the authors save it: the weights among their trainer's other entries, from multi-GPU training."""
+    """Write a file in the authors' format: weights from multi-GPU training, among the other entries that their trainer
+    saves."""
     state = {f"module.{key}": value for key, value in pack.fill(ARFlow()).state_dict().items()}
     torch.save({"epoch": 1000, "state_dict": state}, tmp_path / "pwclite_ar.tar")
     return tmp_path / "pwclite_ar.tar"
@@ -55,6 +56,6 @@ def test_the_same_rows_for_every_batch_and_number_of_workers(shared, checkpoint,
 
 
 def difference(first: pl.DataFrame, other: pl.DataFrame) -> float:
-    """The largest absolute difference over all numbers."""
+    """The largest absolute difference between corresponding numbers."""
     numbers = [name for name, kind in first.schema.items() if kind.is_numeric()]
     return max(float((first[name].cast(float) - other[name].cast(float)).abs().max() or 0) for name in numbers)

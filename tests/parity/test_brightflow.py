@@ -1,4 +1,4 @@
-"""BrightFlow compared with the original's outputs."""
+"""BrightFlow matches the outputs of the original implementation."""
 
 import pytest
 
@@ -32,13 +32,16 @@ def test_flows_and_features(pack, case):
 def test_the_model_loads_the_authors_layout_and_pads(pack, case, tmp_path):
     from robustflow import load_model
 
-    # the authors' files come from data-parallel training and contain other entries beside the network
+    # the authors' files come from data-parallel training and contain further entries in addition to the network
     state = {f"module.{key}": value for key, value in pack.fill(BrightFlow()).state_dict().items()}
     state["module.corrector.conv1.weight"] = torch.zeros(64, 7, 7, 7)
     state["module.census.kernel"] = torch.zeros(49, 1, 7, 7)
     torch.save(state, tmp_path / "brightflow.pt")
     model = load_model("brightflow", checkpoint=tmp_path / "brightflow.pt", device="cpu")
     frames = [pack.frame(f"{case}_im{i}") for i in (1, 2)]
-    flows = {"through the adapter": model.predict(*frames), "beside the reverse": model.run(frames, frames[::-1])[0]}
+    flows = {
+        "through the adapter": model.predict(*frames),
+        "in a batch": model.run(frames, frames[::-1])[0],
+    }
     for how, flow in flows.items():
         pack.check_flow(f"{case} flow {how}", flow.transpose(2, 0, 1)[None], pack.expected(case)["flow"])

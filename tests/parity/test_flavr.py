@@ -1,4 +1,4 @@
-"""FLAVR compared with the original's outputs, for every number of intermediate frames."""
+"""FLAVR matches the outputs of the original implementation for every number of intermediate frames."""
 
 import pytest
 
@@ -13,7 +13,7 @@ TOLERANCE = 2e-5
 
 
 def compare(pack, case, expected, n_outputs):
-    """Compare the intermediate frames; returns the encoder's maps."""
+    """Compare the intermediate frames, and return the encoder's feature maps."""
     net = pack.fill(FLAVR(n_outputs), f"keys_nout{n_outputs}.json")
     maps = []
     net.encoder.register_forward_hook(lambda module, clip, output: maps.extend(output))
@@ -21,7 +21,7 @@ def compare(pack, case, expected, n_outputs):
     assert len(between) == n_outputs
     for i, frame in enumerate(between):
         wanted = expected[f"out{i}"]
-        step = frame.shape[2] // wanted.shape[2]  # some are stored as every second row and column
+        step = frame.shape[2] // wanted.shape[2]  # some cases only store every second row and column
         pack.check_within(f"{case} out{i} of {n_outputs}", frame[:, :, ::step, ::step], wanted, TOLERANCE)
     return maps
 

@@ -1,4 +1,4 @@
-"""FlowDiffuser compared with the original's outputs, starting from the original's noise."""
+"""FlowDiffuser, started from the original's noise, matches the outputs of the original implementation."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_features_and_steps(pack, net, case):
 
 
 class FromNoise(torch.nn.Module):
-    """The network with given noise."""
+    """The network, started from given noise."""
 
     def __init__(self, net: FlowDiffuser, noise: np.ndarray) -> None:
         super().__init__()
@@ -67,6 +67,9 @@ def test_the_adapter_pads_as_the_original_is_evaluated(pack, net, case):
     noisy, convention = FromNoise(net, expected["noise"]), NETWORKS["flowdiffuser"].convention
     model = NetworkModel("flowdiffuser", noisy, convention, {}, Execution("cpu"))
     frames = [pack.frame(f"{case}_im{i}") for i in (1, 2)]
-    flows = {"through the adapter": model.predict(*frames), "beside the reverse": model.run(frames, frames[::-1])[0]}
+    flows = {
+        "through the adapter": model.predict(*frames),
+        "in a batch": model.run(frames, frames[::-1])[0],
+    }
     for how, flow in flows.items():
         pack.check_flow(f"{case} flow {how}", flow.transpose(2, 0, 1)[None], expected["flow"])

@@ -1,4 +1,4 @@
-"""SAMFlow compared with the original's outputs. The weights of H take 2.6 GB."""
+"""SAMFlow matches the outputs of the original implementation. The weights of the variant H need 2.6 GB."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def net(request):
 
 @contextmanager
 def watching(net: SamFlow) -> Iterator[dict[str, torch.Tensor]]:
-    """Outputs of the network's parts while it runs, by the packs' names."""
+    """Intermediate outputs of the network during a run, keyed by the names in the packs."""
     found: dict[str, torch.Tensor] = {}
     parts = {
         "sam_feat_ch0to15": net.sam_encoder,
@@ -51,7 +51,7 @@ class _Size:
     PACK, SIZE, SUFFIX = "", "", ""
 
     def test_features_and_flow(self, pack, net, case):
-        """Every array of a case, from the first features to the flow, is compared in one run of the network."""
+        """Compare all arrays of a case, from the first features to the flow, in one run of the network."""
         expected = pack.expected(case, self.SUFFIX)
         image1, image2 = (pack.image(f"{case}_im{i}") for i in (1, 2))
         with watching(net) as found:
@@ -59,7 +59,7 @@ class _Size:
         for name in sorted(set(found) & set(expected)):
             part = tuple(slice(size) for size in expected[name].shape)
             pack.check_features(f"{case}{self.SUFFIX} {name}", found[name][part], expected[name])
-        step = image1.shape[-1] // expected["flow"].shape[-1]  # some are stored as every second row and column
+        step = image1.shape[-1] // expected["flow"].shape[-1]  # some cases only store every second row and column
         pack.check_flow(f"{case}{self.SUFFIX} flow", flows[-1][..., ::step, ::step], expected["flow"])
         if "flow_eighth" in expected:
             pack.check_flow(f"{case} flow_eighth", eighth, expected["flow_eighth"])
@@ -67,8 +67,8 @@ class _Size:
 
 class _SizeOf24Iterations(_Size):
     def test_twice_the_iterations(self, pack, net, case):
-        """Rounding errors grow with every iteration, and the pack's floor is for 12 iterations: measure the floor as
-        the pack's README does, with noise of 0.0001 grey levels on image 1.
+        """Rounding errors grow with every iteration, and the pack's floor is for 12 iterations. Therefore measure the
+        floor as described in the pack's README, with noise of 0.0001 grey levels on image 1.
         """
         expected = pack.expected(case).get("flow_24_iters")
         if expected is None:

@@ -1,4 +1,4 @@
-"""UPFlow compared with the original's outputs."""
+"""UPFlow matches the outputs of the original implementation."""
 
 import pytest
 
@@ -30,10 +30,10 @@ def test_flows_features_and_visibility(pack, case):
     pack.check_flow(f"{case} flow", both.forward, expected["flow"])
     pack.check_flow(f"{case} flow_bw", both.backward[:, :, ::2, ::2], expected["flow_bw"])
     beside = net(torch.cat([image1, image2]), torch.cat([image2, image1]))
-    pack.check_flow(f"{case} flow beside the reverse", beside[:1], expected["flow"])
+    pack.check_flow(f"{case} flow in a batch", beside[:1], expected["flow"])
     visible = both.visible()[0].numpy()
     differing = int((visible != expected["occ_fw"].astype(bool)).sum())
-    # the README gives no tolerance for masks; a pixel whose flow is exactly on the bound may fall on either side
+    # the README states no tolerance for masks; a pixel whose flow is exactly at the bound may fall on either side
     assert differing <= visible.size / 1000, f"{differing} of {visible.size} pixels differ"
 
 

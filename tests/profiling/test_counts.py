@@ -1,4 +1,4 @@
-"""Counts compared with the paper's table and with sums by hand; measuring does not change a network."""
+"""Counts match the paper's table and sums computed by hand; measuring does not change the network."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_sums_by_hand():
     counts = count(net, 4, 5)
     pixels = 20
     modules = 8 * pixels * 3 * 9 + 2 * pixels * 8
-    assert counts.thop_macs == modules + 4 * 2 * 8 * pixels  # the norm is registered in two places
+    assert counts.thop_macs == modules + 4 * 2 * 8 * pixels  # the norm is registered at two points
     assert counts.macs == modules + pixels * 8 * pixels
     assert counts.thop_parameters == 8 * 3 * 9 + 8 + 8 * 2 + 2
     assert counts.parameters == counts.thop_parameters + 100 * 100 + 100 + 5
@@ -73,7 +73,7 @@ def test_a_size_that_the_network_cannot_take(caplog):
     assert not caplog.records
 
 
-# the paper truncates its numbers; GMFlowNet and CRAFT have to be run
+# the paper truncates its numbers; GMFlowNet and CRAFT must actually be executed
 PAPER = {
     "RAFT": "raft",
     "GMA": "gma",
@@ -105,7 +105,7 @@ def test_the_papers_table(method):
     assert counts.macs >= 0.99 * counts.thop_macs
 
 
-# operations that thop counts differently in our networks, see docs/design/profiling.md
+# operations that thop counts differently in our networks; see docs/design/profiling.md
 OWN = {"BrightFlow": ("brightflow", 0.27), "SAMFlow-T": ("samflow_t", 2.98), "SAMFlow-B": ("samflow_b", 2.98)}
 
 

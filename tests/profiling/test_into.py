@@ -1,4 +1,4 @@
-"""A run stores the cost of its network, and `profile --into` stores the cost at a different size."""
+"""A run stores the cost of its network, and `profile --into` adds the cost at a different frame size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The small dataset satisfies the contract, its flow is exact, and a benchmark runs on it."""
+"""The small dataset satisfies the dataset contract, its flow is exact, and a benchmark can run on it."""
 
 import numpy as np
 import pytest
@@ -41,5 +41,5 @@ def test_it_is_a_data_set_by_name():
 
 @pytest.mark.parametrize("wrong", [{"count": 0}, {"size": (4, 40)}, {"reach": -1}])
 def test_what_cannot_be_made_is_refused(wrong):
-    with pytest.raises(UsageError, match="cannot be made"):
+    with pytest.raises(UsageError, match="cannot create"):
         TexturePairs(**wrong)

@@ -1,5 +1,5 @@
-"""`check_model` passes models that follow the rules and names each broken rule; the small models behave
-as documented.
+"""`check_model` accepts models that follow the rules and reports each broken rule; the small models behave as
+documented.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ class Clip(ZeroClipFlow):
 
 
 class Sure(ZeroFlow):
-    """Has the same confidence everywhere."""
+    """A model with the same confidence everywhere."""
 
     def predict_with_confidence(self, frame1, frame2):
         return self.predict(frame1, frame2), np.ones(frame1.shape[:2], np.float32)
@@ -102,7 +102,7 @@ def never(frame1, frame2):
             padded,
             r"returned float32 \(128, 147, 2\) on frames of 121x147; expected a float array of shape",
         ),
-        (never, "20480 pixels on frames of 128x160 that are NaN"),
+        (never, "on frames of 128x160 returned 20480 pixels that are NaN"),
         (lambda a, b: a[..., :2], r"returned uint8 \(128, 160, 2\)"),
         (lambda a, b: [[0]], "returned list"),
         (lambda a, b: a.nothing, "raised AttributeError on frames of 128x160"),

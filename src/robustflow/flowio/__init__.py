@@ -29,10 +29,10 @@ def read_flow(path: str | Path) -> tuple[Flow, Mask]:
     Returns:
         flow: flow vectors (u right, v down), float32 (H, W, 2), in pixels, 0 where unknown.
         valid: boolean mask (H, W), False where the file marks the flow as unknown: a third channel of 0 (.png), a
-            component beyond 1e9 (.flo, .pfm, .flo5), or NaN or infinity (any format).
+            component beyond 1e9 in magnitude (.flo, .pfm, .flo5), or NaN or infinity (any format).
 
     Raises:
-        DataError: the file does not exist, is damaged or truncated, is not a flow file, or has an unknown format.
+        DataError: the file does not exist, is damaged or truncated, is not a flow file, or is of an unknown format.
         AssetError: the file is a .flo5 file, but h5py is not installed.
 
     >>> import numpy as np
@@ -57,7 +57,7 @@ def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | Non
     """Write a flow file atomically; the file extension determines the format.
 
     Args:
-        path: path of the file, with the extension .flo, .png (KITTI: rounded to 1/64 pixel, from -512 to 511.984375),
+        path: path of the file, with the extension .flo, .png (KITTI: rounded to 1/64 pixel, range -512 to 511.984375),
             .pfm or .flo5.
         flow: flow vectors, any numeric dtype, (H, W, 2), in pixels.
         valid: boolean mask (H, W); pixels where it is False, and pixels with NaN or infinite flow, are written as

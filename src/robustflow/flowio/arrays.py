@@ -1,4 +1,4 @@
-"""Functions shared by all flow formats: detection of unknown values, and checks of arrays to write."""
+"""Functions shared by all flow formats: detect unknown values, and check sizes and the arrays to write."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ..errors import DataError
 from ..sample import Flow, Mask
 
 MAX_SIDE = 99_999
-"""Maximum width and height in any format; the limit of Middlebury's own reader."""
+"""Maximum width and height for all formats; the same limit as in Middlebury's own reader."""
 
 MAX_PIXELS = 2**26
 """Maximum number of pixels, 67 million; larger files are rejected before decompression. Spring, the dataset with the
-largest flow, has 8 million."""
+largest flow fields, has 8 million per file."""
 
 UNKNOWN_THRESHOLD = 1e9
-"""Threshold beyond which a component marks unknown flow, as in Middlebury's format."""
+"""A component whose magnitude exceeds this threshold marks unknown flow, as in Middlebury's format."""
 
 
 def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
     """Split raw components (H, W, 2) into float32 flow and bool valid.
 
-    A pixel is unknown when a component is NaN, infinite, or beyond 1e9 in magnitude; its flow is then 0.
+    A pixel is unknown if a component is NaN, infinite, or beyond 1e9 in magnitude; its flow is set to 0.
     """
     flow = np.array(values, np.float32, order="C")
     valid = np.asarray((np.abs(flow) <= UNKNOWN_THRESHOLD).all(axis=2))
@@ -34,23 +34,24 @@ def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:
 
 
 def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tuple[Flow, Mask]:
-    """Return the arrays to write, float32 (H, W, 2) and bool (H, W), with non-finite pixels marked as unknown.
+    """Return the arrays to be written, float32 (H, W, 2) and bool (H, W); pixels with non-finite flow are marked
+    unknown.
 
     Raises:
-        DataError: a shape or dtype is wrong, there are no pixels, or a known component is beyond 1e9, which would be
-            read as unknown.
+        DataError: a shape or dtype is wrong, there are no pixels, or a known component exceeds 1e9 in magnitude, so it
+            would be read as unknown.
     """
     array = np.asarray(flow)
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
-        raise DataError(f"{path}: cannot write {array.dtype} {array.shape} as flow; give numbers of shape (H, W, 2)")
+        raise DataError(f"{path}: cannot write {array.dtype} {array.shape} as flow; pass numbers of shape (H, W, 2)")
     if max(array.shape[:2]) > MAX_SIDE:
-        raise DataError(f"{path}: a flow of {array.shape[1]}x{array.shape[0]} exceeds {MAX_SIDE} pixels a side")
+        raise DataError(f"{path}: a flow of {array.shape[1]}x{array.shape[0]} exceeds {MAX_SIDE} pixels per side")
     mask = np.ones(array.shape[:2], bool) if valid is None else np.asarray(valid)
     if mask.shape != array.shape[:2] or mask.dtype != np.bool_:
-        raise DataError(f"{path}: valid is {mask.dtype} {mask.shape}; give bool {array.shape[:2]}, as the flow")
+        raise DataError(f"{path}: valid is {mask.dtype} {mask.shape}; pass bool {array.shape[:2]} to match the flow")
     mask = mask & np.isfinite(array).all(axis=2)
     if (np.abs(array[mask]) > UNKNOWN_THRESHOLD).any():
-        raise DataError(f"{path}: a known component beyond 1e9 would read as unknown; mark such pixels invalid")
+        raise DataError(f"{path}: a known component exceeds 1e9 and would be read as unknown; mark the pixel invalid")
     return np.where(mask[..., None], array, 0).astype(np.float32), mask
 
 
@@ -59,11 +60,11 @@ def claimed_size(path: Path, width: int, height: int) -> None:
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {width}x{height} pixels are more than the {MAX_PIXELS} of a flow; cut it into parts")
+        raise DataError(f"{path}: {width}x{height} pixels exceed the limit of {MAX_PIXELS}; split the flow into parts")
 
 
 def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
     """Reject a file whose length does not match its header."""
     if size != expected:
-        state = "cut short" if size < expected else "too long"
-        raise DataError(f"{path}: {state}, {size} bytes where {width}x{height} pixels take {expected}; copy it again")
+        state = "truncated" if size < expected else "too long"
+        raise DataError(f"{path}: {state}: {size} bytes, but {width}x{height} pixels need {expected}; copy it again")

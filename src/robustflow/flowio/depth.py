@@ -1,4 +1,4 @@
-"""Depth and disparity maps: 16-bit grey PNG, .npy, one-channel .pfm, Sintel's .dpt and Spring's .dsp5.
+"""Read depth and disparity maps: 16-bit greyscale PNG, .npy, one-channel .pfm, Sintel's .dpt and Spring's .dsp5.
 
 Values are returned as stored, in the file's unit; unknown values are zero, NaN or infinite. Files are untrusted: sizes
 are checked before memory is allocated, and nothing is unpickled.
@@ -30,10 +30,10 @@ _SINTEL = np.float32(202021.25)
 
 
 def read_depth_png(path: Path) -> Values:
-    """Read a 16-bit grey PNG, with values from 0 to 65535.
+    """Read a 16-bit greyscale PNG, with values from 0 to 65535.
 
     Raises:
-        DataError: the file is a different kind of PNG, or is damaged.
+        DataError: the file is not a 16-bit greyscale PNG, or is damaged.
     """
     with _readable(path):
         data = path.read_bytes()
@@ -41,8 +41,8 @@ def read_depth_png(path: Path) -> Values:
         claimed_size(path, header.width, header.height)
         if header.bits != 16 or header.channels != 1:
             raise DataError(
-                f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is no map of depth or disparity; "
-                "that is a 16-bit grey PNG"
+                f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not a depth or disparity map; "
+                "these are 16-bit greyscale PNGs"
             )
         try:
             raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -55,10 +55,10 @@ def read_depth_png(path: Path) -> Values:
 
 
 def read_depth_npy(path: Path) -> Values:
-    """Read a NumPy array of real numbers, (H, W).
+    """Read an .npy file with an array of real numbers, (H, W).
 
     Raises:
-        DataError: the contents are not such an array, or the length does not match the header.
+        DataError: the file contains a different kind of array, or its length does not match the header.
     """
     with _readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)
@@ -67,10 +67,12 @@ def read_depth_npy(path: Path) -> Values:
             (2, 0): np.lib.format.read_array_header_2_0,
         }
         if version not in readers:
-            raise DataError(f"{path}: .npy of version {'.'.join(map(str, version))}; save it with numpy.save")
+            raise DataError(
+                f"{path}: .npy version {'.'.join(map(str, version))} is not supported; save the array with numpy.save"
+            )
         shape, fortran, dtype = readers[version](file)
         if len(shape) != 2 or dtype.kind not in "fiu":
-            raise DataError(f"{path}: {dtype} {shape} is no depth map; give real numbers of shape (H, W)")
+            raise DataError(f"{path}: {dtype} {shape} is not a depth map; expected real numbers of shape (H, W)")
         claimed_size(path, shape[1], shape[0])
         exact_size(path, file.tell() + dtype.itemsize * shape[0] * shape[1], path.stat().st_size, shape[1], shape[0])
         values = np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")
@@ -86,7 +88,7 @@ def read_depth_pfm(path: Path) -> Values:
     with _readable(path), open(path, "rb") as file:
         header = _PFM.match(file.read(128))
         if header is None:
-            raise DataError(f"{path}: not a one-channel .pfm file ('Pf'), or cut short; check the file")
+            raise DataError(f"{path}: not a one-channel .pfm file ('Pf'), or truncated; check the file")
         width, height = int(header[1]), int(header[2])
         claimed_size(path, width, height)
         order = "<f4" if scale_of(path, header[3]) < 0 else ">f4"
@@ -96,7 +98,7 @@ def read_depth_pfm(path: Path) -> Values:
 
 
 def read_dpt(path: Path) -> Values:
-    """Read Sintel's .dpt: the number 202021.25, width and height as int32, and float32 rows; little-endian.
+    """Read Sintel's .dpt: the number 202021.25, width and height as int32, then the rows as float32; little-endian.
 
     Raises:
         DataError: the file has a different format, or is damaged.
@@ -104,7 +106,7 @@ def read_dpt(path: Path) -> Values:
     with _readable(path), open(path, "rb") as file:
         start = file.read(12)
         if len(start) < 12 or np.frombuffer(start[:4], "<f4")[0] != _SINTEL:
-            raise DataError(f"{path}: not a Sintel .dpt file, or cut short; copy or download it again")
+            raise DataError(f"{path}: not a Sintel .dpt file, or truncated; copy or download it again")
         width, height = np.frombuffer(start[4:], "<i4").tolist()
         claimed_size(path, width, height)
         exact_size(path, 12 + 4 * width * height, path.stat().st_size, width, height)
@@ -112,8 +114,8 @@ def read_dpt(path: Path) -> Values:
 
 
 def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Read Sintel's .cam: the number 202021.25 as float32, then intrinsics (3, 3) and world-to-camera extrinsics (3,
-    4), float64; little-endian.
+    """Read Sintel's .cam: the number 202021.25 as float32, then intrinsics (3, 3) and world-to-camera extrinsics (3, 4)
+    as float64; little-endian.
 
     Raises:
         DataError: the file has a different format, or is damaged.
@@ -127,7 +129,7 @@ def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.flo
 
 
 def read_dsp5(path: Path) -> Values:
-    """Read Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); needs the extra `h5`.
+    """Read Spring's .dsp5: an HDF5 file with one float dataset "disparity" (H, W); requires the extra `h5`.
 
     Raises:
         DataError: the file has a different format, or is damaged.
@@ -142,7 +144,7 @@ def _as_float(values: npt.NDArray[Any]) -> Values:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Describe errors of the file system and of NumPy headers in one sentence."""
+    """Turn file system errors and damaged NumPy headers into a one-sentence DataError."""
     if not path.is_file():
         why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
         raise DataError(f"{path}: {why}")
@@ -151,4 +153,4 @@ def _readable(path: Path) -> Iterator[None]:
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
-        raise DataError(f"{path}: damaged or cut short ({first_line(error)}); copy it again") from error
+        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy it again") from error

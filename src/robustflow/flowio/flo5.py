@@ -1,7 +1,7 @@
-"""Spring .flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; needs the extra `h5`.
+"""Spring .flo5: an HDF5 file with one float dataset "flow" (H, W, 2), NaN where unknown; requires the extra `h5`.
 
-Spring stores 3840x2160 vectors for frames of 1920x1080, in pixels of the frames; `datasets.spring` reads every second
-vector, as the benchmark does. Source: Mehl et al., CVPR 2023, flow_IO of the benchmark.
+Spring stores 3840x2160 vectors for frames of 1920x1080, in pixels of the frames; `datasets.spring` uses every second
+vector, as the benchmark does. Source: Mehl et al., CVPR 2023, and `flow_IO` from the benchmark's code.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..sample import Flow, Mask
 from .arrays import claimed_size, known
 
 _INFLATE = 1100
-"""Maximum compression ratio of deflate; a file that claims a higher ratio is invalid."""
+"""Maximum compression ratio of deflate; a file that claims a higher ratio is damaged."""
 
 
 def read_flo5(path: Path) -> tuple[Flow, Mask]:
@@ -27,25 +27,24 @@ def read_flo5(path: Path) -> tuple[Flow, Mask]:
 
 
 def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) -> Any:
-    """Read the float dataset of a given name from a Spring file, (H, W, *channels).
+    """Read the float dataset `name`, (H, W, *channels), from a Spring file.
 
     Raises:
-        DataError: the dataset does not exist or has a different shape, because the file is of a different kind or
-            damaged.
+        DataError: the dataset does not exist or has a different shape: the file is of a different kind, or is damaged.
     """
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:
-            # A link or virtual dataset could refer to any other file on this machine.
+            # A link or a virtual dataset could refer to any other file on this machine.
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                raise DataError(f"{path}: no dataset '{name}' inside, so not a Spring {kind} file; check the file")
+                raise DataError(f"{path}: contains no dataset '{name}', so not a Spring {kind} file; check the file")
             return _values(h5py, path, file[name], kind, channels)
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
         raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
 
 
 def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
-    """Return the contents of a compressed .flo5 file; unknown pixels become NaN."""
+    """Return the flow as the bytes of a compressed .flo5 file; unknown pixels are stored as NaN."""
     buffer = io.BytesIO()
     with _h5py().File(buffer, "w") as file:
         values = np.where(valid[..., None], flow, np.float32(np.nan))
@@ -56,19 +55,17 @@ def flo5_bytes(flow: Flow, valid: Mask) -> bytes:
 def _values(h5py: Any, path: Path, node: Any, kind: str, channels: tuple[int, ...]) -> Any:
     if not isinstance(node, h5py.Dataset) or node.is_virtual or node.external:
         raise DataError(
-            f"{path}: {node.name[1:]!r} is not a plain dataset of this file; refused, get the original file"
+            f"{path}: {node.name[1:]!r} is not stored as a plain dataset in this file; get the original file"
         )
     if len(node.shape) != 2 + len(channels) or node.shape[2:] != channels or node.dtype.kind != "f":
         wanted = ", ".join(("H", "W", *map(str, channels)))
-        raise DataError(
-            f"{path}: {node.name[1:]!r} is {node.dtype} {node.shape}; a Spring {kind} holds float ({wanted})"
-        )
+        raise DataError(f"{path}: {node.name[1:]!r} is {node.dtype} {node.shape}; a Spring {kind} is float ({wanted})")
     claimed_size(path, node.shape[1], node.shape[0])
     needed = node.size * node.dtype.itemsize
     chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
     stored = node.id.get_storage_size()
     if max(needed, chunk) > _INFLATE * stored:
-        raise DataError(f"{path}: damaged, claims {needed} bytes and stores {stored}; get the file again")
+        raise DataError(f"{path}: damaged, claims {needed} bytes but stores {stored}; download it again")
     return node[()]
 
 

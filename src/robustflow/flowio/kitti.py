@@ -1,4 +1,4 @@
-"""KITTI flow: a 16-bit RGB PNG, (u * 64 + 2^15, v * 64 + 2^15, valid).
+"""KITTI flow: a 16-bit RGB PNG with the channels (u * 64 + 2^15, v * 64 + 2^15, valid).
 
 HD1K uses the same format. Source: the development kits of Geiger et al. (2012) and Menze and Geiger (2015).
 """
@@ -16,7 +16,7 @@ from ..sample import Flow, Mask
 from .arrays import claimed_size
 
 LOWEST, HIGHEST = -512.0, 511.984375
-"""Range of 16-bit values: (0 - 2^15) / 64 to (2^16 - 1 - 2^15) / 64."""
+"""Range of the flow in pixels: (0 - 2^15) / 64 to (2^16 - 1 - 2^15) / 64."""
 
 
 def read_kitti(path: Path) -> tuple[Flow, Mask]:
@@ -26,8 +26,8 @@ def read_kitti(path: Path) -> tuple[Flow, Mask]:
     claimed_size(path, header.width, header.height)
     if header.bits != 16 or header.channels != 3:
         raise DataError(
-            f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not KITTI flow; "
-            "flow is a 16-bit RGB PNG (u, v, valid)"
+            f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not KITTI flow, "
+            "which is a 16-bit RGB PNG (u, v, valid)"
         )
     # Pillow silently reduces 16-bit RGB to 8 bits; OpenCV keeps 16 bits, in the order valid, v, u.
     try:
@@ -44,7 +44,7 @@ def read_kitti(path: Path) -> tuple[Flow, Mask]:
 
 
 def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
-    """Return the contents of a KITTI PNG, rounded to 1/64 pixel; unknown pixels become (0, 0, 0).
+    """Return the flow as the bytes of a KITTI PNG, rounded to 1/64 pixel; unknown pixels are stored as (0, 0, 0).
 
     Raises:
         DataError: a known component is outside [-512, 511.984375]. KITTI's own writer would clip it.

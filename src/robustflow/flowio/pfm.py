@@ -1,6 +1,6 @@
-"""Portable float map with three channels (u, v, unused), as FlyingThings3D, Monkaa and Driving store flow.
+"""Portable float map with three channels (u, v, unused), the flow format of FlyingThings3D, Monkaa and Driving.
 
-`PF`, width and height, a scale whose sign is the byte order (negative: little-endian), then float32 rows from the
+`PF`, width and height, a scale whose sign encodes the byte order (negative: little-endian), then float32 rows from the
 bottom to the top of the image. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
 """
 
@@ -26,7 +26,7 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
         if header is None:
             if start[:2] == b"Pf":
                 raise DataError(f"{path}: one channel, so a disparity map; flow in .pfm has three channels ('PF')")
-            raise DataError(f"{path}: not a .pfm flow file (no 'PF' header) or cut short; check the file")
+            raise DataError(f"{path}: not a .pfm flow file (no 'PF' header), or truncated; check the file")
         width, height = int(header[1]), int(header[2])
         claimed_size(path, width, height)
         scale = scale_of(path, header[3])
@@ -37,7 +37,8 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
 
 
 def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
-    """Return the contents of a little-endian .pfm file; unknown pixels become NaN, and the third channel is 0."""
+    """Return the flow as the bytes of a little-endian .pfm file; unknown pixels are stored as NaN, and the third
+    channel is 0."""
     height, width = valid.shape
     values = np.zeros((height, width, 3), "<f4")
     values[..., :2] = np.where(valid[..., None], flow, np.nan)
@@ -45,12 +46,12 @@ def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
 
 
 def scale_of(path: Path, text: bytes) -> float:
-    """Return the scale of a header, 1 or -1; raise a DataError for other values."""
+    """Return the scale from a header, 1 or -1; raise a DataError for other values."""
     try:
         scale = float(text)
     except ValueError:
         scale = 0.0
     if abs(scale) != 1.0:
         # Readers disagree on whether to multiply values by the magnitude; flow is always stored with magnitude 1.
-        raise DataError(f"{path}: scale {text.decode()} in the header; flow is stored with 1.0 or -1.0, write it so")
+        raise DataError(f"{path}: scale {text.decode()} in the header is not supported; write 1.0 or -1.0")
     return scale

@@ -1,1 +1,1 @@
-"""Read and write pictures, and render flow, depth and errors as colours."""
+"""Read and write images, and render flow, depth and errors as colours."""

@@ -1,4 +1,4 @@
-"""Give frames the memory layout that compiled loops expect."""
+"""Convert frames to the memory layout that compiled loops expect."""
 
 from __future__ import annotations
 

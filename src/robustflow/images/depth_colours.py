@@ -1,4 +1,4 @@
-"""Render depth maps as grey pictures."""
+"""Render depth maps as greyscale images."""
 
 from __future__ import annotations
 

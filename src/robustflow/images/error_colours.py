@@ -1,4 +1,4 @@
-"""Render errors in pixels as colours, on the same logarithmic scale in every picture."""
+"""Render errors in pixels as colours, on the same logarithmic scale in every image."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ..metrics.error_maps import Errors
 from ..sample import Frame
 
 LOWEST, HIGHEST = 0.1, 100.0
-"""Limits of the colour scale in pixels; errors outside are clipped to the limits."""
+"""Limits of the colour scale in pixels; errors outside this range are clipped."""
 
 COLOUR_MAP = "inferno"
 UNKNOWN_COLOUR = (160, 160, 160)
-"""Colour of pixels without an error: no ground truth, or a prediction that is not finite."""
+"""Colour of pixels whose error is undefined: no ground truth, or a non-finite prediction."""
 
 
 def error_colours(errors: Errors) -> Frame:

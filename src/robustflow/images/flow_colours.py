@@ -1,9 +1,9 @@
 """Render flow as colours: hue encodes direction, saturation encodes magnitude (Baker et al., "A Database and Evaluation
 Methodology for Optical Flow", IJCV 2011, Sec. 4.4, with the colour wheel from their software).
 
-Zero flow is white, flow to the right is red, down yellow, to the left cyan-blue, and up violet. Vectors whose magnitude
-equals the radius are fully saturated; longer vectors are darkened to three quarters of the brightness, and unknown flow
-is black.
+Zero flow is white; flow to the right is red, down is yellow, left is cyan-blue, and up is violet. Vectors whose
+magnitude equals the radius are fully saturated; longer vectors are darkened to three quarters of the brightness, and
+unknown flow is black.
 """
 
 from __future__ import annotations
@@ -43,10 +43,9 @@ def colour_wheel() -> npt.NDArray[np.float64]:
 
 
 def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
-    """Return a suitable radius for a flow: the 99th percentile of the magnitudes of its known vectors, in pixels; at
-    least 1.
+    """Return a suitable radius for a flow field: the 99th percentile of its known magnitudes in pixels, but at least 1.
 
-    With the maximum, a few outliers in the flow on corrupted frames would leave the rest of the picture white.
+    If the maximum were used, a few outliers in the flow on corrupted frames would leave the rest of the image white.
 
     >>> flow_radius(np.full((2, 2, 2), (3, 4), np.float32))
     5.0
@@ -57,24 +56,27 @@ def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
 
 
 def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
-    """Render a flow field as a picture.
+    """Render a flow field as an image.
 
     Args:
         flow: float32 (H, W, 2), flow (u right, v down) in pixels.
-        radius: flow magnitude shown fully saturated, in pixels; use the same radius for pictures to be compared.
-        valid: bool (H, W), mask of known flow; vectors that are not finite always count as unknown.
+        radius: flow magnitude that is drawn fully saturated, in pixels; use the same radius for images that are
+            compared.
+        valid: bool (H, W), mask of known flow; non-finite vectors are always treated as unknown.
 
     Returns:
         RGB uint8 (H, W, 3).
 
     Raises:
-        DataError: the flow has the wrong shape, or the radius is not positive.
+        DataError: the flow has a wrong shape, or the radius is not positive.
 
     >>> flow_colours(np.array([[[0, 0], [2, 0], [4, 0], [np.nan, 0]]], np.float32), radius=2).tolist()
     [[[255, 255, 255], [255, 0, 0], [191, 0, 0], [0, 0, 0]]]
     """
     if flow.ndim != 3 or flow.shape[2] != 2 or not radius > 0:
-        raise DataError(f"cannot colour {flow.shape} with radius {radius}; give a flow (H, W, 2) and a positive radius")
+        raise DataError(
+            f"cannot colour a flow of shape {flow.shape} with radius {radius}; pass (H, W, 2) and a positive radius"
+        )
     known = np.asarray(np.isfinite(flow).all(axis=2))
     if valid is not None:
         known = known & valid

@@ -1,8 +1,8 @@
-"""Detect damage in image files that decoders ignore, as far as the format allows.
+"""Detect damage in image files that decoders ignore, as far as the file format allows.
 
-PNG and deflated TIFF files contain checksums, JPEG damage usually breaks the entropy coding, and BMP, PPM and WebP
-state a length. Other damage only changes pixel values and cannot be detected, so a run's manifest stores a hash of
-every file.
+PNG and deflated TIFF files contain checksums, damage to a JPEG usually breaks its entropy coding, and BMP, PPM and WebP
+headers imply or state the file size. Other damage only changes pixel values and cannot be detected, so a run's manifest
+stores a hash of every file.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ..errors import DataError
 
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _INFLATE = 1100
-"""Deflate cannot compress data by more than 1032:1, so a PNG whose header implies a higher ratio is damaged."""
+"""Deflate cannot compress data by more than 1032:1, so a PNG whose header implies a higher ratio must be damaged."""
 
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
-"""Interlaced passes: first column, first row, column step, row step."""
+"""Interlacing passes: first column, first row, column step, row step."""
 
 
 class PngHeader(NamedTuple):
@@ -34,21 +34,25 @@ class PngHeader(NamedTuple):
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:
-    """Read a PNG header and check, without decoding, that all chunks are present and undamaged; raise a DataError if
-    not.
+    """Read a PNG header and check, without decoding, that all chunks are present and undamaged.
+
+    Raises:
+        DataError: a chunk is missing or damaged, or the file is not a PNG.
     """
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
-        raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
+        raise DataError(f"{path}: not a PNG file, or truncated; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
     header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
     if width * height * bits * header.channels > 8 * _INFLATE * len(data):
-        raise DataError(f"{path}: {len(data)} bytes are too few for the {width}x{height} pixels claimed; it is damaged")
+        raise DataError(
+            f"{path}: damaged: {len(data)} bytes are too few for {width}x{height} pixels; copy or download it again"
+        )
     view, start, name = memoryview(data), 8, b""
     while name != b"IEND":
         length = int.from_bytes(view[start : start + 4], "big")
         end = start + 12 + length
         if end > len(data):
-            raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
+            raise DataError(f"{path}: truncated, the end of the PNG is missing; copy or download it again")
         name = data[start + 4 : start + 8]
         # Pillow stops reading after the last row, before it reaches the checksum of the last chunk.
         if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
@@ -58,7 +62,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
 
 
 def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> None:
-    """Reject a PNG whose compressed data ends before the last row; decoders fill the missing rows with zeros.
+    """Reject a PNG whose compressed data ends before the last row; decoders would fill the missing rows with zeros.
 
     Args:
         pixels: the decoded image; the compressed data is inspected only if the last two rows are zero.
@@ -81,9 +85,10 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> Non
 
 
 def check_jpeg(path: Path, data: bytes) -> None:
-    """Reject a JPEG with broken entropy coding; Pillow's decoder silently continues with grey or shifted blocks.
+    """Reject a JPEG with broken entropy coding; Pillow's decoder would silently continue with grey or shifted blocks.
 
-    FFmpeg's decoder stops at the first error. Files that FFmpeg does not support (arithmetic coding) are accepted.
+    FFmpeg's decoder stops at the first error. Files that FFmpeg cannot decode (arithmetic coding) are accepted
+    unchecked.
     """
     import av
 
@@ -95,17 +100,18 @@ def check_jpeg(path: Path, data: bytes) -> None:
     except av.error.PatchWelcomeError:
         return
     except (av.error.FFmpegError, ValueError) as error:
-        raise DataError(f"{path}: damaged, the JPEG's data are corrupt; copy it again") from error
+        raise DataError(f"{path}: damaged, the JPEG data is corrupt; copy it again") from error
     if not frames or any(frame.is_corrupt for frame in frames):
-        raise DataError(f"{path}: damaged, the JPEG's data are corrupt; copy it again")
+        raise DataError(f"{path}: damaged, the JPEG data is corrupt; copy it again")
 
 
 def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
-    """Reject a file that is longer or shorter than its header states.
+    """Reject a file that is longer or shorter than its header implies.
 
     Args:
-        kind: format of the file, "BMP", "PPM" or "WEBP"; other formats do not state their length.
-        end: offset of the end of a PPM's pixels, in bytes; 0 if unknown.
+        kind: file format, "BMP", "PPM" or "WEBP"; files in other formats are not checked, as their headers contain no
+            size.
+        end: offset in bytes at which the pixels of a PPM end; 0 if unknown.
     """
     sizes: tuple[int, ...] = ()
     if kind == "WEBP":
@@ -116,14 +122,14 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
     elif kind == "PPM" and end and data[end:].strip():
         sizes = (end,)
     if sizes and len(data) not in sizes:
-        state = "cut short" if len(data) < sizes[0] else "too long, or contains several pictures"
+        state = "truncated" if len(data) < sizes[0] else "too long, or contains several images"
         raise DataError(
-            f"{path}: {state}, {len(data)} bytes but its header states {sizes[0]}; copy or convert it again"
+            f"{path}: {state}: {len(data)} bytes, but the header implies {sizes[0]}; copy or convert it again"
         )
 
 
 def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) -> None:
-    """Reject a deflated TIFF with a wrong strip checksum, which libtiff does not verify."""
+    """Reject a deflated TIFF with a wrong strip checksum; libtiff does not verify it."""
     for offset, count in zip(offsets or (), counts or (), strict=False):
         inflate, part = zlib.decompressobj(), memoryview(data)[offset : offset + count].tobytes()
         try:
@@ -131,6 +137,6 @@ def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) ->
                 out = inflate.decompress(part, 2**20)
                 part = inflate.unconsumed_tail
                 if not out and not part:
-                    raise DataError(f"{path}: damaged, a strip of the TIFF is cut short; copy it again")
+                    raise DataError(f"{path}: damaged, a strip of the TIFF is truncated; copy it again")
         except zlib.error as error:
             raise DataError(f"{path}: damaged, a checksum of the TIFF is wrong; copy it again") from error

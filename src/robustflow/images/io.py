@@ -1,7 +1,7 @@
-"""Read and write pictures as RGB uint8, without lossy conversions.
+"""Read and write images as RGB uint8, without lossy conversions.
 
-Pictures are decoded with Pillow, which is strict: it raises for truncated files instead of returning a partly filled
-picture. `intact` detects damage that Pillow overlooks.
+Images are decoded with Pillow, which is strict: for truncated files it raises an error instead of returning a partly
+filled image. `intact` detects damage that Pillow overlooks.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from ..sample import Frame
 from .intact import check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
-"""File name extensions treated as pictures when a folder is listed."""
+"""Extensions of the files that are treated as images when a folder is listed."""
 
 MAX_PIXELS = 2**27
-"""Largest supported picture, 134 megapixels; larger pictures are rejected before their pixels are allocated."""
+"""Largest supported image, 134 megapixels; larger images are rejected before their pixels are allocated."""
 
 _OF_PILLOW = (
     OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error,
@@ -35,27 +35,27 @@ _OF_PILLOW = (
 """Exceptions that Pillow raises for damaged files."""
 
 _STRIPS = (273, 279, 324, 325)
-"""TIFF tags for the offsets and byte counts of strips or tiles."""
+"""TIFF tags that store the offsets and byte counts of strips or tiles."""
 
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 
 
 def read_image(path: str | Path) -> Frame:
-    """Read a picture as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP.
+    """Read an image as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP.
 
-    Grey pictures get three equal channels, palettes are expanded, and the EXIF orientation is applied. An alpha channel
-    is dropped if every pixel is opaque. Rejected because no lossless conversion exists: transparency, more than 8 bits
-    per channel, CMYK and other colour spaces, several pictures in one file.
+    Greyscale images are expanded to three equal channels, palettes are resolved, and the EXIF orientation is applied.
+    An alpha channel is dropped if every pixel is opaque. Images that cannot be converted without loss are rejected:
+    transparency, more than 8 bits per channel, CMYK and other colour spaces, or several images in one file.
 
     Raises:
-        DataError: the file does not exist, is damaged or truncated, exceeds `MAX_PIXELS`, or is of a rejected kind.
-            Damage that the format cannot reveal (a changed byte in a BMP) is not detected.
+        DataError: the file does not exist, is damaged or truncated, exceeds `MAX_PIXELS`, or is one of the rejected
+            kinds. Damage that the format cannot reveal (a changed byte in a BMP) is not detected.
     """
     path = Path(path)
     data = _contents(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # damaged files always raise an error, on one line
+            warnings.simplefilter("ignore")  # no warnings: damaged files always raise an error instead
             with _open(path, data) as image:
                 _check_intact(path, data, image)
                 image.load()
@@ -65,14 +65,14 @@ def read_image(path: str | Path) -> Frame:
     except DataError:
         raise
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: damaged or cut short ({first_line(error)}); copy or download it again") from error
+        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy or download it again") from error
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return (H, W) of the picture that `read_image` would return, from the header.
+    """Return the size (H, W) of the image that `read_image` would return; only the header is read.
 
     Raises:
-        DataError: the file does not exist or is not a picture.
+        DataError: the file does not exist or is not an image.
     """
     path = Path(path)
     _check_file(path)
@@ -81,16 +81,15 @@ def image_size(path: str | Path) -> tuple[int, int]:
             width, height = image.size
             turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as a picture ({first_line(error)}); check the file") from error
+        raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
     return (width, height) if turned else (height, width)
 
 
 def stored_size(path: str | Path) -> tuple[int, int]:
-    """Return (H, W) as stored in the file, before the EXIF orientation is applied, without decoding any pixels.
+    """Return the size (H, W) stored in the header, before the EXIF orientation is applied; no pixels are decoded.
 
     Raises:
-        DataError: the file does not exist, is not a picture, or states a size that Pillow treats as a decompression
-            bomb.
+        DataError: the file does not exist, is not an image, or has a size that Pillow treats as a decompression bomb.
     """
     path = Path(path)
     _check_file(path)
@@ -100,20 +99,20 @@ def stored_size(path: str | Path) -> tuple[int, int]:
             with Image.open(path, formats=_FORMATS) as image:
                 width, height = image.size
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as a picture ({first_line(error)}); check the file") from error
+        raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
     return height, width
 
 
 def read_mask(path: str | Path) -> npt.NDArray[np.bool_]:
-    """Read a picture as bool (H, W), True where any channel is nonzero."""
+    """Read an image as a mask, bool (H, W), True where any channel is nonzero."""
     return np.asarray(read_image(path).any(axis=2))
 
 
 def write_image(path: str | Path, image: Frame) -> None:
-    """Write RGB uint8 (H, W, 3) to a PNG file atomically. The file name must end in .png.
+    """Write an RGB uint8 (H, W, 3) image to a PNG file atomically. The file name must end in .png.
 
     Raises:
-        DataError: the dtype, shape or file name extension is wrong, or the file cannot be written.
+        DataError: the dtype, the shape or the file extension is wrong, or the file cannot be written.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "red.png"
@@ -123,14 +122,14 @@ def write_image(path: str | Path, image: Frame) -> None:
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise DataError(f"{path}: pictures are written as lossless PNG; give a name that ends in .png")
+        raise DataError(f"{path}: images are written as lossless PNG; use a file name that ends in .png")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise DataError(f"{path}: cannot write {image.dtype} {image.shape}; give RGB uint8 (H, W, 3)")
+        raise DataError(f"{path}: cannot write {image.dtype} {image.shape} as an image; pass RGB uint8 (H, W, 3)")
     atomic.write_bytes(path, png_bytes(image))
 
 
 def shrunk(image: Frame, widest: int) -> Frame:
-    """Reduce an RGB uint8 (H, W, 3) picture to a width of `widest` pixels by averaging; leave narrower pictures
+    """Reduce an RGB uint8 (H, W, 3) image to a width of `widest` pixels by averaging; narrower images are returned
     unchanged.
 
     >>> shrunk(np.zeros((10, 960, 3), np.uint8), 480).shape
@@ -144,34 +143,34 @@ def shrunk(image: Frame, widest: int) -> Frame:
 
 
 def png_bytes(image: Frame) -> bytes:
-    """Encode an RGB uint8 (H, W, 3) picture as PNG."""
+    """Encode an RGB uint8 (H, W, 3) image as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=3)
     return buffer.getvalue()
 
 
 def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
-    """Encode an RGB uint8 (H, W, 3) picture as JPEG, for display only: noise and fine colour detail are lost."""
+    """Encode an RGB uint8 (H, W, 3) image as JPEG, for display only: noise and fine colour detail are lost."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
     return buffer.getvalue()
 
 
 def jpeg_address(image: Frame, widest: int, quality: int = 80) -> str:
-    """Encode an RGB uint8 (H, W, 3) picture as a JPEG `data:` URL, at most `widest` pixels wide; see `jpeg_bytes`."""
+    """Encode an RGB uint8 (H, W, 3) image as a JPEG `data:` URL, at most `widest` pixels wide; see `jpeg_bytes`."""
     data = jpeg_bytes(shrunk(image, widest), quality)
     return "data:image/jpeg;base64," + base64.b64encode(data).decode()
 
 
 def png_address(image: Frame, widest: int) -> str:
-    """Encode an RGB uint8 (H, W, 3) picture as a lossless `data:` URL, at most `widest` pixels wide."""
+    """Encode an RGB uint8 (H, W, 3) image as a lossless `data:` URL, at most `widest` pixels wide."""
     return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
 
 
 def _check_file(path: Path) -> None:
-    """Raise unless a path is a regular file; opening a pipe would block forever."""
+    """Raise a DataError unless the path is a regular file; opening a pipe would block forever."""
     if not path.is_file():
-        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such picture; check the path"
+        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such image file; check the path"
         raise DataError(f"{path}: {why}")
 
 
@@ -192,22 +191,22 @@ def _open(path: Path, data: bytes) -> Image.Image:
         image = Image.open(io.BytesIO(data), formats=_FORMATS)
     except Image.UnidentifiedImageError as error:
         kinds = "PNG, JPEG, PPM, BMP, TIFF or WebP"
-        raise DataError(f"{path}: not a picture ({kinds}), or damaged at its start; check the file") from error
+        raise DataError(f"{path}: not an image ({kinds}), or its header is damaged; check the file") from error
     width, height = image.size
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path}: {width}x{height} pixels exceed {MAX_PIXELS}; scale the picture down")
+        raise DataError(f"{path}: {width}x{height} pixels exceed the limit of {MAX_PIXELS}; scale the image down")
     if deep or _is_deep(image):
-        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is not a picture)")
+        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (flow maps are not images)")
     return image
 
 
 def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
-    """Reject files with several pictures, and damage that the decoder would ignore."""
+    """Reject files with several images, and damage that the decoder would ignore."""
     frames = getattr(image, "n_frames", 1)
-    if frames > 1 and image.format != "MPO":  # MPO: the first picture is the main one
+    if frames > 1 and image.format != "MPO":  # the first image of an MPO file is the main one
         raise DataError(
-            f"{path}: contains {frames} pictures, but only one can be read; save them as separate files, "
-            "and give their folder"
+            f"{path}: contains {frames} images, but only one can be read; save them as separate files "
+            "and pass their folder"
         )
     end = 0
     tiles = getattr(image, "tile", [])
@@ -221,7 +220,7 @@ def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
 
 
 def _is_deep(image: Image.Image) -> bool:
-    """Whether Pillow would reduce the file's channels to 8 bits or return channels wider than 8 bits."""
+    """Whether Pillow would reduce the file's channels to 8 bits, or return channels wider than 8 bits."""
     if image.mode in ("I", "F") or image.mode.startswith("I;"):
         return True
     tiles = getattr(image, "tile", [])
@@ -235,7 +234,7 @@ def _rgb(path: Path, image: Image.Image) -> Frame:
     if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
         image = image.convert("RGBA")
         if image.getchannel("A").getextrema() != (255, 255):
-            raise DataError(f"{path}: has transparent pixels; flatten it onto a background first")
+            raise DataError(f"{path}: the image has transparent pixels; flatten it onto a background first")
     if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
-        raise DataError(f"{path}: colours of kind {image.mode} are not supported; convert it to plain RGB, 8 bits")
+        raise DataError(f"{path}: colour mode {image.mode} is not supported; convert the image to 8-bit RGB")
     return np.array(image.convert("RGB"))

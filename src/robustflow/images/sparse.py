@@ -1,4 +1,4 @@
-"""Make sparse maps visible; lidar measures only some of the pixels, which would vanish in a downscaled picture."""
+"""Make sparse maps visible: lidar measures only some of the pixels, and these would vanish in a downscaled image."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from scipy.ndimage import distance_transform_edt
 from ..sample import Frame, Mask
 
 REACH = 2.0
-"""Distance in pixels by which known points are dilated, for display only."""
+"""Radius in pixels by which known points are dilated, for display only."""
 
 SPARSE = 0.5
-"""Fraction of known pixels below which a map counts as sparse; in dense maps unknown pixels stay visible."""
+"""Maps with a smaller fraction of known pixels are treated as sparse; in dense maps, unknown pixels stay visible."""
 
 
 def thickened(picture: Frame, known: Mask) -> Frame:
-    """Fill unknown pixels of a sparse map with the colour of a known pixel within `REACH`; leave dense maps unchanged.
+    """Fill unknown pixels of a sparse map with the colour of the nearest known pixel within `REACH`; leave dense maps
+    unchanged.
 
     Args:
         picture: RGB uint8 (H, W, 3), rendered map.

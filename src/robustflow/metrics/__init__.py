@@ -1,4 +1,4 @@
-"""Compute error sums from flows and rows from sums; `robustflow.runs.aggregate` computes means from rows."""
+"""Compute error sums from flows, and rows from these sums; `robustflow.runs.aggregate` computes means from the rows."""
 
 from .confidence import Sparsification, ause, confidence_correlation, error_at, forward_backward, sparsification
 from .error_maps import epe_map

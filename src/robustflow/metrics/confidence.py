@@ -1,11 +1,12 @@
-"""Measure how well a confidence map predicts flow errors: sparsification, AUSE, rank correlation; and check
+"""Measure how well a confidence map predicts flow errors (sparsification, AUSE, rank correlation), and check
 forward-backward consistency.
 
-Sparsification removes the least confident pixels first and reports the mean error of the remaining pixels after
-removing 0, 1, ... 99 %. The oracle removes the largest errors first. AUSE is the mean difference between the two
-curves, i.e. the area between them; the curves meet at 0 % and at 100 % (Ilg et al., Uncertainty Estimates and
+Sparsification removes the least confident pixels first, and reports the mean error of the remaining pixels after
+removing 0, 1, ... 99 % of them. The oracle removes the largest errors first. AUSE is the mean difference between the
+two curves, i.e. the area between them; the curves meet at 0 % and at 100 % (Ilg et al., Uncertainty Estimates and
 Multi-Hypotheses Networks for Optical Flow, ECCV 2018). Ties in confidence are averaged over all orderings of the tied
-pixels, so pixel order does not affect the result, and a constant confidence scores the same as a random one on average.
+pixels, so the pixel order does not affect the result, and a constant confidence scores the same as a random one does on
+average.
 
 The forward-backward check is that of Sundaram, Brox and Keutzer (Dense Point Trajectories by GPU-accelerated Large
 Displacement Optical Flow, ECCV 2010): a pixel is rejected where
@@ -30,16 +31,16 @@ STEPS = 100
 """Number of steps of the sparsification curve."""
 
 ALPHA_1 = 0.01
-"""Weight of the two squared flow magnitudes in the consistency tolerance."""
+"""Weight of the sum of the squared flow magnitudes in the consistency tolerance."""
 ALPHA_2 = 0.5
-"""Constant part of the consistency tolerance, in squared pixels."""
+"""Constant term of the consistency tolerance, in squared pixels."""
 
 Values = npt.NDArray[np.float64]
 _CHUNK = 2**16
 
 
 class Sparsification(NamedTuple):
-    """Mean errors, in pixels, of the remaining pixels after removing 0, 1, ... 99 %.
+    """Mean errors, in pixels, of the pixels that remain after removing 0, 1, ... 99 % of them.
 
     Attributes:
         by_confidence: float64 (100,), errors when the least confident pixels are removed first.
@@ -56,11 +57,12 @@ class Sparsification(NamedTuple):
 
 
 def sparsification(error: Any, confidence: Any) -> Sparsification | None:
-    """Return the sparsification curves of an image, or None if no pixel is left.
+    """Return the sparsification curves of an image, or None if every error is NaN.
 
     Args:
-        error: end-point errors in pixels, an array of any shape; pixels that are NaN are left out.
-        confidence: array of the same shape, larger where the model is more confident; any scale, -inf allowed.
+        error: end-point errors in pixels, an array of any shape; NaN values are ignored.
+        confidence: array of the same shape, on any scale, with larger values where the model is more confident; may be
+            -inf.
 
     Raises:
         DataError: the shapes differ, or a confidence is NaN.
@@ -76,7 +78,7 @@ def sparsification(error: Any, confidence: Any) -> Sparsification | None:
 
 
 def ause(error: Any, confidence: Any) -> float | None:
-    """Return the area between the sparsification curve and the oracle curve, in pixels, or None if no pixel is left.
+    """Return the area between the sparsification curve and the oracle curve, in pixels, or None if every error is NaN.
     Takes the same arguments and raises the same errors as `sparsification`.
 
     >>> ause([0.0, 1.0, 2.0, 3.0], [3, 2, 1, 0]), ause([0.0, 2.0], [1, 1])
@@ -87,8 +89,9 @@ def ause(error: Any, confidence: Any) -> float | None:
 
 
 def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
-    """Return the mean error of the most confident fraction of the pixels, or None if no pixel is left. Takes the other
-    arguments of `sparsification` and raises the same errors.
+    """Return the mean error of the most confident fraction of the pixels, or None if every error is NaN.
+
+    The arrays are the same as for `sparsification`, and so are the errors raised.
 
     Args:
         coverage: fraction of the pixels to keep, 0.01 to 1 in steps of 0.01.
@@ -98,14 +101,14 @@ def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
     """
     removed = round(STEPS * (1 - coverage))
     if not 0 <= removed < STEPS:
-        raise DataError(f"a coverage of {coverage:g} is out of range: give 0.01 to 1")
+        raise DataError(f"coverage {coverage:g} is out of range: choose a value from 0.01 to 1")
     curves = sparsification(error, confidence)
     return None if curves is None else float(curves.by_confidence[removed])
 
 
 def confidence_correlation(error: Any, confidence: Any) -> float | None:
-    """Return Spearman's rank correlation between confidence and error; -1 is best, and tied values get their mean rank.
-    None if either is constant. Takes the same arguments and raises the same errors as `sparsification`.
+    """Return Spearman's rank correlation between confidence and error, or None if either is constant; -1 is best, and
+    tied values get their mean rank. Takes the same arguments and raises the same errors as `sparsification`.
 
     >>> confidence_correlation([1.0, 2.0, 3.0], [3, 2, 1]), confidence_correlation([1.0, 2.0], [5, 5])
     (-1.0, None)
@@ -126,9 +129,9 @@ def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
         back: float32 (H, W, 2), flow from frame 2 to frame 1, in pixels.
 
     Returns:
-        The confidence, float64 (H, W): the negative distance in pixels between a pixel and its position after following
-        both flows; and the mask of pixels that the consistency check rejects, bool (H, W). Pixels whose flow leaves the
-        frame, or where either flow is not finite, have confidence -inf and are rejected.
+        The confidence, float64 (H, W), i.e. the negative distance in pixels between a pixel and its position after
+        following both flows; and the mask of the pixels that fail the consistency check, bool (H, W). Pixels whose flow
+        leaves the frame, or where either flow is not finite, have confidence -inf and fail the check.
 
     >>> flow = np.full((1, 4, 2), (1, 0), np.float32)
     >>> confidence, rejected = forward_backward(flow, -flow)
@@ -151,7 +154,7 @@ def forward_backward(flow: Flow, back: Flow) -> tuple[Values, Mask]:
     squared = miss[..., 0] + miss[..., 1]
     with np.errstate(invalid="ignore"):
         allowed = ALPHA_1 * ((there**2).sum(axis=2) + (home**2).sum(axis=2)) + ALPHA_2
-        accepted = squared < allowed  # False where a flow is unknown
+        accepted = squared < allowed  # False where the flow is NaN
     return np.where(np.isfinite(squared), -np.sqrt(squared), -np.inf), ~accepted
 
 
@@ -170,16 +173,16 @@ def _bilinear(field: Values, x: Values, y: Values) -> Values:
 def _known(error: Any, confidence: Any) -> tuple[Values, Values]:
     errors, sure = np.asarray(error, np.float64), np.asarray(confidence, np.float64)
     if errors.shape != sure.shape:
-        raise DataError(f"a confidence of shape {sure.shape} does not fit errors of shape {errors.shape}")
+        raise DataError(f"the confidence has shape {sure.shape}, but the errors have shape {errors.shape}")
     keep = ~np.isnan(errors)
     errors, sure = errors[keep], sure[keep]
     if np.isnan(sure).any():
-        raise DataError(f"the confidence is NaN at {int(np.isnan(sure).sum())} pixels; give a number for each")
+        raise DataError(f"the confidence is NaN at {int(np.isnan(sure).sum())} pixels; it must be a number or -inf")
     return errors, sure
 
 
 def _curve(errors: Values, key: Values) -> Values:
-    """Return the mean errors of the pixels with the smallest keys."""
+    """Return the mean error of the pixels with the smallest keys, for each number of pixels kept."""
     order = np.argsort(key, kind="stable")
     total = np.concatenate(([0.0], np.cumsum(errors[order])))
     ends = _ends_of_ties(key[order])
@@ -205,6 +208,6 @@ def _ranks(values: Values) -> npt.NDArray[np.int64]:
 
 
 def _product(one: npt.NDArray[np.int64], other: npt.NDArray[np.int64]) -> int:
-    """Return the exact sum of products."""
+    """Return the exact dot product; each chunk is summed in int64, the total as a Python integer."""
     parts = (slice(start, start + _CHUNK) for start in range(0, one.size, _CHUNK))
     return sum(int((one[part] * other[part]).sum()) for part in parts)

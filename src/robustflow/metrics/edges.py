@@ -1,12 +1,12 @@
-"""Find motion edges, i.e. discontinuities of the ground truth, and each pixel's distance to the nearest edge.
+"""Find motion edges, i.e. discontinuities in the ground-truth flow, and each pixel's distance to the nearest edge.
 
-MPI-Sintel's d0-10, d10-60 and d60 are distances to occlusion boundaries rendered with the scenes. Real data have no
-such map, so edges are detected in the ground truth itself: there is an edge between two neighbours in a row or column
-if their flows differ by more than 1 px and by more than 5 % of the larger flow magnitude (both thresholds follow the
-idea of Fl; the relative threshold prevents a slanted road close to the camera from being marked as edges throughout).
-Sparse ground truth (KITTI) is often missing exactly at the edges, so neighbours are the nearest *valid* pixels of the
-row or column, up to 5 px apart, and the difference must exceed the threshold times their distance. Both neighbours
-count as edge pixels.
+MPI-Sintel's d0-10, d10-60 and d60 are distances to occlusion boundaries rendered with the scenes. Real datasets do not
+provide such maps, so edges are detected in the ground truth itself: there is an edge between two neighbours in a row or
+column if their flows differ by more than 1 px and by more than 5 % of the larger flow magnitude (an absolute and a
+relative threshold, as in Fl; without the relative one, most of a slanted road close to the camera would be marked as
+edges). Sparse ground truth (KITTI) is often missing exactly at the edges, so a pixel's neighbours are the nearest
+*valid* pixels in its row or column, up to 5 px away, and the difference must exceed the thresholds multiplied by their
+distance. Both neighbours are marked as edge pixels.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ EDGE_GAP = 5
 
 
 def motion_edges(flow: Flow, valid: Mask) -> Mask:
-    """Return the mask of pixels on a motion edge.
+    """Return the mask of the pixels on a motion edge.
 
     Args:
         flow: float32 (H, W, 2), ground truth in pixels.
-        valid: bool (H, W); flow outside it is ignored.
+        valid: bool (H, W), mask of known flow; the flow elsewhere is ignored.
 
     Returns:
         bool (H, W), True only where `valid` is.
@@ -49,7 +49,8 @@ def motion_edges(flow: Flow, valid: Mask) -> Mask:
 
 
 def edge_distance(edges: Mask) -> Errors:
-    """Return the Euclidean distance to the nearest edge pixel: float64 (H, W), pixels; infinite if there is no edge.
+    """Return each pixel's Euclidean distance to the nearest edge pixel: float64 (H, W), in pixels; infinite if there is
+    no edge.
 
     >>> import numpy as np
     >>> edge_distance(np.array([[False, False, True]])).tolist()

@@ -1,8 +1,8 @@
-"""Compute maps of end-point errors (Euclidean distance between two flow fields) and their sums.
+"""Compute end-point error maps (the Euclidean distance between two flow fields) and their sums.
 
 All metrics follow the same pattern: a pure function computes *sums* over one image, a mean is sum / count, and averages
-over images are computed later from the sums (`aggregate`). All arithmetic on the float32 flows is in float64; sums add
-the pixels sequentially in row order, so they are bit-identical on every machine and for every memory layout.
+over images are computed later from the sums (`aggregate`). All arithmetic on the float32 flows is done in float64; sums
+add the pixels sequentially in row-major order, so they are bit-identical on every machine and for every memory layout.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ..errors import DataError
 from ..sample import Flow, Mask
 
 Errors = npt.NDArray[np.float64]
-"""A map of errors or flow magnitudes in pixels, float64, shape (H, W); NaN where undefined."""
+"""A map of errors or flow magnitudes, float64 (H, W), in pixels; NaN where undefined."""
 
-# With read-only arrays in the signature, one compiled version accepts both writable and read-only arrays.
+# With read-only arrays in the signature, a single compiled version accepts writable and read-only arrays.
 FLOW_TYPE = types.Array(types.float32, 3, "C", readonly=True)
 ERRORS_TYPE = types.Array(types.float64, 2, "C", readonly=True)
 MASK_TYPE = types.Array(types.boolean, 2, "C", readonly=True)
 
 
 class ErrorSum(NamedTuple):
-    """The sum of an error over `n` pixels, in pixels."""
+    """The sum of the errors of `n` pixels, in pixels."""
 
     n: int
     total: float
@@ -48,7 +48,7 @@ def epe_map(flow: Flow, reference: Flow) -> Errors:
         flow, reference: float32 (H, W, 2), flow fields of the same shape, in pixels.
 
     Returns:
-        float64 (H, W), pixels; NaN where a component of either flow is not finite.
+        float64 (H, W), in pixels; NaN where a component of either flow is not finite.
 
     Raises:
         DataError: a wrong dtype or shape, or shapes that differ.
@@ -66,7 +66,7 @@ def epe_map(flow: Flow, reference: Flow) -> Errors:
 
 
 def magnitude_map(flow: Flow) -> Errors:
-    """Return |flow| at every pixel: float64 (H, W), pixels; NaN where a component is not finite.
+    """Return |flow| at every pixel: float64 (H, W), in pixels; NaN where a component is not finite.
 
     >>> import numpy as np
     >>> magnitude_map(np.array([[[6, 8]]], np.float32)).tolist()
@@ -79,7 +79,7 @@ def magnitude_map(flow: Flow) -> Errors:
 
 
 def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
-    """Return the count and sum of the non-NaN errors inside `mask` (bool (H, W); all pixels by default).
+    """Return the count and the sum of the non-NaN errors inside `mask`, bool (H, W) (default: all pixels).
 
     >>> import numpy as np
     >>> error_sum(np.array([[1.0, 2.0], [np.nan, 4.0]]), np.array([[True, False], [True, True]]))
@@ -91,7 +91,7 @@ def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
 
 
 def flow_array(flow: Flow) -> Flow:
-    """Return `flow` as a C-contiguous array; raise a DataError if it is not a flow."""
+    """Return `flow` as a C-contiguous array; raise a DataError if it is not a float32 array (H, W, 2)."""
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
         got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
         raise DataError(f"a flow must be a float32 array of shape (H, W, 2), not {got}; convert it first")
@@ -99,11 +99,12 @@ def flow_array(flow: Flow) -> Flow:
 
 
 def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
-    """Return two flows of the same size as C-contiguous arrays; raise a DataError if they are not."""
+    """Return two flows as C-contiguous arrays; raise a DataError if one of them is not a flow, or if their sizes
+    differ."""
     a, b = flow_array(flow), flow_array(reference)
     if a.shape != b.shape:
         raise DataError(
-            f"the flow is {a.shape[1]}x{a.shape[0]}, its reference {b.shape[1]}x{b.shape[0]}; "
+            f"the flow is {a.shape[1]}x{a.shape[0]}, but its reference is {b.shape[1]}x{b.shape[0]}; "
             "both must have the size of the frames"
         )
     return a, b
@@ -114,7 +115,7 @@ def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
     bounds.
     """
     if any(each.shape[:2] != maps[0].shape[:2] for each in maps):
-        raise DataError(f"maps differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
+        raise DataError(f"the maps differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
     return tuple(np.require(each, requirements=["C", "A"]) for each in maps)
 
 

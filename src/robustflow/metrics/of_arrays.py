@@ -18,11 +18,11 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
 
     Args:
         flow, truth: predicted and ground-truth flow in pixels, (H, W, 2) arrays or tensors of any floating dtype.
-        valid: (H, W) mask of the pixels to average over, bool or numbers of which 0 is False; all pixels by default.
+        valid: (H, W) mask of the pixels to average over, bool or numbers (0 is False); all pixels by default.
 
     Returns:
-        The mean error, or None if no pixel is left. Pixels where either flow is not finite are excluded from both sum
-        and count; check for such pixels with `np.isfinite` first, as `evaluate` does.
+        The mean error, or None if there are no pixels to average over. Pixels where either flow is not finite are
+        excluded from the average; check for them with `np.isfinite` first, as `evaluate` does.
 
     Raises:
         DataError: a wrong dtype or shape, or shapes that differ.
@@ -38,8 +38,7 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
 def fl_all(flow: Any, truth: Any, valid: Any = None) -> float | None:
     """Return the percentage of outliers in one image: error > 3 px and > 5 % of the ground-truth flow magnitude.
 
-    Uses the KITTI 2015 definition. Takes the same arguments as `epe`, raises the same errors, and also returns None if
-    no pixel is left.
+    This is the definition of KITTI 2015. Arguments, exceptions and the case of None are the same as for `epe`.
 
     >>> import numpy as np
     >>> truth = np.zeros((1, 4, 2))
@@ -57,9 +56,9 @@ def rcre(flow: Any, clean_flow: Any, valid: Any = None) -> float | None:
     """Return the Relative Corruption Robustness Error of one image, in pixels: the mean of |flow - clean_flow|.
 
     Args:
-        flow, clean_flow: a model's flow on the corrupted and on the clean frames; types and shapes as in `epe`.
-        valid: (H, W) mask of the pixels to average over, as in `epe`. The benchmarks pass the pixels with ground truth
-            if the sample has ground truth, as the reference code does.
+        flow, clean_flow: a model's flow on the corrupted frames and on the clean frames; types and shapes as in `epe`.
+        valid: (H, W) mask of the pixels to average over, as in `epe`. If a sample has ground truth, the benchmarks pass
+            the pixels with ground truth, as the reference code does.
 
     >>> import numpy as np
     >>> rcre(np.full((2, 2, 2), [3.0, 4.0]), np.zeros((2, 2, 2)))
@@ -88,5 +87,5 @@ def _mask(valid: Any, errors: npt.NDArray[np.float64]) -> Mask | None:
         return None
     mask = _numpy(valid) != 0
     if mask.shape != errors.shape:
-        raise DataError(f"the mask has shape {mask.shape}, the flow {errors.shape}; both must be (H, W)")
+        raise DataError(f"the mask has shape {mask.shape}, but the flow is {errors.shape}; both must be (H, W)")
     return mask

@@ -1,11 +1,12 @@
-"""Divide an image with ground truth into regions, once per sample.
+"""Divide an image into regions by its ground truth; computed once per sample.
 
-    noc, occ                not occluded, occluded in frame 2; only if the dataset has occlusion maps
+    noc, occ not occluded, occluded in frame 2; only if the dataset has occlusion maps
     s0_10, s10_40, s40      ground-truth flow magnitude: [0, 10), [10, 40), [40, inf) px  (MPI-Sintel's names)
     d0_10, d10_60, d60      distance to the nearest motion edge: [0, 10), [10, 60), [60, inf) px (see `edges`)
 
 Each of the three lines is a partition of the valid pixels. A single label per pixel encodes all three partitions, so
-one pass over an image (`row_sums`) computes at most 18 sums; each region adds the sums of its labels in a fixed order.
+one pass over an image (`row_sums`) computes at most 18 sums; the sum over a region adds the sums of its labels in a
+fixed order.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Ground-truth quantities that the metrics need, computed once per sample.
+    """Ground-truth quantities used by the metrics, computed once per sample.
 
     Attributes:
         names: the regions that exist for this sample, in the order of `REGIONS`.
         valid: bool (H, W), mask of the pixels with known ground truth.
-        magnitude: float64 (H, W), ground-truth flow magnitude in pixels (NaN-free inside `valid`).
+        magnitude: float64 (H, W), ground-truth flow magnitude in pixels (never NaN inside `valid`).
         labels: uint8 (H, W), region label, 0..17 inside `valid` and 255 outside.
-        truth_digest: hash of the ground truth, 32 hexadecimal digits, computed from `valid` and the valid vectors.
+        truth_digest: hash of the ground truth (`valid` and the valid vectors), 32 hexadecimal digits.
     """
 
     names: tuple[str, ...]
@@ -59,7 +60,7 @@ class Regions:
         """Return the regions of a sample, or None if it has no ground truth.
 
         Raises:
-            DataError: non-finite ground truth is marked valid.
+            DataError: the ground truth is not finite at a pixel that is marked valid.
 
         >>> import numpy as np
         >>> frame = np.zeros((4, 6, 3), np.uint8)
@@ -75,7 +76,9 @@ class Regions:
         valid = np.ascontiguousarray(sample.valid, np.bool_)
         magnitude = magnitude_map(sample.flow)
         if np.isnan(magnitude[valid]).any():
-            raise DataError(f"sample '{sample.key}': ground truth marked valid is not finite; mark such pixels invalid")
+            raise DataError(
+                f"sample '{sample.key}': non-finite ground truth at valid pixels; mark these pixels invalid"
+            )
         distance = edge_distance(motion_edges(sample.flow, valid))
         label = 3 * _bin(magnitude, MAGNITUDE_BOUNDS) + _bin(distance, DISTANCE_BOUNDS)
         if sample.occluded is not None:
@@ -92,11 +95,11 @@ class Regions:
 
 
 def _truth_digest(flow: Flow, valid: Mask) -> str:
-    """Hash a ground truth; values stored at unknown pixels do not affect the hash."""
+    """Hash the ground truth; values stored at unknown pixels do not affect the hash."""
     known = np.ascontiguousarray(flow[valid], "<f4")
     return quick_digest_of_bytes(str(valid.shape).encode(), np.packbits(valid).data, known.tobytes())
 
 
 def _bin(values: Errors, bounds: tuple[float, float]) -> npt.NDArray[np.uint8]:
-    """Return, for each value, how many bounds it reaches: 0, 1 or 2."""
+    """Return how many of the bounds each value reaches or exceeds: 0, 1 or 2."""
     return (values >= bounds[0]).astype(np.uint8) + (values >= bounds[1]).astype(np.uint8)

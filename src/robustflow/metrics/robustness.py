@@ -1,6 +1,6 @@
 """Compute the paper's robustness metrics CRE, CREr and RCRE (section "Robustness Metrics").
 
-CRE and CREr are computed from mean errors over an image, a corruption or the whole run:
+CRE and CREr are computed from the mean errors over an image, a corruption or the complete run:
 
     CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
     CREr      = CRE / EPE_clean                  relative robustness, dimensionless
@@ -15,7 +15,7 @@ import math
 
 
 def cre(epe: float | None, epe_clean: float | None) -> float | None:
-    """Return the Corruption Robustness Error, i.e. the increase of the error in pixels; None if either error is None.
+    """Return the Corruption Robustness Error, i.e. the increase in error, in pixels; None if either error is None.
 
     >>> cre(2.5, 2.0)
     0.5

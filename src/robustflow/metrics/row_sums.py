@@ -1,7 +1,7 @@
-"""Compute every sum of a row in one pass over the pixels.
+"""Compute all sums of a row in one pass over the pixels.
 
-Each sum adds its pixels sequentially in row order, in float64, so it is bit-identical to the result of a separate pass,
-on every machine. `rows` documents which pixels contribute to each sum.
+Each sum adds its pixels sequentially in row-major order, in float64, so on every machine it is bit-identical to the
+result of a separate pass. `rows` documents which pixels contribute to each sum.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ class RowSums(NamedTuple):
 
     Attributes:
         whole: counts and sums (in pixels) over all pixels, keyed by column name.
-        label_counts: int64 (2, LABELS), numbers of pixels and of Fl outliers.
-        label_totals: float64 (3, LABELS), sums of the end-point error, of RCRE and of the clean flow's error, in
-            pixels.
+        label_counts: int64 (2, LABELS), the numbers of pixels and of Fl outliers.
+        label_totals: float64 (3, LABELS), sums of the end-point error, the RCRE and the clean flow's error, in pixels.
     """
 
     whole: dict[str, int | float]
@@ -50,9 +49,9 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
 
     Args:
         pred, clean: float32 (H, W, 2), predicted flow on the corrupted and on the clean frames, in pixels.
-        truth: float32 (H, W, 2), ground-truth flow in pixels; None if and only if `regions` is None. Sums that need
-            ground truth are then zero.
-        regions: regions of the ground truth.
+        truth: float32 (H, W, 2), ground-truth flow in pixels; None if and only if `regions` is None. In that case, sums
+            that need ground truth are zero.
+        regions: regions of the sample, from its ground truth.
 
     Raises:
         DataError: a flow is not float32 (H, W, 2), or the sizes differ.

@@ -1,32 +1,33 @@
 """Compute the row of one (sample, corruption, severity): sums and counts.
 
 All reported results are computed from rows, so a different average, a region or a confidence interval does not require
-a second run. CRE is not stored: it is the difference of two errors over the same pixels, `epe_sum` and `clean_epe_sum`.
+a second run. CRE is not stored: it is the difference between two errors over the same pixels, `epe_sum` and
+`clean_epe_sum`.
 
-Definition of the columns. *Usable* pixels are those where both the prediction and the model's clean prediction are
-finite (all pixels, for a model that works correctly).
+Definition of the columns. *Usable* pixels are those where both the prediction and the model's prediction on the clean
+frames are finite (for a model that works correctly, all pixels).
 
 - `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `clean_epe_sum`, `rcre_sum`,
   `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. All of these are null if the sample has no ground truth.
-- `n_truth` = pixels with valid ground truth, predicted or not; `n_valid / n_truth` is the coverage. Null without ground
+- `n_truth` = pixels with valid ground truth, usable or not; `n_valid / n_truth` is the coverage. Null without ground
   truth.
-- `clean_epe_sum` = the clean flow's error, summed over the same pixels as `epe_sum`.
+- `clean_epe_sum` = the clean flow's end-point error, summed over the same pixels as `epe_sum`.
 - `n_<r>` = pixels of `n_valid` in region r; the denominator of that region's sums. Null if the sample has no such
   region (no ground truth, no occlusion map); 0 if the region is empty.
 - `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
-- `attack_linf`, `attack_rms` = norms of the attack's perturbation of the 8-bit frames, grey levels; `attack_capped_sum`
-  = the error summed over the pixels of `n_valid`, clipped to the frame's diagonal; `attack_median` = the median error
-  over these pixels, in pixels; `attack_way_gone` = fraction of the distance from the clean flow to the target that the
-  attack covered, null without a target; `attack_evaluations` = number of flows that the attack computed;
-  `attack_warnings` = warnings about the attack (`robustflow.attacks.result.WARNINGS`), separated by commas, null if
-  there are none. All seven are null except in rows of attacks.
+- `attack_linf`, `attack_rms` = norms of the attack's perturbation of the 8-bit frames, in grey levels;
+  `attack_capped_sum` = the error, clipped to the frame's diagonal, summed over the pixels of `n_valid`; `attack_median`
+  = the median error over these pixels, in pixels; `attack_way_gone` = fraction of the distance from the clean flow to
+  the target that the attack covered, null without a target; `attack_evaluations` = number of flows that the attack
+  computed; `attack_warnings` = warnings about the attack (`robustflow.attacks.result.WARNINGS`), separated by commas,
+  null if there are none. All seven are null except in the rows of attacks.
 - `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = quality of the confidence over the pixels of `n_valid`
   (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean error in
-  pixels of the 90, 80, ... 10 % most confident or most accurate pixels. `rejected_count` = pixels of `n_all` that the
-  forward-backward check rejects. Null in a run without a confidence, or if the confidence does not provide the value.
-- `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`,
-  pixels; null in a run of one draw.
-- `n_invalid` = pixels whose prediction is not finite, out of height x width.
+  pixels of the 90, 80, ... 10 % most confident or most accurate pixels. `rejected_count` = pixels of `n_all` that fail
+  the forward-backward check. Null in a run without a confidence, or if the value does not exist for its confidence.
+- `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`, in
+  pixels; null in a run with a single draw.
+- `n_invalid` = pixels whose prediction is not finite, out of all height x width pixels.
 """
 
 from __future__ import annotations
@@ -44,18 +45,19 @@ from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
 ROW_SCHEMA_VERSION = 7
-"""Version of the row schema, incremented when a column is added, removed, or changes its meaning; part of a run's
-identity. Rows of a different version are not read.
+"""Version of the row schema, incremented when a column is added or removed, or changes its meaning; part of a run's
+identity. Rows with a different version are not read.
 """
 
 CLEAN = "clean"
-"""Corruption name in rows of clean frames; their severity is 0."""
+"""Corruption name in the rows of clean frames; their severity is 0."""
 
 ROW_KEY = ("sample", "corruption", "severity")
-"""Columns that identify a row uniquely within a run."""
+"""Columns that together identify a row within a run."""
 
 COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
-"""Percentages of pixels at which rows report the error of the most confident and of the most accurate pixels."""
+"""Percentages of the pixels for which rows contain the mean error of the most confident and of the most accurate
+pixels."""
 
 _NUMBER: type[pl.DataType] = pl.Float64
 ON_REQUEST: dict[str, type[pl.DataType]] = {
@@ -110,13 +112,13 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     )
 }
 ROW_SCHEMA |= ON_REQUEST
-"""Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
+"""Columns of the rows and their types, in order. Sums are in pixels (except `wauc_sum`: 1 per pixel without error)."""
 
 SIGNED = ("confidence_spearman",)
-"""The columns that may be negative."""
+"""Columns that may be negative."""
 
 _WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
-"""Sums for a sample without ground truth."""
+"""Counts and sums that exist for a sample without ground truth."""
 
 
 def measure(
@@ -129,23 +131,23 @@ def measure(
     severity: int = 0,
     frames_digest: str = "",
 ) -> dict[str, Any]:
-    """Compute one row: the errors of `pred` and its distance from `clean_pred`.
+    """Compute one row: the errors of `pred`, and its distance from `clean_pred`.
 
     Args:
-        pred: float32 (H, W, 2), the model's flow on the corrupted frames (the clean ones for the clean row).
+        pred: float32 (H, W, 2), the model's flow on the corrupted frames (on the clean frames for the clean row).
         clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
         sample: the sample, with its ground truth if available.
         regions: regions of the sample, `Regions.of(sample)`, computed once and shared by all rows of the sample.
         corruption, severity, frames_digest: values copied into the row; the digest is the hexadecimal BLAKE3 hash of
-            the two input frames (for a multi-frame model, the evaluated pair of the clip). The hash of the ground truth
-            comes from the regions.
+            the two input frames (for a multi-frame model, of the evaluated pair in the clip). The hash of the ground
+            truth is taken from the regions.
 
     Returns:
-        A dict with exactly the columns of `ROW_SCHEMA`; values are None if the sample has no ground truth or region.
+        A dict with exactly the columns of `ROW_SCHEMA`; a value is None if it needs ground truth or a region that the
+        sample does not have.
 
     Raises:
-        DataError: the prediction is not float32 (H, W, 2) with the frames' size, or the regions do not match the
-            sample.
+        DataError: the prediction is not float32 (H, W, 2) of the frames' size, or the regions do not match the sample.
 
     >>> import numpy as np
     >>> frame, ones = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6, 2), np.float32)
@@ -161,7 +163,7 @@ def measure(
             f"(shape {pred.shape}) and the regions must be of that size"
         )
     if (regions is None) != (sample.flow is None):
-        raise DataError(f"sample '{sample.key}': these are not its regions; pass Regions.of(sample)")
+        raise DataError(f"sample '{sample.key}': the regions belong to a different sample; pass Regions.of(sample)")
     sums = row_sums(pred, clean_pred, sample.flow, regions)
     row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)
     row |= {

@@ -1,4 +1,4 @@
-"""Define `Summary`, the typed means of a run as written to `summary.json`."""
+"""Define `Summary`, the means of a run as typed fields, as stored in `summary.json`."""
 
 from __future__ import annotations
 
@@ -11,35 +11,36 @@ from ..validated import FrozenFinite
 from .rows import ROW_SCHEMA_VERSION
 
 Averaging = Literal["image", "pixel"]
-"""`image` (as in the paper): average over the pixels of each image, then over images. `pixel`: average over the pixels
-of all images at once. Both then average over severities and finally over corruptions.
+"""`image` (as in the paper): average over the pixels of each image, then over the images. `pixel`: average over the
+pixels of all images together. In both cases, then average over severities and finally over corruptions.
 """
 
 METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage", "spread")
 
 SUMMARY_VERSION = 4
-"""Version of the summary, incremented when a field is added or changes its meaning. A summary of a different version is
-rewritten or rejected.
+"""Version of the summary, incremented when a field is added or changes its meaning. A summary with a different version
+is rewritten or rejected.
 """
 
 
 class Scores(FrozenFinite):
-    """Means of the metrics; None if there are no pixels to average (e.g. no ground truth).
+    """Means of the metrics; None if there are no pixels to average over (e.g. no ground truth).
 
     Attributes:
         epe: end-point error, pixels.
         cre: Corruption Robustness Error, pixels.
         crer: Corruption Robustness Error ratio, CRE / clean EPE.
-        rcre: Relative Corruption Robustness Error, pixels, over the pixels with valid ground truth (over all pixels for
-            samples without ground truth).
+        rcre: Relative Corruption Robustness Error, pixels, over the pixels with valid ground truth (for samples without
+            ground truth, over all pixels).
         rcre_all: Relative Corruption Robustness Error over all pixels, in pixels.
         fl: Fl-all, percent.
-        px1, px3, px5: percentage of pixels with an error above 1, 3, 5 px.
+        px1, px3, px5: percentage of pixels with an end-point error above 1, 3 and 5 px.
         wauc: weighted area under the inlier curve, percent (100 is best).
-        coverage: fraction (0 to 1) of the pixels with ground truth (or of all pixels, if there is no ground truth)
-            included in the means; the remaining pixels have no finite prediction on the corrupted or the clean frames.
-        spread: standard deviation of the flow over the draws of the corruption, pixels, over all pixels; None in a run
-            of one draw.
+        coverage: fraction (0 to 1) of the pixels with ground truth (of all pixels, if there is no ground truth) that
+            the means include; for the remaining pixels, the prediction on the corrupted or the clean frames is not
+            finite.
+        spread: standard deviation of the flow over the draws of the corruption, averaged over all pixels, in pixels;
+            None in a run with a single draw.
     """
 
     epe: float | None = None
@@ -60,9 +61,10 @@ class CorruptionScores(Scores):
     """Means over the severities of one corruption, and the values at each severity.
 
     Attributes:
-        family: one of the paper's families, also for corruptions that exist only as files; None if it has no family.
+        family: one of the paper's families, also for corruptions that exist only as files; None if the corruption
+            belongs to no family.
         severities: the measured severities, ascending.
-        by_severity: values of each metric, a list in the order of `severities`.
+        by_severity: values of each metric, as lists in the order of `severities`.
     """
 
     family: str | None
@@ -71,10 +73,10 @@ class CorruptionScores(Scores):
 
 
 class RegionScores(Scores):
-    """Overall means inside one region; images without pixels in the region are excluded.
+    """Overall means over the pixels of one region; images without pixels in the region are excluded.
 
     Attributes:
-        share: percentage of the valid pixels inside the region, over the clean rows of samples that have the region.
+        share: percentage of the valid pixels that are in the region, in the clean rows of samples that have the region.
         epe_clean, fl_clean: end-point error (pixels) and Fl-all (percent) on the clean frames.
     """
 
@@ -84,7 +86,7 @@ class RegionScores(Scores):
 
 
 class MissingCells(FrozenFinite):
-    """Samples with one corruption at one severity."""
+    """A list of samples for one corruption at one severity."""
 
     corruption: str
     severity: int
@@ -92,28 +94,28 @@ class MissingCells(FrozenFinite):
 
 
 class Summary(Scores):
-    """The means of a run; the overall scores average over `averaged_over`, i.e. all corruptions that were run.
+    """The means of a run; the overall scores are averages over `averaged_over`, i.e. all corruptions that were run.
 
     Attributes:
         version: version of the summary.
-        row_schema: version of the rows from which the summary was computed.
+        row_schema: schema version of the rows from which the summary was computed.
         averaging: averaging order, see `Averaging`.
-        complete: False if anything is listed in `missing` or `unmeasured`; the means are over what exists.
-        missing: samples that were planned but have no row.
+        complete: False if anything is listed in `missing` or `unmeasured`; the means cover only what was measured.
+        missing: samples that are part of the plan but have no row.
         unmeasured: rows without any pixel to measure (no finite prediction or no valid ground truth).
         samples: number of samples.
         n_invalid: number of pixels without a finite prediction, over all rows; excluded from all means.
         epe_clean: end-point error on the clean frames, pixels.
         clean_flow_length: mean magnitude of the predicted flow on the clean frames over all pixels, in pixels; the
-            scale to which an RCRE without ground truth is compared.
-        clean: metrics on the clean frames, for which CRE and CREr are undefined.
-        averaged_over: corruptions in the overall means.
-        corruptions: means per corruption, in the paper's order, then the remaining ones by name.
+            reference for an RCRE without ground truth.
+        clean: metrics on the clean frames, where CRE and CREr are undefined.
+        averaged_over: corruptions included in the overall means.
+        corruptions: means for each corruption: the paper's corruptions in the paper's order, then the others by name.
         families: means over the corruptions of each family.
-        regions: overall means inside each region that occurs.
-        paper: mean over exactly the paper's corruptions on this benchmark; None unless all of them were run. Only this
-            mean is comparable with published averages.
-        paper_over: corruptions averaged in `paper`; empty if `paper` is None.
+        regions: overall means over each region that occurs.
+        paper: means over exactly the paper's corruptions on this benchmark; None unless all of them were run. Only
+            these means are comparable with published averages.
+        paper_over: corruptions over which `paper` averages; empty if `paper` is None.
     """
 
     version: int = SUMMARY_VERSION
@@ -135,18 +137,18 @@ class Summary(Scores):
     paper_over: list[str] = []
 
     def severities(self) -> list[int]:
-        """Return all severities in the summary, ascending."""
+        """Return all severities in the summary, in ascending order."""
         return sorted({level for scores in self.corruptions.values() for level in scores.severities})
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
-        """Return one metric as a table, corruption x severity, in the paper's order.
+        """Return one metric as a table with one row per corruption, in the paper's order.
 
         Returns:
-            A table with the columns `corruption`, `family`, one per severity ("1" ... "5"), and `mean`; null where
+            A table with the columns `corruption`, `family`, one for each severity ("1" ... "5"), and `mean`; null where
             nothing was measured.
 
         Raises:
-            UsageError: unknown metric.
+            UsageError: the metric is unknown.
         """
         if metric not in METRICS:
             raise unknown_name("metric", metric, METRICS)
@@ -161,6 +163,6 @@ class Summary(Scores):
 
 
 def has_gaps(summary: Summary) -> bool:
-    """Whether some pixels have no prediction, so tables need the column `coverage`."""
+    """Whether some pixels have no prediction, so that tables need a column `coverage`."""
     each = (summary.clean, *summary.corruptions.values())
     return any(scores.coverage is not None and scores.coverage < 1 for scores in each)

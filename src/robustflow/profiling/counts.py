@@ -1,10 +1,10 @@
-"""Count the parameters and multiply-accumulates of a network, both exactly and with the rules of the library thop.
+"""Count the parameters and multiply-accumulates of a network, both exactly and by the rules of the library thop.
 
 The paper's table was computed with thop, which only counts modules (convolutions, linear layers, norms, pooling and
-upsampling). It ignores matrix products in correlation volumes and attention, layers that are not run, and layers whose
-class is not exactly PyTorch's own. A module used in two places in the network is hooked twice and added twice, so its
-operations count four times; RAFT has such norms. thop's rules are reimplemented here from its behaviour, because thop
-modifies the network and is no longer maintained.
+upsampling). It ignores matrix products in correlation volumes and attention, layers that are not executed, and layers
+whose class is not exactly PyTorch's own. A module that is registered at two points in the network is hooked twice and
+added twice, so its operations are counted four times; this is the case for some norms in RAFT. thop's rules are
+reimplemented here from its observed behaviour, because thop modifies the network and is no longer maintained.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Counts:
 
     Attributes:
         parameters: number of learned parameters.
-        macs: multiply-accumulates by PyTorch's counter (half its FLOPs): convolutions and matrix products, including
-            attention and correlation.
-        thop_parameters: number of parameters of the modules that thop supports and that were run.
+        macs: multiply-accumulates from PyTorch's counter (half of its FLOPs): convolutions and matrix products,
+            including attention and correlation.
+        thop_parameters: number of parameters in the executed modules that thop supports.
         thop_macs: multiply-accumulates of the same modules, by thop's rules.
     """
 
@@ -50,10 +50,10 @@ class Counts:
 
 
 def count(net: nn.Module, height: int, width: int) -> Counts:
-    """Count the cost of one call of `net` on two images of (1, 3, height, width), without computing values.
+    """Count the cost of one call of `net` on two images (1, 3, height, width) without computing any values.
 
-    Tensors have a shape but no values, so counting takes a second and no memory; only a network whose shapes depend on
-    values is actually run. The network is copied first.
+    The tensors have shapes but no values, so counting takes about a second and no memory; a network is actually
+    executed only if its shapes depend on values. The network is copied first.
 
     Raises:
         ModelError: the network fails at this size.
@@ -80,13 +80,13 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
         message = " ".join(str(error).split())
         raise ModelError(
             f"the network fails on frames of {height}x{width} ({type(error).__name__}: {message}); many networks fail "
-            "on small frames: try a larger size"
+            "on small frames, so try a larger size"
         ) from error
 
 
 @contextmanager
 def _unlogged() -> Iterator[None]:
-    """Suppress the tracebacks that PyTorch logs in addition to raising an error for tensors without values."""
+    """Suppress the tracebacks that PyTorch logs in addition to the exceptions it raises for tensors without values."""
     logger = logging.getLogger(torch._subclasses.fake_tensor.__name__)
     before, logger.disabled = logger.disabled, True
     try:
@@ -136,7 +136,7 @@ class _ThopTally:
 
 
 def _visits(net: nn.Module) -> Iterator[nn.Module]:
-    """Yield every module once per path to it."""
+    """Yield each module once for every path that leads to it."""
     yield net
     for child in net.children():
         yield from _visits(child)

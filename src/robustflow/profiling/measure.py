@@ -16,12 +16,12 @@ from ..models.torch.model import NetworkModel
 
 @dataclass(frozen=True)
 class PredictionCost:
-    """Measurements over several predictions.
+    """Measurements from several predictions.
 
     Attributes:
         seconds: shortest time for one pair, in seconds.
-        peak_bytes: peak memory, in bytes: on a GPU, of tensors during a prediction; on a CPU, of the process since its
-            start, including libraries and weights.
+        peak_bytes: peak memory in bytes: on a GPU, of the tensors during a prediction; on a CPU, of the process since
+            its start, including libraries and weights.
         device: PyTorch's name of the device.
     """
 
@@ -31,7 +31,7 @@ class PredictionCost:
 
 
 def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
-    """Time predictions on a pair of random frames, after one additional warm-up prediction on a GPU.
+    """Time predictions on a pair of random frames; on a GPU, one additional warm-up prediction is made first.
 
     Raises:
         UsageError: the number of repetitions is below 1.

@@ -14,7 +14,7 @@ def network_of(model: Any) -> NetworkModel:
     """Return the adapter that contains a model's network, without the tiling wrapper.
 
     Raises:
-        UsageError: the model is not a PyTorch network of this project, or needs more than two frames.
+        UsageError: the model does not contain a supported PyTorch network, or needs more than two frames.
     """
     while isinstance(model, TiledModel):
         model = model.model
@@ -24,7 +24,7 @@ def network_of(model: Any) -> NetworkModel:
         )
     if not isinstance(model, NetworkModel):
         raise UsageError(
-            "only PyTorch networks can be profiled: this model is not one, or hides it; choose one that "
+            "only PyTorch networks can be profiled, but this model does not expose one; choose a model that "
             "robustflow list models shows with the source own, ptlflow or torchvision"
         )
     return model

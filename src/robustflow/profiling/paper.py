@@ -1,9 +1,10 @@
 """Reproduce the parameters and FLOPs in the paper's Tab. 3 with the paper's method (Sec. 4.2).
 
-The paper's FLOPs are thop's multiply-accumulates for 12 iterations at 1x3x432x720, and for ARFlow at 256x832, to which
-it resizes KITTI. FlowFormer++ was counted without the padding to multiples of 32 used in prediction. BrightFlow and
-SAMFlow were counted with a full-resolution flow after every iteration, as in training; in prediction our versions only
-upsample the last flow, which saves eleven masks of upsampling weights.
+The paper's FLOPs are thop's multiply-accumulates for 12 iterations at 1x3x432x720; for ARFlow they are measured at
+256x832, the size to which it resizes KITTI. FlowFormer++ was counted without the padding to multiples of 32 that is
+used in prediction. BrightFlow and SAMFlow were counted with a full-resolution flow after every iteration, as in
+training; in prediction, our versions only upsample the last flow, which saves the computation of eleven upsampling
+masks.
 """
 
 from __future__ import annotations
@@ -26,26 +27,26 @@ _EVERY_FLOW = ("brightflow", "samflow_t", "samflow_b", "samflow_h")
 
 
 class EveryFlow(nn.Module):
-    """Wrapper that makes a network compute all `flows`, one per iteration, instead of only the last."""
+    """Wrapper that makes a network compute all its `flows`, one per iteration, instead of only the last one."""
 
     def __init__(self, net: nn.Module) -> None:
         super().__init__()
         self.net = net
 
     def forward(self, image1: Tensor, image2: Tensor) -> Any:
-        """Return the result of the network's `flows` for images (1, 3, H, W)."""
+        """Return the result of the network's method `flows` for images (1, 3, H, W)."""
         return self.net.flows(image1, image2)
 
 
 @dataclass(frozen=True)
 class Counted:
-    """A method of the paper's table, counted with the paper's method.
+    """A row of the paper's table, counted with the paper's procedure.
 
     Attributes:
-        method: name of the method in its paper.
+        method: name of the optical flow method in its paper.
         model: name of the registered model.
         size: input size (height, width) used for the count, in pixels.
-        counts: our counts; None if the model is not available here, with the reason in `missing`.
+        counts: our counts; None if the model is not available here, in which case `missing` states the reason.
     """
 
     method: str
@@ -56,10 +57,10 @@ class Counted:
 
 
 def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
-    """Count one method after the other.
+    """Count the methods one by one.
 
     Args:
-        published: methods of the catalogue, by the names in their papers.
+        published: methods in the catalogue, keyed by the names in their papers.
         frames: height and width of the frames, in pixels.
     """
     names = {entry.method: name for name, entry in methods().items()}

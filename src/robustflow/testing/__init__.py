@@ -1,4 +1,5 @@
-"""Checks for user-defined models, corruptions, attacks and datasets, and small test doubles. Imported on first use."""
+"""Checks for user-defined models, corruptions, attacks and datasets, and small test doubles; all are imported
+lazily."""
 
 from __future__ import annotations
 

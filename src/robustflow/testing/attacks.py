@@ -18,8 +18,8 @@ _SHAPES = ((32, 40), (17, 23))
 
 
 class _Smooth:
-    """A model whose u and v are tanh of weighted sums of a pixel's values in both frames, which has a gradient
-    everywhere, in NumPy and in PyTorch."""
+    """A model whose u and v are the tanh of weighted sums of a pixel's values in both frames; it has a gradient
+    everywhere, and is implemented in NumPy and in PyTorch."""
 
     _weights = np.array([[[3, -2, 1], [-1, 2, -3]], [[-1, 1, 2], [2, -3, 1]]], np.float32) / 4
 
@@ -38,21 +38,21 @@ class _Smooth:
 
 
 def check_attack(attack: Any, seed: int = 0) -> str:
-    """Check an attack on a small differentiable model at all five severities, and return its name.
+    """Check an attack on a small differentiable model at all five severities, and return the attack's name.
 
-    The result must be float32, have the pair's shape, and lie within the budget before and after rounding to 8 bits. No
-    pair within the budget that the attack evaluated may score higher. The attack must not modify the given frames, and
-    must return the same bytes for the same seed, also from a second object of the class. It must work with and without
-    ground truth, and on textured, black and white frames of even and odd sizes.
+    The result must be float32, have the pair's shape, and lie within the budget both before and after rounding to 8
+    bits. No other pair that the attack evaluated within the budget may score higher. The attack must not modify the
+    given frames, and must return the same bytes for the same seed, even from a second instance of the class. It must
+    work with and without ground truth, and on textured, black and white frames of even and odd sizes.
 
     Args:
-        attack: the attack, as a class, an object or a name; see docs/add-your-attack.md.
+        attack: the attack, as a class, an instance or a name; see docs/add-your-attack.md.
         seed: the seed for the random choices.
 
     Raises:
-        UsageError: a check failed; the message states the problem, the severity and the size.
+        UsageError: a check failed; the message states the problem, the severity and the frame size.
 
-    >>> class Flip:
+        >>> class Flip:
     ...     needs_gradients = False
     ...     def run(self, problem, rng):
     ...         ball = problem.ball
@@ -72,26 +72,26 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 problem = first.problem(model, pair, model.predict(*frames))
                 images = first.run(problem, pair.stream(first.name))
                 inside = problem.checked(images, first.name)
-                _require(inside is images, f"{where} leaves its budget: end with problem.ball.project(images)")
+                _require(inside is images, f"{where} exceeds its budget: end with problem.ball.project(images)")
                 _require(
                     all(map(np.array_equal, frames, before)), f"{where} modifies its input frames: copy them first"
                 )
                 found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
                 _require(
                     not problem.trace or found >= problem.best_score - 1e-4,
-                    f"{where} returns a pair that scores {found:.4g} and saw one of {problem.best_score:.4g}: "
+                    f"{where} returns a pair with score {found:.4g} but evaluated one with {problem.best_score:.4g}: "
                     "return problem.best",
                 )
                 again = second.problem(model, pair, model.predict(*frames))
                 _require(
                     np.array_equal(images, second.run(again, pair.stream(second.name))),
-                    f"{where} gives different bytes on the second call: take every random number from `rng`",
+                    f"{where} returns different bytes on the second call: draw all random numbers from `rng`",
                 )
     return first.name
 
 
 def _pairs(shape: tuple[int, int]) -> list[tuple[Frame, Frame]]:
-    """Return test pairs: a texture and the same texture shifted by one pixel; black and white frames."""
+    """Return test pairs: a texture and the same texture shifted by one pixel; a black and a white frame."""
     rows, columns = np.indices(shape)
     texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
     return [(texture, np.roll(texture, 1, axis=1)), (np.zeros_like(texture), np.full_like(texture, 255))]

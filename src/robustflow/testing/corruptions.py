@@ -12,26 +12,26 @@ from ..sample import Camera, Frame, SceneDepth
 from ..severity import SEVERITIES
 
 _SHAPES = ((48, 64), (33, 61))
-"""An even and an odd frame size, which reveal errors in code that halves an image."""
+"""An even and an odd frame size, which reveal bugs in code that halves an image."""
 
 
 def check_corruption(corruption: Any, seed: int = 0) -> str:
     """Check a corruption at all five severities, and return its name.
 
-    Every returned frame must be RGB uint8 of the given shape, and the given frame must not be modified. The same draw
-    must give the same bytes, also in a different order and from a second object of the class. Frame 0 must not depend
-    on whether frame 1 was requested. Black, white and textured frames of even and odd sizes must work. A corruption
-    that needs depth is tested on a floor in front of a wall, with known and unknown camera motion, and only with frames
-    0 and 1.
+    Every returned frame must be RGB uint8 of the input's shape, and the input frame must not be modified. The same draw
+    must return the same bytes, even in a different order and from a second instance of the class. Frame 0 must not
+    depend on whether frame 1 is requested. Black, white and textured frames of even and odd sizes must work. A
+    corruption that needs depth is tested on a floor in front of a wall, with known and unknown camera motion, and only
+    on frames 0 and 1.
 
     Args:
-        corruption: the corruption, as a class, an object or a name; see docs/add-your-corruption.md.
+        corruption: the corruption, as a class, an instance or a name; see docs/add-your-corruption.md.
         seed: the seed for the random draws.
 
     Raises:
-        UsageError: a check failed; the message states the problem, the severity and the size.
+        UsageError: a check failed; the message states the problem, the severity and the frame size.
 
-    >>> import numpy as np
+        >>> import numpy as np
     >>> class Dim:
     ...     severities = (0.9, 0.8, 0.7, 0.6, 0.5)
     ...     def draw(self, rng, severity, shape):
@@ -66,8 +66,8 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
             for index, (one, other) in enumerate(zip(forth, back, strict=True)):
                 _require(
                     (one == other).all(),
-                    f"{where} gives frame {index} different bytes on the second call, or in a different order: "
-                    "take every random number from `rng`, and numbers that differ between frames from "
+                    f"{where} returns different bytes for frame {index} on the second call or in a different "
+                    "order: draw all random numbers from `rng`, and numbers that differ between frames from "
                     "rng.spawn('frame', index)",
                 )
     return first.name
@@ -81,8 +81,8 @@ def _frames(shape: tuple[int, int]) -> list[Frame]:
 
 
 def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
-    """Return the depth of a floor that rises to a wall 60 m away, unmeasured in one corner; the camera is one step
-    closer in the second frame."""
+    """Return the depth of a floor that extends to a wall 60 m away, unknown in one corner; in the second frame, the
+    camera is one step closer."""
     height, width = shape
     rows = np.arange(height, 0, -1, dtype=np.float32)[:, None]
     first = np.minimum(np.float32(2) * height / (height + 1 - rows), np.float32(60)).repeat(width, axis=1)
@@ -96,7 +96,7 @@ def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
 def _check_frame(out: Any, frame: Frame, where: str) -> None:
     fits = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == frame.shape
     _require(fits, f"{where} does not return a uint8 array of shape {frame.shape}")
-    _require(not np.shares_memory(out, frame), f"{where} returns the frame it was given: return a copy")
+    _require(not np.shares_memory(out, frame), f"{where} returns its input frame: return a copy")
 
 
 def _require(holds: Any, message: str) -> None:

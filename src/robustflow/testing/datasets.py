@@ -1,4 +1,4 @@
-"""Check a user-defined dataset before using it in a benchmark; a small dataset with known flow."""
+"""Check a user-defined dataset before using it in a benchmark, and provide a small dataset with known flow."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..sample import Sample
 
 
 class TexturePairs(Samples):
-    """A dataset without files: smooth textures that move by whole pixels, with a different shift for each pair, so
-    that the flow is exact.
+    """A dataset without files: smooth textures that move by integer shifts, a different one for each pair, so that the
+    flow is exact.
 
     Args:
         count: number of pairs; their keys are "0", "1", ...
@@ -27,7 +27,7 @@ class TexturePairs(Samples):
         seed: the seed for the textures and shifts.
 
     Raises:
-        UsageError: there are no pairs, or the frames are not larger than the shift.
+        UsageError: the count is below 1, or the frames are not larger than the shift.
 
     >>> pairs = TexturePairs(count=2, size=(32, 48))
     >>> pairs.keys()
@@ -42,12 +42,12 @@ class TexturePairs(Samples):
     """Name of the dataset in results."""
     has_flow = True
     """True: every pair has ground truth."""
-    facts = DatasetFacts(title="Moving textures", description="Textures that move by whole pixels, for tests.")
-    """Facts about the dataset for readers of results."""
+    facts = DatasetFacts(title="Moving textures", description="Textures with integer shifts, for tests.")
+    """Description of the dataset for readers of results."""
 
     def __init__(self, count: int = 3, size: tuple[int, int] = (64, 96), reach: int = 4, seed: int = 0) -> None:
         if count < 1 or not 0 <= reach < min(size):
-            raise UsageError(f"{count} pairs of {size[0]}x{size[1]} pixels that move by up to {reach} cannot be made")
+            raise UsageError(f"cannot create {count} pairs of {size[0]}x{size[1]} pixels with shifts of up to {reach}")
         self._count, self._size, self._reach, self._seed = int(count), size, int(reach), int(seed)
 
     def keys(self) -> list[str]:
@@ -55,18 +55,18 @@ class TexturePairs(Samples):
         return [str(number) for number in range(self._count)]
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`: always empty."""
+        """See `Dataset.files`; always empty."""
         return []
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`: flow float32 (H, W, 2) in pixels, known everywhere; pixels that leave the frame are
-        occluded.
+        """See `Dataset.load`: the flow is float32 (H, W, 2) in pixels and known everywhere; pixels that leave the frame
+        are marked as occluded.
 
         Raises:
             KeyError: the key does not exist.
         """
         if key not in self.keys():
-            raise KeyError(f"there is no pair '{key}': keys are 0 to {self._count - 1}")
+            raise KeyError(f"there is no pair '{key}': the keys are 0 to {self._count - 1}")
         rng = np.random.default_rng([self._seed, int(key)])
         (height, width), reach = self._size, self._reach
         u, v = (int(shift) for shift in rng.integers(-reach, reach + 1, 2))
@@ -86,12 +86,12 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     """Check a dataset, and return its name.
 
     A dataset must have a name, return the same keys on every call, and return samples as declared: RGB uint8 frames of
-    one size, and float32 flow with a valid mask if `has_flow`. Samples must have the same bytes when read twice and in
-    a different process. Its files must exist, and an unknown key must raise an error.
+    equal size, and float32 flow with a valid mask if `has_flow`. A sample must have the same bytes when it is read
+    twice or in a different process. All listed files must exist, and an unknown key must raise an error.
 
     Args:
-        dataset: an object with the members of `robustflow.datasets.Dataset`; see docs/add-your-dataset.md.
-        samples: number of samples to read, spread over the keys.
+        dataset: an object that implements `robustflow.datasets.Dataset`; see docs/add-your-dataset.md.
+        samples: number of samples to read, evenly spaced over the keys.
 
     Raises:
         UsageError: a check failed; the message states the problem.
@@ -112,18 +112,18 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     places = np.linspace(0, len(keys) - 1, max(1, min(samples, len(keys)))).astype(int)
     for key in dict.fromkeys(keys[place] for place in places):
         first, again = check_sample(dataset, key, what), check_sample(copy, key, what)
-        _require(_equal(first, again), f"{what}: sample '{key}' differs when it is read again")
+        _require(_equal(first, again), f"{what}: sample '{key}' differs when read a second time")
         _require(
             first.flow is None or (first.flow.dtype == np.float32 and bool(np.isfinite(first.flow).all())),
-            f"{what}: the flow of '{key}' must be float32 and finite; mark what is unknown in the valid mask",
+            f"{what}: the flow of '{key}' must be float32 and finite; mark unknown pixels in the valid mask",
         )
-        _require(first.valid is None or bool(first.valid.any()), f"{what}: '{key}' has no pixel with known flow")
+        _require(first.valid is None or bool(first.valid.any()), f"{what}: sample '{key}' has no pixel with known flow")
     try:
         dataset.load("no such key")
     except (RobustFlowError, LookupError):
         return str(dataset.name)
     except Exception as error:
-        raise UsageError(f"{what}: an unknown key ends in {type(error).__name__}; raise a KeyError") from error
+        raise UsageError(f"{what} raises {type(error).__name__} for an unknown key; raise a KeyError") from error
     raise UsageError(f"{what} returns a sample for a key that does not exist; raise a KeyError")
 
 

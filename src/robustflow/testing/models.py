@@ -1,4 +1,4 @@
-"""Check a user-defined model before using it in a benchmark; small models with known flow."""
+"""Check a user-defined model before using it in a benchmark, and provide small models with known flow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..sample import Flow, Frame
 _SHAPES = ((128, 160), (121, 147))
 """An even frame size, and one that is not a multiple of any common stride."""
 BATCH_TOLERANCE = 1e-4
-"""Maximum change of a flow by batching, in pixels; see `BatchedFlowModel`."""
+"""Maximum change in the flow due to batching, in pixels; see `BatchedFlowModel`."""
 
 
 class ConstantFlow:
@@ -56,7 +56,7 @@ class ZeroClipFlow:
     """A multi-frame model that predicts zero flow.
 
     Args:
-        window: number of input frames before and after the pair, as (before, after) or a `Window`.
+        window: number of additional input frames before and after the pair, as (before, after) or a `Window`.
 
     >>> frames = [np.zeros((2, 2, 3), np.uint8)] * 3
     >>> ZeroClipFlow((1, 0)).predict_clip(frames, 1).shape
@@ -76,11 +76,11 @@ class ZeroClipFlow:
 
 
 class ShiftedTruth:
-    """A model that predicts a known flow with a constant offset (u, v), in pixels, so that its end-point error is
+    """A model that predicts a given flow plus a constant offset (u, v), in pixels, so that its end-point error is
     known.
 
     Args:
-        flow: ground-truth flow of the only pair it predicts, float32 (H, W, 2), in pixels.
+        flow: ground-truth flow of the pair, float32 (H, W, 2), in pixels.
         u, v: offset added to the flow, in pixels.
 
     >>> model = ShiftedTruth(np.ones((2, 2, 2), np.float32), u=3, v=4)
@@ -100,16 +100,15 @@ class ShiftedTruth:
         """See `FlowModel.predict`.
 
         Raises:
-            ModelError: the frames and the flow differ in size.
+            ModelError: the size of the frames differs from that of the flow.
         """
         if frame1.shape[:2] != self._flow.shape[:2]:
-            raise ModelError(f"the known flow is {self._flow.shape[:2]}, the frames are {frame1.shape[:2]}")
+            raise ModelError(f"the known flow is {self._flow.shape[:2]}, but the frames are {frame1.shape[:2]}")
         return self._flow.copy()
 
 
 class BrightnessFlow:
-    """A model that predicts (mean of frame 1, mean of frame 2) / 16 everywhere, so that its results depend only on the
-    frames.
+    """A model that predicts (mean of frame 1, mean of frame 2) / 16 everywhere, so that its flow depends on the frames.
 
     >>> BrightnessFlow().predict(np.full((2, 2, 3), 16, np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
     [1.0, 0.0]
@@ -127,10 +126,11 @@ class BrightnessFlow:
 def check_model(model: Any, seed: int = 0) -> str:
     """Check a model on textured frames of two sizes, and return its name.
 
-    The flow must be float (H, W, 2) and finite. The same frames must give the same flow, also after predictions on
-    different frames and in any order. The model must not modify its input frames. Batch predictions must match the
-    flows of single pairs to 1e-4 px. `predict_with_confidence` must return the same flow as `predict`, and the same
-    confidence, (H, W) without NaN, on every call. A multi-frame model gets a clip with the frames in its window.
+    The flow must be a finite float array (H, W, 2). The same frames must result in the same flow, even after
+    predictions on different frames and in any order. The model must not modify its input frames. Batched predictions
+    must match the flows of single pairs to within 1e-4 px. `predict_with_confidence` must return the same flow as
+    `predict`, and on every call the same confidence, (H, W) without NaN. A multi-frame model receives a clip with the
+    frames of its window.
 
     Args:
         model: the model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch
@@ -154,8 +154,8 @@ def check_model(model: Any, seed: int = 0) -> str:
         if not np.array_equal(first, again):
             raise ModelError(
                 f"the model {where} returns a different flow for the same frames (off by up to "
-                f"{np.abs(first - again).max():.2g} px) after other predictions: seed what is random, and keep "
-                "nothing from call to call"
+                f"{np.abs(first - again).max():.2g} px) after other predictions: seed all random numbers, and keep "
+                "no state between calls"
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
@@ -172,7 +172,7 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
         elif isinstance(model, FlowModel):
             returned = model.predict(given[0], given[1])
         else:
-            raise ModelError("flows computed elsewhere are looked up by name, so there is nothing to predict")
+            raise ModelError("precomputed flows are looked up by name, so there is no prediction to check")
     except ModelError:
         raise
     except Exception as error:
@@ -188,7 +188,7 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
         )
     if not np.isfinite(flow).all():
         raise ModelError(
-            f"the model returned {int((~np.isfinite(flow)).any(axis=2).sum())} pixels {where} that are NaN"
+            f"the model {where} returned {int((~np.isfinite(flow)).any(axis=2).sum())} pixels that are NaN or infinite"
         )
     return flow
 
@@ -196,12 +196,14 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
 def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[Flow], where: str) -> None:
     together = list(model.predict_batch(*([clip[i].copy() for clip in clips] for i in (0, 1))))
     if len(together) != len(clips):
-        raise ModelError(f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected one each")
+        raise ModelError(
+            f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected {len(clips)}"
+        )
     for flow, single in zip(together, alone, strict=True):
         if np.shape(flow) != single.shape or np.abs(np.asarray(flow) - single).max() > BATCH_TOLERANCE:
             raise ModelError(
                 f"the model {where} returns a different flow in a batch than for single pairs: "
-                "keep the pairs of a batch apart, or leave out predict_batch"
+                "process the pairs of a batch independently, or do not implement predict_batch"
             )
 
 
@@ -209,11 +211,11 @@ def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flo
     frames = where.removeprefix("on ")
     first, _, again = (predict_with_confidence_checked(model, tuple(clip), frames) for clip in (*clips, clips[0]))
     if not np.array_equal(flow_of(first), np.asarray(flow, np.float32)):
-        raise ModelError(f"predict_with_confidence returns a different flow than predict {where}: return the same")
+        raise ModelError(f"predict_with_confidence returns a different flow than predict {where}: return the same flow")
     if not np.array_equal(first, again):
         raise ModelError(
-            f"predict_with_confidence returns a different confidence for the same frames {where} after others were "
-            "predicted: seed what is random, and keep nothing from call to call"
+            f"predict_with_confidence returns a different confidence for the same frames {where} after other "
+            "predictions: seed all random numbers, and keep no state between calls"
         )
 
 

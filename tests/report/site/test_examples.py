@@ -91,7 +91,7 @@ def test_another_shape_is_refused(copied, change):
 
 def test_what_is_not_a_picture_is_refused(copied):
     (copied.path / "examples" / "clean.jpg").write_bytes(b"<svg onload=alert(1)>")
-    with pytest.raises(DataError, match="not a picture"):
+    with pytest.raises(DataError, match="not an image"):
         run_examples(copied)
     (copied.path / "examples" / "examples.json").write_bytes(b"{" * 10)
     with pytest.raises(DataError, match="delete the folder"):
