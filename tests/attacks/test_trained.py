@@ -332,7 +332,7 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
 
     with pytest.raises(UsageError, match=r"would be trained on sample '1', which is measured \(1 are\)"):
         _run(tmp_path / "run", f"universal:train={keys}")
-    with pytest.raises(UsageError, match="needs 3 training samples that are not measured, and there are 2"):
+    with pytest.raises(UsageError, match="needs 3 training samples that are not measured, but only 2 are available"):
         _run(tmp_path / "run", "universal:train=3")
     assert not (tmp_path / "run").exists()
 

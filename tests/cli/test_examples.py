@@ -122,10 +122,10 @@ def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loade
 
     code, _, error = robustflow(*attacked, "lighter")
     assert (code, error.count("\n")) == (1, 1)
-    assert "name it with --own-attack MODULE:ATTRIBUTE" in error
+    assert "pass it with --own-attack MODULE:ATTRIBUTE" in error
     code, _, error = robustflow(*attacked, "universal:file=added.npy")
     assert (code, error.count("\n")) == (1, 1)
-    assert "give --own-attack 'universal:file=added.npy' yourself" in error
+    assert "pass --own-attack 'universal:file=added.npy' yourself" in error
     assert "lighter_attack" not in sys.modules
 
     with real_pictures():

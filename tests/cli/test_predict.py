@@ -58,11 +58,11 @@ def test_a_clip_as_a_video(robustflow, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("a.png",), "is one frame"),
+        (("a.png",), "is a single frame"),
         (("a.png", "b.png", "--format", "gif"), "unknown format 'gif'"),
         (("a.png", "b.png", "--max-flow", "0"), "--max-flow 0.0"),
         (("a.png", "b.png", "--video", "x.avi"), "end in .mp4"),
-        (("a.png", "b.png", "-D", "step=2"), "for a folder or a video"),
+        (("a.png", "b.png", "-D", "step=2"), "applies to a folder or a video"),
         (("a.png", "gone.png"), "gone.png"),
     ],
 )

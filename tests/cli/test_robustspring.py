@@ -167,7 +167,7 @@ def test_another_model_than_the_runs_is_refused(robustflow, run, frames):
     command = ("export", run, "--format", "robustspring", "--data", frames, "--limit", "1", "-c", "fog")
     code, _, error = robustflow(*command, "--model", "dis")
     assert code == 1
-    assert "not the one of" in error
+    assert "not the model of" in error
     code, _, error = robustflow(*command, "-O", "winsize=5")
     assert code == 1
     assert "differs in" in error

@@ -17,7 +17,7 @@ FAST = ("contrast", "high_light", "over_exposure", "impulse_noise")
 
 @pytest.fixture
 def models_on_path(monkeypatch):
-    """Make `models_for_tests:...` importable, here and in worker processes."""
+    """Make `models_for_tests:...` importable in this process and in worker processes."""
     folder = str(Path(__file__).parent)
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", folder)

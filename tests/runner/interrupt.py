@@ -1,4 +1,4 @@
-"""Helpers for commands that a test interrupts as a terminal would."""
+"""Helpers for commands that a test interrupts the way a terminal does."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import signal
 
 
 def hears_ctrl_c() -> None:
-    """Enable Ctrl-C in a process that starts, even if the tests run in the background, where the signal is ignored."""
+    """Enable Ctrl-C in a new process even if the tests run in the background, where the signal is ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

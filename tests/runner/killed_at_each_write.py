@@ -1,4 +1,5 @@
-"""Run in a child process for every write operation and kill it there, for `test_killed_at_each_write`.
+"""For each write operation, start a run in a child process and kill it at that operation
+(see `test_killed_at_each_write`).
 
     python killed_at_each_write.py FOLDER FIRST STEP
 
@@ -21,14 +22,14 @@ from robustflow.testing import BrightnessFlow, TexturePairs
 
 
 def run(folder):
-    """The run that is killed and continued; without its report, which takes longer than everything else."""
+    """The run that is killed and resumed; it has no report, because a report takes longer than everything else."""
     robustflow.api.write_report = lambda *_: None
     benchmark = Benchmark("drawn", TexturePairs(3, (24, 32)), ("0", "1", "2"), ("contrast", "high_light"), (1, 2))
     return rf.evaluate(BrightnessFlow(), benchmark, output=folder)
 
 
 def kill_before(call):
-    """Kill this process without warning before the call-th change of the file system."""
+    """Kill this process without warning just before file system change number `call`."""
     calls = count()
 
     def killing(function):

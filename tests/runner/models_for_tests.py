@@ -1,4 +1,4 @@
-"""Models with behaviour that a run must handle, loaded by name like a user's own."""
+"""Models whose behaviour a run must handle; they are loaded by name, like a user's own model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from robustflow.testing import TexturePairs
 
 
 class Sizes(TexturePairs):
-    """Pairs of several sizes, with the largest in between."""
+    """Pairs of several sizes; the largest is neither first nor last."""
 
     def load(self, key):
         side = (24, 60, 40)[int(key) % 3]
@@ -30,8 +30,8 @@ class KillsItsReader(TexturePairs):
 
 
 class Logged:
-    """Records every prediction in the file named by PREDICTION_LOG; its flow depends on the request, so that mixed-up
-    rows would be detected.
+    """Records every prediction in the file named by PREDICTION_LOG. The flow depends on the request, so that mixed-up
+    rows are detected.
     """
 
     def __init__(self, shape: str = "500x741", pause: float = 0.0) -> None:
@@ -66,7 +66,7 @@ class FiveFrames:
 
 
 def with_nan(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Predicts NaN at one pixel."""
+    """Predicts NaN at a single pixel."""
     flow = np.zeros((*frame1.shape[:2], 2), np.float32)
     flow[3, 5] = np.nan
     return flow
@@ -78,14 +78,14 @@ def wrong_shape(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 def blackens(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Predicts from its input, and then overwrites the input."""
+    """Overwrites its input after predicting from it."""
     flow = np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
     frame1[:] = frame2[:] = 0
     return flow
 
 
 class BlackensPairs:
-    """Does the same for batches."""
+    """Does the same in batches."""
 
     def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
         return [self.predict(*pair) for pair in zip(frames1, frames2, strict=True)]
@@ -95,7 +95,7 @@ class BlackensPairs:
 
 
 def ends_the_program(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """Exits as a script's own argument parser does."""
+    """Exits like a script whose argument parser fails."""
     raise SystemExit(2)
 
 
@@ -116,8 +116,8 @@ def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 class Accelerated:
-    """Claims to be on an accelerator. Its flow depends on every pixel of both frames; if PREDICTION_LOG names a file,
-    it records the process and the number of pairs of each prediction.
+    """A model that claims to be on an accelerator. Its flow depends on every pixel of both frames; if PREDICTION_LOG
+    names a file, it records the process and the number of pairs of each prediction.
     """
 
     def __init__(self, device: str = "cuda:0", pause: float = 0.0) -> None:
@@ -149,7 +149,7 @@ class AcceleratedFiveFrames(FiveFrames):
 
 
 class AcceleratedTrouble(Accelerated):
-    """Follows its option, from the second call on."""
+    """Behaves as its option says, starting with the second call."""
 
     def __init__(self, device: str = "cuda:0", trouble: str = "", pause: float = 0.0) -> None:
         super().__init__(device, pause)
@@ -172,14 +172,15 @@ class AcceleratedTrouble(Accelerated):
 
 
 class Faulty:
-    """Returns a flow that depends on the frames, after a pause; fails a given number of times in the middle of a run.
+    """Returns a flow that depends on the frames, after a pause; fails a given number of times during a run.
 
     Args:
         pause: duration of a prediction, in seconds.
-        fault: kind of failure: "exit" (its process ends at once), "hang" or "memory" (its memory keeps growing).
+        fault: kind of failure: "exit" (its process exits immediately), "hang" or "memory" (its memory use keeps
+            growing).
         times: total number of failures, counted with files in the folder FAULTS.
         device: name of the device, for an engine that assigns a GPU to a model.
-        log: path of a file that records process and GPU of every prediction.
+        log: path of a file that records the process and GPU of every prediction.
     """
 
     def __init__(self, pause: float = 0.0, fault: str = "", times: int = 1, device: str = "cpu", log: str = "") -> None:

@@ -1,4 +1,5 @@
-"""A Ray cluster of several nodes on this machine, which can be killed and leaves no process or file behind."""
+"""A Ray cluster of several nodes on this machine. Its nodes can be killed, and it leaves no processes or files
+behind."""
 
 from __future__ import annotations
 
@@ -18,14 +19,14 @@ QUICK_HEALTH_CHECKS = {
     "RAY_health_check_initial_delay_ms": "0",
     "RAY_health_check_period_ms": "500",
     "RAY_health_check_failure_threshold": "2",
-    "RAY_health_check_timeout_ms": "5000",  # a killed node is reported at once; a busy one takes longer
+    "RAY_health_check_timeout_ms": "5000",  # a killed node is reported immediately; a busy one takes longer
     "RAY_USAGE_STATS_ENABLED": "0",
 }
 """Make Ray detect a killed node within 2.5 s instead of 10 s."""
 
 
 class Nodes:
-    """A cluster with a head node that computes nothing, and worker nodes."""
+    """A cluster with worker nodes and a head node that does not compute."""
 
     def __init__(self) -> None:
         from ray.cluster_utils import Cluster
@@ -94,7 +95,7 @@ def _started(folder: str, node: dict[str, int]) -> Nodes:
 
 
 def descendants(root: int) -> dict[int, str]:
-    """Command lines of a process's descendants by process number."""
+    """Command lines of a process's descendants, by process ID."""
     parents, lines = {}, {}
     for folder in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
@@ -108,7 +109,7 @@ def descendants(root: int) -> dict[int, str]:
 
 
 def still_running(mark: str, within_s: float = 20.0) -> list[str]:
-    """Command lines of processes that contain `mark`, if any are left after a while."""
+    """Command lines of the processes that contain `mark` and are still running after a while."""
     deadline = time.monotonic() + within_s
     while (left := _running(mark)) and time.monotonic() < deadline:
         time.sleep(0.2)

@@ -1,4 +1,4 @@
-"""Batches: one call for several severities, the same rows, and a clear message for invalid results."""
+"""Batches predict several severities in one call and give the same rows; invalid results raise a clear error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from robustflow.errors import ModelError, UsageError
 
 
 class Batched:
-    """Depends on its frames, so that rows mixed up within a batch are detected; counts the pairs of every call."""
+    """Predicts flow that depends on the frames, so that mixed-up rows within a batch are detected; records the number
+    of pairs in every call."""
 
     def __init__(self) -> None:
         self.calls: list[int] = []
@@ -44,7 +45,7 @@ def test_rows_do_not_depend_on_the_batch(tmp_path, size, calls):
 def test_a_model_without_batches(tmp_path):
     with pytest.raises(UsageError, match="predicts one pair at a time"):
         run("dis", tmp_path / "run", batch_size=2)
-    with pytest.raises(UsageError, match="a batch of 0 pairs"):
+    with pytest.raises(UsageError, match="the batch size must be at least 1; got 0"):
         run(Batched(), tmp_path / "run", batch_size=0)
 
 

@@ -1,4 +1,4 @@
-"""The order in which cells are assigned, and the units that their rows form."""
+"""The order in which cells are assigned, and the units that the rows are collected into."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -45,7 +45,7 @@ def test_everything_once_and_clean_first(samples, corruptions, without_clean, fe
             last[feeder] = key
             asked.append(cell)
         if busy[feeder] and (cell is None or random.random() < 0.3):
-            done = busy[feeder].pop(0)  # a device answers in order
+            done = busy[feeder].pop(0)  # a device returns its results in order
             if (unit := schedule.finish(done, {"cell": done}, {"measure": 1.0})) is not None:
                 finished.append(unit)
     for feeder in range(feeders):
@@ -65,7 +65,7 @@ def test_costly_cells_come_while_frames_wait_and_cheap_ones_while_they_run_out()
     assert schedule.take(None, False)[1] == CLEAN
     assert schedule.take("0", False) == ("0", "c0", 1)
     schedule.learn("c0", 0.1)
-    assert schedule.take("0", True) == ("0", "c2", 1), "of unknown cost, from the plan's end"
+    assert schedule.take("0", True) == ("0", "c2", 1), "the cost is unknown, so the last cell of the plan comes first"
     schedule.learn("c2", 0.6)
     assert schedule.take("0", True) == ("0", "c1", 1)
     schedule.learn("c1", 0.01)
@@ -78,6 +78,6 @@ def test_a_second_feeder_begins_another_sample_and_helps_with_the_last():
     assert schedule.take(None, False) == ("0", CLEAN, 0)
     assert schedule.take(None, False) == ("1", CLEAN, 0)
     assert [schedule.take("0", False) for _ in range(3)] == [("0", "c0", severity) for severity in (1, 2, 4)]
-    assert schedule.take("0", False) is None, "another feeder has sample 1 until its clean flow exists"
+    assert schedule.take("0", False) is None, "only the other feeder may work on sample 1 until its clean flow exists"
     schedule.finish(("1", CLEAN, 0), {}, {})
     assert schedule.take("0", False) == ("1", "c0", 1)

@@ -68,7 +68,7 @@ def test_of_a_model_on_a_gpu(options, engine):
 def test_of_a_model_on_several_gpus():
     model = _named("cuda:0", "cuda:0,cuda:1,cuda:2")
     assert _describe(model) == "processes, 3 devices + 4 feeders"
-    with pytest.raises(UsageError, match="--workers 2 are too few for 3 devices"):
+    with pytest.raises(UsageError, match="2 workers are too few for 3 devices"):
         _describe(model, workers=2)
 
 
@@ -76,14 +76,16 @@ def test_an_object_that_stays_here_says_why():
     here = NamedModel(None, Model("cuda:0"), {}, None)
     here.model.run = lambda: None
     assert _describe(here) == "serial (this model object cannot be sent to another process)"
-    # requested explicitly, so refused at startup
+    # requested explicitly, so an error is raised at startup
     assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
 
 
 def test_a_script_without_a_guard_stays_in_one_process(tmp_path, monkeypatch):
     (tmp_path / "script.py").write_text("import robustflow\n")
     monkeypatch.setitem(sys.modules, "__main__", SimpleNamespace(__file__=str(tmp_path / "script.py")))
-    assert _describe(_named("cuda:0")).startswith("serial (processes need the script's own code under `if __name__")
+    assert _describe(_named("cuda:0")).startswith(
+        "serial (worker processes require the script's code to be under `if __name__"
+    )
     (tmp_path / "script.py").write_text('if __name__ == "__main__":\n    pass\n')
     assert _describe(_named("cuda:0")) == "processes, 1 device + 4 feeders"
 
@@ -133,7 +135,7 @@ def test_in_a_script_without_a_guard_it_stays_here_and_says_why(monkeypatch, tmp
     (tmp_path / "script.py").write_text("import robustflow as rf")
     main = SimpleNamespace(__file__=str(tmp_path / "script.py"), __spec__=None)
     monkeypatch.setitem(sys.modules, "__main__", main)
-    assert _spread(_light(), PAIR * 3).startswith("serial (processes need the script's own code under")
+    assert _spread(_light(), PAIR * 3).startswith("serial (worker processes require the script's code to be under")
     main.__spec__ = SimpleNamespace(name="package.__main__")  # python -m package
     assert _spread(_light(), PAIR * 3) == "processes, 4 workers"
 
@@ -144,7 +146,7 @@ def test_a_worker_starts_no_workers(monkeypatch):
 
 
 def test_an_address_without_ray_is_refused_for_it_too():
-    with pytest.raises(UsageError, match="--address is for the ray engine"):
+    with pytest.raises(UsageError, match="--address applies only to the ray engine"):
         choose_engine(None, None, None, "auto", _light())
 
 
@@ -166,7 +168,7 @@ def test_data_that_cannot_be_sent_stay_here_unless_asked():
 
 
 def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
-    notebook = ModuleType("__main__")  # has no file that a process could load
+    notebook = ModuleType("__main__")  # there is no file that a process could load
     notebook.Mine = type("Mine", (), {"__module__": "__main__"})
     monkeypatch.setitem(sys.modules, "__main__", notebook)
     assert _spread(_light(), PAIR * 3, others=(notebook.Mine(),)).startswith("serial (this dataset")

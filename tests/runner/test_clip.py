@@ -1,5 +1,5 @@
-"""Runs of multi-frame models: the clip they receive, the pair's bytes, and the same rows for every way of computing
-them.
+"""Runs of multi-frame models: the clips that they receive, the frames of the pair, and identical rows from every
+engine.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Runs that measure confidence have the same rows from every engine, resumed or not."""
+"""Runs that measure confidence have the same rows with every engine, whether resumed or not."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Textures(TexturePairs):
 
 
 class Sure:
-    """Predicts from the frames' values, with more confidence where they are large. `device` moves the model to a
+    """Predicts flow from the pixel values, with higher confidence at brighter pixels. `device` moves the model to a
     separate process.
     """
 
@@ -112,7 +112,7 @@ def test_the_flow_back_is_not_asked_for_where_the_frames_are_equal(tmp_path):
             return super().predict(frame1, frame2)
 
     run(tmp_path / "run", Counting(), still=True, corruptions=["contrast", "impulse_noise"], severities=[1], limit=1)
-    assert Counting.asked == 1 + 1 + 2, "clean and contrast leave the two frames equal"
+    assert Counting.asked == 1 + 1 + 2, "the two frames are equal in clean and contrast"
 
 
 def test_a_confidence_of_another_size_or_nan_is_one_line(tmp_path):

@@ -1,4 +1,4 @@
-"""Runs with corruptions that need depth: its sources, its part in the identity, and data without depth."""
+"""Runs with corruptions that need depth: sources of depth, their effect on the identity, and data without depth."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def run(output, benchmark="shapes", data=None, corruptions=NAMES, options=SHAPES
 
 
 class FilesOfDepth(TexturePairs):
-    """A user's dataset whose depth is a file with a single number."""
+    """A user's dataset in which each depth file contains a single number."""
 
     name = "files_of_depth"
 
@@ -53,7 +53,7 @@ class FilesOfDepth(TexturePairs):
 
 
 class Haze(DepthCorruption):
-    """A user's corruption in three dimensions that darkens each pixel in proportion to its depth in metres."""
+    """A user's 3D corruption that darkens each pixel in proportion to its depth in metres."""
 
     paper_severities = (1, 2, 3, 4, 5)
 
@@ -152,7 +152,7 @@ def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
 def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps, tmp_path):
     first = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     assert first.manifest.identity.frames.depth
-    assert len(first.manifest.samples["0"]) == 4  # both frames and their maps
+    assert len(first.manifest.samples["0"]) == 4  # both frames and their depth maps
     again = run(tmp_path / "one", "folder", clip_folder, ["fog_3d"], {"depth": str(maps)})
     assert again.rows.equals(first.rows)
     focal = run(tmp_path / "focal", "folder", clip_folder, ["fog_3d"], {"depth": maps, "focal": 99})
@@ -164,7 +164,7 @@ def test_own_maps_decide_the_frames_and_the_identity_of_a_run(clip_folder, maps,
     other = run(tmp_path / "two", "folder", clip_folder, ["fog_3d"], {"depth": maps})
     digests = [result.rows.filter(pl.col("corruption") == "fog_3d")["frames_digest"] for result in (first, other)]
     assert 0 < (digests[0] == digests[1]).sum() < len(digests[0])
-    with pytest.raises(RunError, match="give the depth maps and the focal length of the run"):
+    with pytest.raises(RunError, match="pass the depth maps and the focal length of the run"):
         recheck(first.manifest.identity, first.rows, clip_folder, options={"depth": maps})
     assert "rows" in recheck(other.manifest.identity, other.rows, clip_folder, options={"depth": maps}, count=50)
 
@@ -195,7 +195,7 @@ def test_maps_that_nothing_needs_and_maps_that_are_missing_are_refused(clip_fold
 
 
 def test_a_run_goes_on_with_depth_though_it_began_without_and_notices_other_maps(tmp_path):
-    """Check still scenes of a dataset whose depth is in further files."""
+    """Check still scenes of a dataset whose depth is stored in separate files."""
     module = "tests.runner.test_depth:FilesOfDepth"
     options = {"folder": str(tmp_path)}
     (tmp_path / "0.depth").write_bytes(b"1")

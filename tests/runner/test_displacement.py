@@ -1,4 +1,4 @@
-"""Amplitude histograms compared with a pixel-by-pixel count."""
+"""Flow magnitude histograms compared with a pixel-by-pixel count."""
 
 import math
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Whole runs: every engine gives the same rows, even after an interruption."""
+"""Complete runs: every engine computes the same rows, even after an interruption."""
 
 import json
 import subprocess
@@ -34,7 +34,7 @@ def test_rows_summary_and_report_are_there(whole):
     assert whole.summary.complete
     assert json.loads((whole.path / "summary.json").read_text())["cre"] == whole.cre
     assert "contrast" in (whole.path / "report.html").read_text()
-    assert not list((whole.path / "clean").iterdir()), "clean flows of finished samples are let go"
+    assert not list((whole.path / "clean").iterdir()), "clean flows of finished samples are deleted"
 
 
 def test_engines_agree_byte_for_byte(whole, tmp_path):
@@ -68,7 +68,7 @@ def test_a_finished_run_computes_nothing_again_but_one_row_to_compare(tmp_path, 
     assert len(asked) == len({line.split(" ", 1)[1] for line in asked}) == 1 + 2 * len(FAST)
     again = rf.evaluate(spec, output=tmp_path / "run", corruptions=FAST, severities=[2, 3])
     more = [line.split(" ", 1)[1] for line in log.read_text().splitlines()[len(asked) :]]
-    assert more == ["motorcycle clean 0"], "one row is measured again, to see that the model is still the same"
+    assert more == ["motorcycle clean 0"], "one row is measured again to check that the model has not changed"
     assert again.rows.equals(first.rows)
 
 
@@ -79,7 +79,7 @@ def test_the_seed_and_nothing_else_decides_the_bytes(tmp_path):
         digests.setdefault(seed, []).append(dict(run.rows.select("corruption", "frames_digest").iter_rows()))
     assert digests[0][0] == digests[0][1]
     assert digests[1][0]["impulse_noise"] != digests[0][0]["impulse_noise"]
-    assert digests[1][0]["contrast"] == digests[0][0]["contrast"], "contrast has nothing random"
+    assert digests[1][0]["contrast"] == digests[0][0]["contrast"], "contrast is not random"
 
 
 def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
@@ -183,7 +183,7 @@ def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, en
 
 @pytest.mark.parametrize("batch_size", [1, 2])
 def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, models_on_path, batch_size):
-    """Contrast is computed from the clean frames after the model received them."""
+    """The contrast frames are computed from the clean frames after the model has received them."""
     name = "models_for_tests:" + ("blackens" if batch_size == 1 else "BlackensPairs")
     options = {"corruptions": ["contrast"], "severities": [1, 2], "batch_size": batch_size}
     rows = rf.evaluate(name, output=tmp_path / "run", **options).rows

@@ -1,4 +1,4 @@
-"""Example pictures of a run: their contents, the same bytes every time, and no partial files."""
+"""Example images of a run have the right contents and the same bytes every time, and are never partially written."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch):
 
     kept = _files(run)
     shutil.rmtree(run.path / "examples")
-    assert _files(rf.evaluate(DIS, **asked)) == kept, "the pictures of frames at hand are those of frames made again"
+    assert _files(rf.evaluate(DIS, **asked)) == kept, "images of frames in memory equal those of recomputed frames"
 
 
 def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):
@@ -97,7 +97,7 @@ def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):
     monkeypatch.setattr(examples_module, "_picture", lambda *_: pytest.fail("drawn again"))
     assert _files(rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)) == before
     more = rf.evaluate(DIS, corruptions=["contrast", "high_light"], **run)
-    assert not (more.path / "examples").exists(), "pictures of other numbers do not stay"
+    assert not (more.path / "examples").exists(), "images of outdated rows are deleted"
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
@@ -126,7 +126,7 @@ def test_what_a_killed_run_left_is_cleared(tmp_path):
 
 def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
     class Drifts:
-        """Moves further at every call."""
+        """Predicts a larger motion at every call."""
 
         calls = 0
 
@@ -142,7 +142,7 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
 
 def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
     run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
-    with pytest.raises(RunError, match="was run with a Python object, which has no name; give --model"):
+    with pytest.raises(RunError, match="was run with a Python object, which has no name; specify --model"):
         restore_setup(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="differs in: model"):
         restore_setup(run, RunSource(DIS))
@@ -168,7 +168,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("what", HOSTILE)
 def test_a_run_folder_cannot_name_code_or_files(what, drawn, tmp_path, monkeypatch, capsys):
-    """`source.json` of a received folder: nothing is imported or opened before the user names it."""
+    """Nothing that `source.json` of a received folder names is imported or opened unless the user names it too."""
     (tmp_path / "marker_module.py").write_text("import pathlib; pathlib.Path('ran').touch()\ndef touch(*_): pass\n")
     monkeypatch.chdir(tmp_path)
     source = shutil.copytree(drawn.path, tmp_path / "run") / "source.json"
@@ -219,4 +219,4 @@ def test_an_incomplete_run_has_no_worst_sample(tmp_path):
     assert [panel["epe"] for panel in record["panels"]] == [None, None]
     assert {panel["key"] for panel in record["panels"]} <= {"one/0", "two/0"}
     with Image.open(io.BytesIO(_files(whole)["clean.jpg"])) as picture:
-        assert picture.size == (160, 96), "a small frame is not blown up"
+        assert picture.size == (160, 96), "a small frame is not enlarged"

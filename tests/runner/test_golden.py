@@ -1,7 +1,7 @@
-"""Stored rows of a small run, so that a changed byte of a corruption or digit of a metric is detected.
+"""Compare a small run with stored rows, to detect any change in the bytes of a corruption or the digits of a metric.
 
-The flow does not depend on a library. After a deliberate change, raise STREAM_VERSION or ROW_SCHEMA_VERSION and
-rewrite the file: `python -m tests.runner.test_golden`.
+The flow does not depend on any library. After a deliberate change, increment STREAM_VERSION or ROW_SCHEMA_VERSION and
+rewrite the file with `python -m tests.runner.test_golden`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import robustflow as rf
 from robustflow.corruptions import IMAGE_PAIR
 
 GOLDEN = Path(__file__).parent / "golden_rows.csv"
-# its photographs are downloaded, so it has a separate test
+# it downloads its photographs, so it has a separate test
 CORRUPTIONS = [name for name in IMAGE_PAIR if name != "frost"]
 COLUMNS = ["corruption", "severity", "frames_digest", "n_all", "n_valid", "epe_sum", "rcre_sum", "fl_count", "wauc_sum"]
 

@@ -14,7 +14,7 @@ FRAMES = (375, 1242, 3)
 
 
 def _faults_of_repeated_frames(pipe):
-    """Number of page faults while frames are allocated and released, after the first ones."""
+    """Number of page faults while frames are allocated and released, not counting the first frames."""
     before = 0
     for number in range(60):
         if number == 20:

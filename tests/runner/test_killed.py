@@ -34,7 +34,7 @@ def _start(folder: Path, log: Path) -> subprocess.Popen[bytes]:
 
 
 def _rows_so_far(folder: Path) -> pl.DataFrame:
-    """The run's folder can be read at any moment: shards are complete or absent."""
+    """The run folder can be read at any time, because shards are either complete or absent."""
     return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
 
 
@@ -52,7 +52,7 @@ def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
         while run.poll() is None and time.monotonic() < deadline:
             _rows_so_far(tmp_path / "killed")
             time.sleep(0.01)
-        if run.poll() is not None:  # the run finished before it was killed: check it, and start again
+        if run.poll() is not None:  # the run finished before it was killed, so check it and start again
             assert run.returncode == 0, run.stderr.read().decode()
             _compare(tmp_path, killed)
             for path in sorted((tmp_path / "killed").rglob("*"), reverse=True):
@@ -72,9 +72,9 @@ def _compare(tmp_path: Path, kills: int) -> None:
     assert (tmp_path / "killed/summary.json").read_bytes() == (tmp_path / "whole/summary.json").read_bytes()
     asked = Counter(line.split(" ", 1)[1] for line in (tmp_path / "killed.log").read_text().splitlines())
     again = sum(asked.values()) - len(asked)
-    in_flight = 5  # severities of the one unit each worker holds
-    drawn = 3  # the clean, the worst and the median cell are predicted again for the pictures
-    compared = 1  # a clean row is measured again before a run continues
+    in_flight = 5  # the severities of the one unit that each worker has
+    drawn = 3  # the clean, worst and median cells are predicted again for the images
+    compared = 1  # a clean row is measured again before a run is resumed
     assert again <= kills * (WORKERS * in_flight + drawn + compared) + drawn
     pictures = {path.name: path.read_bytes() for path in (tmp_path / "killed/examples").iterdir()}
     assert pictures == {path.name: path.read_bytes() for path in (tmp_path / "whole/examples").iterdir()}

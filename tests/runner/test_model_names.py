@@ -1,4 +1,4 @@
-"""Names of models are shown everywhere and have no effect on numbers."""
+"""The names of models are shown everywhere and do not affect any results."""
 
 import sys
 
@@ -51,11 +51,11 @@ def test_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert run(monkeypatch, *options, "--name", "DIS, ours") in (0, None)
     assert "DIS, ours" in capsys.readouterr().out
     assert run(monkeypatch, *options) in (0, None)
-    assert rf.load_run(tmp_path / "run").name == "DIS, ours", "a later call without a name keeps it"
+    assert rf.load_run(tmp_path / "run").name == "DIS, ours", "the name is kept by a later call without one"
 
 
 def test_one_label_for_one_model_everywhere(tmp_path, monkeypatch, capsys):
-    """The label of a method in `list models` is its label in tables of runs; no two methods share a label."""
+    """A method has the same label in `list models` and in the tables of runs; no two methods share a label."""
     labels = [entry.method for entry in methods().values()]
     assert len(set(labels)) == len(labels)
     monkeypatch.setattr(sys, "argv", ["robustflow", "list", "models"])

@@ -1,4 +1,4 @@
-"""A run with a user's own corruption: resumed, refused after an edit of its source, in processes, in a record."""
+"""Runs with a user's own corruption: resuming, an error after its source was edited, worker processes, and records."""
 
 import sys
 
@@ -47,7 +47,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch
     forget()
     assert command(monkeypatch, *run, *own) == 0  # goes on
     capsys.readouterr()
-    (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module imported by the corruption
+    (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that the corruption imports
     forget()
     assert command(monkeypatch, *run, *own) == 1
     assert "the source of the corruption rain has changed since" in capsys.readouterr().err
@@ -112,7 +112,7 @@ def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(packa
     forget()
     monkeypatch.setattr("robustflow.corruptions.own._own", {})
     assert command(monkeypatch, "examples", "run") == 1
-    assert "name it with --own-corruption MODULE:ATTRIBUTE" in capsys.readouterr().err
+    assert "specify it with --own-corruption MODULE:ATTRIBUTE" in capsys.readouterr().err
     assert "rain_module" not in sys.modules
     assert command(monkeypatch, "examples", "run", "--own-corruption", "rain_module:Rain") == 0
     assert (package / "run" / "examples" / "worst.jpg").is_file()

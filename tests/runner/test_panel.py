@@ -1,4 +1,4 @@
-"""Panels: colours of errors, sparse maps, odd sizes, hostile names."""
+"""Panels: error colours, sparse maps, odd sizes and malicious names."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_the_pictures_lie_where_they_belong():
 
 @pytest.mark.parametrize("truth", [True, False])
 def test_a_panel_has_the_colour_wheel_of_its_flows(truth):
-    """Colours at the right and left of the wheel are those of a flow to the right and to the left."""
+    """The colours at the right and left edges of the wheel match flow to the right and to the left."""
     drawn = np.asarray(Image.open(io.BytesIO(draw_panel(_panel(70, 100, truth)))).convert("RGB"), float)
     sides = flow_colours(np.array([[[1.0, 0.0], [-1.0, 0.0]]], np.float32), 1.0)[0].astype(float)
     part = drawn[-92:, :100] if truth else drawn[-560:-92, 100:600]

@@ -1,4 +1,4 @@
-"""`evaluate` shows its progress in a notebook by default: a real kernel executes a real cell.
+"""`evaluate` shows its progress in a notebook by default; a real kernel executes a real cell.
 
 The test needs nbclient and ipykernel, which the project does not require; it is skipped without them.
 """
@@ -19,7 +19,7 @@ None
 
 
 def _output(folder, more: str = "") -> str:
-    """All output of a cell as plain text."""
+    """Return all output of a cell as plain text."""
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL.format(more=more))])
     nbclient.NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(folder)}}).execute()
     shown = notebook.cells[0].outputs

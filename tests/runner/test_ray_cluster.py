@@ -1,4 +1,4 @@
-"""Whatever fails on a Ray cluster, the run has the rows of an undisturbed one, and each cell only once."""
+"""Whatever fails on a Ray cluster, the run has the same rows as an undisturbed run, with each cell only once."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
-    """A folder of a few small frames, with at least as many unrelated pairs as there are workers to lose."""
+    """A folder of a few small frames, with at least as many unrelated pairs as workers that may be lost."""
     folder = tmp_path_factory.mktemp("frames")
     draws = np.random.default_rng(0)
     for number in range(PAIRS + 1):
@@ -52,7 +52,7 @@ def frames(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def on_path():
-    """Make `models_for_tests:...` importable, here and on nodes."""
+    """Make `models_for_tests:...` importable in this process and on nodes."""
     with pytest.MonkeyPatch.context() as patch:
         folder = str(Path(__file__).parent)
         patch.syspath_prepend(folder)
@@ -123,7 +123,7 @@ def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, fr
 
 
 def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capfd):
-    lost = r"computed sample '.*', clean, 3 times: (on )?(node \S+ \(ActorDiedError\)(, )?){3}; .*lack of memory"
+    lost = r"computing sample '.*', clean, 3 times \((on )?(node \S+ \(ActorDiedError\)(, )?){3}\); .*lack of memory"
     with pytest.raises(RunError, match=lost):
         rf.evaluate(
             "models_for_tests:dies",
@@ -134,20 +134,20 @@ def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capf
             address=two_nodes.address,
             workers=1,
         )
-    assert "raylet" not in "".join(capfd.readouterr()), "what Ray has to say of it is not for a table's reader"
+    assert "raylet" not in "".join(capfd.readouterr()), "Ray's own messages do not appear in the output"
 
 
 def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
     options = {"engine": "ray", "address": two_nodes.address, "workers": 1, "model": {"fault": "hang"}, "timeout": 2.0}
-    words = r"^the model took longer than 2 s on sample '.*', .*; fix it, or allow it more time with --timeout$"
+    words = r"^the model took longer than 2 s on sample '.*', .*; fix it, or allow more time with --timeout$"
     with pytest.raises(ModelError, match=words):
         _run(tmp_path / "run", frames, **options)
 
 
 @pytest.mark.slow
 def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturbed, tmp_path):
-    """Ray's memory monitor kills a worker when the machine's memory is nearly full; here the limit is 1.5 GB above
-    current use.
+    """Ray's memory monitor kills a worker when the machine's memory is nearly full; this test sets the limit to 1.5 GB
+    above current use.
     """
     amounts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
     total, free = (int(amounts[name].split()[0]) for name in ("MemTotal", "MemAvailable"))
@@ -183,7 +183,7 @@ def _kill_nodes(nodes, frames, undisturbed, tmp_path, kills: int, seed: int) -> 
             run = other.submit(_run, folder, frames, **options)
             before = 0
             while killed < kills and not run.done():
-                if _height(folder) > before:  # progress is made between two kills
+                if _height(folder) > before:  # wait for progress between two kills
                     time.sleep(moments.uniform(0.0, 1.0))
                     nodes.kill(nodes.alive[moments.randrange(2)])
                     killed += not run.done()
@@ -200,7 +200,7 @@ def _height(folder: Path) -> int:
 
 @pytest.mark.slow
 def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
-    """For a while no node is left; a node that joins late continues with the remaining cells."""
+    """All nodes are lost; a node that joins later continues with the remaining cells."""
     options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         run = other.submit(_run, tmp_path / "run", frames, **options)
@@ -229,8 +229,8 @@ def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
     ids=["missing", "other"],
 )
 def test_a_node_with_other_code_is_named(two_nodes, frames, tmp_path, monkeypatch, file, content, words):
-    """A node without RobustFlow, or with a different version, is refused in one sentence before it
-    computes anything.
+    """A node without RobustFlow or with a different version is rejected with a one-sentence error before it computes
+    anything.
     """
     (tmp_path / "shadow" / file).parent.mkdir(parents=True)
     (tmp_path / "shadow" / file).write_text(globals().get(content, content))
@@ -251,7 +251,7 @@ metadata.version = lambda name: "0.1" if name == "numpy" else _version(name)
 
 
 def test_a_node_without_the_data_is_named(frames, tmp_path):
-    """The checks of a node before it loads a sample; here both are one machine, so the actor is called directly."""
+    """The checks on a node before it loads a sample; the node is this machine, so the actor is called directly."""
     actor = UnitActor()
     size = (frames / "00.png").stat().st_size
     assert actor.begin(b"", {}, ())[0] == "error", "not a job"
@@ -260,9 +260,9 @@ def test_a_node_without_the_data_is_named(frames, tmp_path):
         (
             frames / "gone.png",
             size,
-            r"gone\.png cannot be read \(No such file or directory\); give every node",
+            r"gone\.png cannot be read \(No such file or directory\); make the data available on every node",
         ),
-        (frames / "00.png", size + 1, rf"00\.png has {size} bytes there and {size + 1} here; give every node the same"),
+        (frames / "00.png", size + 1, rf"00\.png has {size} bytes there but {size + 1} here; use the same"),
     ):
         kind, (error, message, _) = actor.begin(job, {}, [(str(file), seen)])
         assert (kind, error) == ("error", "DataError")
@@ -285,7 +285,7 @@ def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_pa
     heard = []
     prepare_folder(sources, tmp_path / "ray", PLAIN, progress=lambda *said: heard.append(said), prepare_all=on_ray)
     assert [said[1:] for said in heard] == [("clips", 1, 2), ("clips", 2, 2)]
-    assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "nothing else stays either"
+    assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "no other files are left"
     other = Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast")
     with pytest.raises(DataError, match=r"contains this clip prepared with different settings.* \(on node .+\)"):
         prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray)

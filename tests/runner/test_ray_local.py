@@ -31,7 +31,7 @@ DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path_factory, monkeypatch):
-    """Keep Ray's files of one test below a separate folder, and check that no Ray process stays behind."""
+    """Keep Ray's files for one test in a separate folder, and check that no Ray process is left running."""
     pytest.importorskip("ray", reason="needs the ray extra")
     folder = Path(tmp_path_factory.mktemp("r"))
     short = Path("/tmp") / f"rf-{os.getpid()}-{folder.name}"  # short, for Ray's sockets
@@ -44,7 +44,7 @@ def _folder(tmp_path_factory, monkeypatch):
 
 
 def test_equal_to_serial_and_nothing_stays(tmp_path):
-    """The record of who computed each row is kept when the run continues with a different engine."""
+    """The record of where each row was computed is kept when the run is resumed with a different engine."""
     before = signal.getsignal(signal.SIGTERM)
     attacked = SETTING | {"attacks": ["square:queries=3"]}
     whole = rf.evaluate(DIS, output=tmp_path / "serial", **attacked)
@@ -93,7 +93,7 @@ def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("address", "error", "words"),
     [
-        ("nonsense", UsageError, "is not an address: give auto, host:port or ray://host:port"),
+        ("nonsense", UsageError, "is not a valid address: use auto, host:port or ray://host:port"),
         ("127.0.0.1:1", RunError, r"cannot be reached \(.*refused.*\); start it \(ray start --head\)"),
         ("ray://127.0.0.1:1", RunError, "cannot be reached"),
         ("no-such-host.invalid:6379", RunError, "cannot be reached"),
@@ -101,7 +101,7 @@ def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     ],
 )
 def test_an_address_where_no_cluster_is(tmp_path, monkeypatch, address, error, words):
-    # the value of "auto", even while a cluster of a different test runs
+    # the value of "auto", even while the cluster of a different test is running
     monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
     started = time.monotonic()
     with pytest.raises(error, match=words):
@@ -114,19 +114,19 @@ def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
     monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 2.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(RunError, match="does not answer like Ray; check host and port"):
+        with pytest.raises(RunError, match="does not respond like a Ray cluster; check host and port"):
             rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
 
 
 @pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
 def test_the_number_of_a_gpu_is_rays_to_choose(tmp_path, models_on_path, devices):
     spec = ModelSpec("models_for_tests:Faulty", (("device", devices),))
-    with pytest.raises(UsageError, match=f"--device {devices} with the ray engine: give --device cuda"):
+    with pytest.raises(UsageError, match=f"--device {devices} is not available with the ray engine: use --device cuda"):
         rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
 
 
 def test_an_address_is_for_ray(tmp_path):
-    with pytest.raises(UsageError, match="--address is for the ray engine"):
+    with pytest.raises(UsageError, match="--address applies only to the ray engine"):
         rf.evaluate(DIS, output=tmp_path / "run", workers=2, address="auto")
 
 

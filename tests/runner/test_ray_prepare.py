@@ -25,14 +25,14 @@ def recordings(tmp_path):
 
 
 def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkeypatch):
-    """The node's part; the node is this machine, so the check of the shared folder is removed."""
+    """Run the node's part on this machine, without the check for a shared folder."""
     monkeypatch.setattr(ray_prepare, "_APPEARS_S", 0.2)
     (source, _) = find_sources(recordings)
     here = ray_prepare.installed()
     gone = tmp_path / "out" / ".shared-0"
     kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, gone, "/", here)
     assert (kind, error) == ("error", "DataError")
-    assert "does not see files written into" in message
+    assert "cannot see files that this machine writes to" in message
     assert not (tmp_path / "out").exists()
     kind, (error, message, _) = ray_prepare._prepare(source, tmp_path, PLAIN, recordings, "/", {"numpy": "0.1"})
     assert (kind, error) == ("error", RunError.__name__)

@@ -1,4 +1,4 @@
-"""Frames recreated from the data equal those of the run, and different data, seeds and rows are detected."""
+"""Frames recomputed from the data equal those of the run; different data, seeds and rows are detected."""
 
 import cv2
 import numpy as np
@@ -56,7 +56,7 @@ def test_changed_rows(run, change, says):
         ({"protocol": {"frames": "released"}}, "data options of the run"),
         ({"dataset": "kitti2015"}, "data options of the run"),
         ({"severity_scale": "calibrated 0000"}, "severity_scale: calibrated 0000, here .* use the version of the run"),
-        ({"psf": "reference 00"}, "set ROBUSTFLOW_PSF_DIR as for the run"),
+        ({"psf": "reference 00"}, "set ROBUSTFLOW_PSF_DIR to the same value as for the run"),
         ({"streams": 1}, "use the version of the run"),
     ],
 )
@@ -79,12 +79,12 @@ def test_own_frames_and_others_of_the_same_name(tmp_path):
     assert "6 of 6 rows" in recheck(identity, found.rows, tmp_path / "mine")
     with pytest.raises(RunError, match="6 of 6 rows do not match these data"):
         recheck(identity, found.rows, tmp_path / "other")
-    with pytest.raises(RunError, match="give the data"):
+    with pytest.raises(RunError, match="use the data"):
         recheck(identity, found.rows, tmp_path / "mine", options={"step": 2})
 
 
 def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
-    """A row's digest is that of its pair, not of the clip."""
+    """The digest in a row covers only the pair, not the entire clip."""
     (tmp_path / "frames").mkdir()
     for index in range(4):
         frame = np.random.default_rng(index).integers(0, 255, (24, 32, 3), np.uint8)
@@ -97,9 +97,9 @@ def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
 
 
 def test_arguments_that_cannot_be_meant(run):
-    with pytest.raises(UsageError, match="give 1 or more"):
+    with pytest.raises(UsageError, match="must be at least 1"):
         recheck(run.manifest.identity, run.rows, count=0)
-    with pytest.raises(RobustFlowError, match="unknown benchmark"):
+    with pytest.raises(RobustFlowError, match="benchmark '../x' is unknown"):
         recheck(changed_identity(run.manifest.identity, benchmark="../x"), run.rows)
 
 

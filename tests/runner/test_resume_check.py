@@ -1,4 +1,4 @@
-"""A run never continues with a different model or different data under the old names."""
+"""A run is never resumed with a different model or different data of the same name."""
 
 import importlib
 import signal
@@ -21,8 +21,8 @@ from robustflow.testing import TexturePairs
 
 @pytest.fixture
 def frames(tmp_path):
-    """Three frames of noise, stored uncompressed, so that any of them can change without its size changing. They form
-    two pairs.
+    """Three frames of noise, which form two pairs. They are stored uncompressed, so that a frame can change without a
+    change in its size.
     """
     folder = tmp_path / "frames"
     folder.mkdir()
@@ -46,7 +46,7 @@ def _run(tmp_path, frames, severities, model=_brightness):
 
 
 class Drawn(TexturePairs):
-    """Two samples generated from seeds, without files, so that a change is visible only by reading them again."""
+    """Two samples generated from seeds, without files, so that a change is noticed only when they are read again."""
 
     name = "drawn"
 
@@ -141,14 +141,14 @@ def test_an_edited_module_that_the_model_imports_stops_a_run(tmp_path, frames, m
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
         if refused:
-            with pytest.raises(RunError, match="a module it imports"):
+            with pytest.raises(RunError, match="a module that it imports"):
                 _run(tmp_path, frames, [1, 2], "model_that_imports_for_test:flow")
         else:
             _run(tmp_path, frames, [1], "model_that_imports_for_test:flow")
 
 
 def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames, request):
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored if the tests run in the background
     request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     alive = []
     clean = cv2.imread(str(frames / "0000.bmp"))[..., ::-1]

@@ -1,4 +1,4 @@
-"""A run on RobustSpring's layout compared with numbers computed here from the files."""
+"""A run on RobustSpring's layout, compared with values that the test computes from the files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SEQUENCES = {"0003": 3, "0028": 2}
 
 
 def _clean(sequence: str, side: str, number: int) -> np.ndarray:
-    """A crop of a real frame that moves from frame to frame."""
+    """A sequence of crops that move across a real frame."""
     whole = load_dataset("motorcycle").load("motorcycle").frames[0]
     top, left = 60 + 3 * number, 80 + 5 * number + 8 * (side == "right") + 150 * (sequence == "0028")
     return np.ascontiguousarray(whole[top : top + HEIGHT, left : left + WIDTH])
@@ -74,7 +74,7 @@ def _farneback(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def expected() -> dict[str, float]:
-    """RobustSpring's R_EPE: the mean change of the flow over pixels and over pairs of both cameras and
+    """RobustSpring's R_EPE: the change of the flow, averaged over pixels and over the pairs of both cameras and
     both directions.
     """
     moved: dict[str, list[float]] = {"fog": [], "zoom_blur": []}

@@ -1,4 +1,4 @@
-"""Slots of memory that two processes share."""
+"""Memory slots shared by two processes."""
 
 import multiprocessing
 import os
@@ -87,7 +87,7 @@ def test_views_of_small_slots_outlive_larger_ones():
     view[:] = 5
     for place in places:
         slots.put_back(place)
-    assert slots.fit(BUDGET // MOST_SLOTS * 3 // 2), "fewer bytes in all"
+    assert slots.fit(BUDGET // MOST_SLOTS * 3 // 2), "fewer bytes in total"
     assert slots.count * slots.slot_bytes < BUDGET
     assert (view == 5).all(), "a process that reads memory beyond the end would be killed"
     slots.close()

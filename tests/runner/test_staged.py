@@ -1,4 +1,5 @@
-"""Models on accelerators: one process predicts while others corrupt and measure; the rows are the same."""
+"""Models on accelerators: one process predicts while other processes corrupt and measure, and the rows are
+unchanged."""
 
 import multiprocessing
 import threading
@@ -43,7 +44,7 @@ def whole(tmp_path_factory):
 
 
 def _predictions(log):
-    """Process, device and number of pairs of every call."""
+    """The process, device and number of pairs of every call."""
     return [(pid, device, int(pairs)) for pid, device, pairs in map(str.split, log.read_text().splitlines())]
 
 
@@ -55,7 +56,7 @@ def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypa
     assert (staged.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
     assert not list((staged.path / "clean").iterdir())
     calls = _predictions(tmp_path / "log")
-    assert len(calls) == whole.rows.height, "the clean flow of a sample is predicted once"
+    assert len(calls) == whole.rows.height, "each clean flow is predicted only once"
     placed = {(pid, device) for pid, device, _ in calls}
     assert len({pid for pid, _ in placed}) == len({on for _, on in placed}) == len(placed)
     assert {on for _, on in placed} == {"cuda:0", "cuda:1"}
@@ -82,7 +83,7 @@ def test_a_clip_reaches_a_multi_frame_model_in_order(clip_folder, tmp_path, mode
 
 
 def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
-    """A feeder whose device never answers; larger frames have fewer slots."""
+    """A feeder whose device never responds; larger frames get fewer slots."""
     size = (700, 1000)
     driver, theirs = multiprocessing.Pipe()
     device, link = multiprocessing.Pipe()
@@ -119,7 +120,7 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
     assert driver.poll(60)
     assert driver.recv()[0] == "row"
     assert driver.poll(60)
-    assert driver.recv()[0] == "made", "a slot that is free again is used again"
+    assert driver.recv()[0] == "made", "a released slot is reused"
     driver.close()
     assert ended.wait(20)
     slots.close()

@@ -43,7 +43,7 @@ def test_a_prediction_that_hangs_is_stopped(tmp_path, models_on_path):
 
 
 def test_a_predicting_process_that_dies_is_named(tmp_path, models_on_path):
-    with pytest.raises(RunError, match=r"exit code 17\) while it computed sample '0', \w+ severity \d"):
+    with pytest.raises(RunError, match=r"exit code 17\) while computing sample '0', \w+ severity \d"):
         _trouble(tmp_path, "dies")
 
 
@@ -51,7 +51,7 @@ def test_a_feeder_that_dies_is_named(tmp_path, models_on_path):
     dataset = __import__("models_for_tests").KillsItsReader(2, (24, 32))
     benchmark = Benchmark("drawn", dataset, ("0", "1"), ("contrast",), (1,))
     model = ModelSpec("models_for_tests:Accelerated")
-    with pytest.raises(RunError, match=r"exit code 18\) while it computed sample '1', clean"):
+    with pytest.raises(RunError, match=r"exit code 18\) while computing sample '1', clean"):
         rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1)
 
 
@@ -89,7 +89,7 @@ def _wait(condition, seconds=60):
 
 @pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
 def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(tmp_path, trouble):
-    """This holds even if the model hangs, in which case its process would never read its pipe again."""
+    """This also works if the model hangs and its process never reads from its pipe again."""
     before = set(os.listdir("/dev/shm"))
     log = tmp_path / "log"
     run = _start(tmp_path / "run", "-O", f"trouble={trouble or 'none'}", "-O", "pause=0.1", PREDICTION_LOG=str(log))
@@ -100,7 +100,7 @@ def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(t
     os.kill(run.pid, signal.SIGKILL)
     run.wait()
     _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)
-    _wait(lambda: not made & set(os.listdir("/dev/shm")), 20)  # a few may belong to tests that run beside this one
+    _wait(lambda: not made & set(os.listdir("/dev/shm")), 20)  # a few may belong to tests that run at the same time
     if trouble:
         return
     again = _start(tmp_path / "run", "-O", "trouble=none", "-O", "pause=0.1", PREDICTION_LOG=str(log))

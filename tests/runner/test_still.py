@@ -26,7 +26,7 @@ from .conftest import FRAMES
 
 
 class Unchanged:
-    """Leaves frames unchanged."""
+    """A corruption that leaves the frames unchanged."""
 
     family = "noise"
     severities = (1, 2, 3, 4, 5)
@@ -81,7 +81,7 @@ def test_frames_that_stay_equal_give_each_model_its_clean_value(model, clip_fold
         run.rows.filter(corruption=name)["epe_sum"][0] for name in ("clean", "unchanged", "impulse_noise")
     )
     assert same == clean
-    assert noisy > clean, "noise that differs between the frames moves the flow"
+    assert noisy > clean, "noise that differs between the frames causes flow"
 
 
 def test_a_still_run_is_compared_with_no_run_of_moving_frames(clip_folder, tmp_path):
@@ -115,7 +115,7 @@ def test_a_multi_frame_model_gets_the_same_frame_throughout(clip_folder, tmp_pat
 
 
 class Corrupted(TexturePairs):
-    """Has frames that are already corrupted."""
+    """A dataset with precomputed corrupted frames."""
 
     def has_corrupted(self, corruption):
         return True
@@ -139,7 +139,7 @@ def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_li
     flows = tmp_path / "flows" / "clean"
     flows.mkdir(parents=True)
     write_flow(flows / "0.flo", np.zeros((48, 64, 2), np.float32))
-    with pytest.raises(UsageError, match="flow files are only for moving pairs"):
+    with pytest.raises(UsageError, match="flow files cannot be used with --still"):
         still_run(tmp_path / "flows", clip_folder, tmp_path / "run")
 
 
@@ -149,7 +149,7 @@ def test_a_model_trained_on_the_frames_has_seen_them_when_they_are_still():
 
 
 class Pairs(BrightnessFlow):
-    """Stores every flow that it predicts."""
+    """A model that stores every flow that it predicts."""
 
     def __init__(self):
         self.flows = []
@@ -160,7 +160,7 @@ class Pairs(BrightnessFlow):
 
 
 class Clips:
-    """Does the same as a multi-frame model whose flow depends on all its frames."""
+    """The same, as a multi-frame model whose flow depends on all its frames."""
 
     window = (1, 1)
 
@@ -179,7 +179,9 @@ def test_spread_over_draws_is_that_of_the_flows_of_each_seed(kind, clip_folder, 
     models, runs = [kind(), kind(), kind()], []
     for seed, model in enumerate(models, 5):
         runs.append(still_run(model, clip_folder, tmp_path / f"{seed}", limit=2, seed=seed))
-    assert drawn.rows.drop("spread_sum").equals(runs[0].rows.drop("spread_sum")), "errors are those of the first draw"
+    assert drawn.rows.drop("spread_sum").equals(runs[0].rows.drop("spread_sum")), (
+        "errors are measured on the first draw"
+    )
     noisy = drawn.rows.filter(corruption="impulse_noise")
     for number, spread_sum in enumerate(noisy["spread_sum"]):
         each = np.array([model.flows[2 * number + 1] for model in models], np.float64)
@@ -238,12 +240,12 @@ def test_draws_that_cannot_be_measured_are_refused_in_one_line(clip_folder, tmp_
             return flow
 
     refused = [
-        ({"draws": 0}, UsageError, "0 draws are too few: give 1 or more"),
+        ({"draws": 0}, UsageError, "the number of draws must be at least 1; got 0"),
         ({"draws": 2, "confidence": "forward-backward"}, UsageError, "either a confidence or the spread"),
         (
             {"draws": 2, "model": Lost()},
             ModelError,
-            "NaN or infinite on .* 2, in a further draw",
+            "NaN or infinite on .* 2, in an additional draw",
         ),
     ]
     for options, error, words in refused:

@@ -96,7 +96,7 @@ def three(frames):
 def test_a_file_that_changes_during_a_run_is_noticed_at_its_end(three, tmp_path):
     before = (three / "2.bmp").read_bytes()
     with pytest.raises(
-        DataError, match=r"2\.bmp changed while the run read it.* sample '1' .* run the same command again"
+        DataError, match=r"2\.bmp changed while the run was reading it.* sample '1' .* run the same command again"
     ):
         rf.evaluate(_Changes(three / "2.bmp", flip), "folder", three, tmp_path / "run", **CHOSEN)
     left = rf.load_run(tmp_path / "run")

@@ -19,14 +19,14 @@ from .setup import Setup
 
 
 def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Container[str] = ()) -> Setup:
-    """Return the set-up of a finished run with one of its attacks at one severity.
+    """Return the setup of a finished run, restricted to one of its attacks at one severity.
 
     Args:
-        setup: set-up of the run, from `restore_setup`.
+        setup: setup of the run, from `restore_setup`.
         run: finished run that contains the attack.
         name: name of the attack in the run.
         severity: severity of the attack, 1 to 5.
-        named: names of attacks given by the user; only these may load code and files.
+        named: attacks named by the user; only these may load code and files.
 
     Raises:
         RunError: the attack names code or a file that the user did not name, its code or settings have changed, or its
@@ -39,8 +39,8 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
         attack = load_attack(name).with_variant(options.variant)
     except UsageError as error:
         raise RunError(
-            f"the run's attack '{plain(name)}' cannot be loaded ({plain(str(error), 200)}); if it is your own, name "
-            "it with --own-attack MODULE:ATTRIBUTE"
+            f"the run's attack '{plain(name)}' cannot be loaded ({plain(str(error), 200)}); if it is your own attack, "
+            "pass it with --own-attack MODULE:ATTRIBUTE"
         ) from error
     learned = {}
     if attack.trains:
@@ -57,13 +57,13 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
 def _refuse_code_and_files(name: str) -> None:
     head, argument, options = split_name(name)
     on = options.pop("on", argument if head == "transfer" else "tiny") or "tiny"
-    options.pop("train", None)  # the trained perturbation is in the run's folder
+    options.pop("train", None)  # the trained perturbation is in the run folder
     try:
         if "file" in options:
             raise RunError("a file")
         RunSource(ModelSpec(on, tuple(options.items()))).model_to_reuse({})
     except RunError:
         raise RunError(
-            f"the run's attack '{plain(name)}' names code or a file, and code named in a run's folder is never loaded: "
-            f"give --own-attack '{plain(name)}' yourself if you trust it"
+            f"the run's attack '{plain(name)}' refers to code or a file, and code named in a run folder is never "
+            f"loaded: pass --own-attack '{plain(name)}' yourself if you trust it"
         ) from None

@@ -1,4 +1,4 @@
-"""Compute cells that are attacks, in the process that has the model, because attacked frames depend on the model."""
+"""Compute attack cells in the process that has loaded the model, because attacked frames depend on the model."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class AttackStage:
     Args:
         model: loaded model.
         options: options of the run.
-        seconds: counters to which the time of attacks is added, as "attack".
-        on_predict: callback, called with a description of the attack before it starts and with None when it ends.
+        seconds: counters; the time spent on attacks is added to "attack".
+        on_predict: callback that receives a description of the attack before it starts and None when it ends.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class AttackStage:
             cell: cell to compute, (sample key, attack, severity).
 
         Raises:
-            ModelError: the attack needs gradients, and the model does not provide any.
+            ModelError: the attack needs gradients, but the model does not provide any.
         """
         _, name, severity = cell
         with timed(self._seconds, "attack"):
@@ -78,7 +78,7 @@ class AttackStage:
         return attacked
 
     def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
-        """Return the warnings of a prediction made before the first attack."""
+        """Return the warnings that the model issues in a prediction before the first attack."""
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
         assert isinstance(self._model, FlowModel)
@@ -93,19 +93,19 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
     """Check that all requested attacks work with a model.
 
     Returns:
-        For each attack that depends on more than its name, a digest of its source (`Attack.source`) and of its training
-        samples.
+        For each attack that is not fully defined by its name, a digest of its source (`Attack.source`) and of its
+        training samples.
 
     Raises:
-        UsageError: the model takes more than two frames or reads precomputed flows, or no attack has the variant.
-        ModelError: an attack needs gradients and the model has none.
+        UsageError: the model needs more than two frames or reads precomputed flows, or no attack supports the variant.
+        ModelError: an attack needs gradients, but the model does not provide any.
     """
     names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
-        raise UsageError("attacks need a two-frame model; leave out --attacks")
+        raise UsageError("attacks require a two-frame model; leave out --attacks")
     attacks = attacks_in_run(names, variant)
     if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
-        raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run have it")
+        raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run support it")
     for one in attacks.values():
         one.check(model)
     trained = {name: training_digest(one, benchmark, seed) for name, one in attacks.items() if one.trains}
@@ -113,7 +113,7 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
 
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
-    """Return the columns of a row that only attacks have."""
+    """Return the columns that only the rows of attacks have."""
     capped = median = None
     if sample.flow is not None and sample.valid is not None:
         usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid

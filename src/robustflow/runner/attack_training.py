@@ -1,5 +1,5 @@
-"""Train the attacks of a run that need training, once, on samples that the run does not measure. The results are stored
-in the run's folder."""
+"""Train those attacks of a run that need it, once per run, on samples that the run does not measure. The results are
+stored in the run folder."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
 def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str, ...]:
     """Return the training samples of an attack, none of which is measured.
 
-    If the attack gives a number of samples, they are drawn with the seed from those that are not measured; otherwise
-    its file lists them.
+    If the attack specifies a number of samples, they are drawn at random, with the given seed, from those that are not
+    measured; otherwise they are listed in the attack's file.
 
     Raises:
         UsageError: too few samples are left, or a sample listed in the file is measured.
-        DataError: the file cannot be read, or lists no sample.
+        DataError: the file cannot be read, or does not list any samples.
     """
     every, measured = benchmark.dataset.keys(), set(benchmark.keys)
     if attack.trains.isdecimal():
         left = [key for key in every if key not in measured]
         if len(left) < int(attack.trains):
             raise UsageError(
-                f"attack {attack.label} needs {attack.trains} training samples that are not measured, and there are "
-                f"{len(left)}; measure fewer, with --limit or --split, or train on fewer"
+                f"attack {attack.label} needs {attack.trains} training samples that are not measured, but only "
+                f"{len(left)} are available; measure fewer with --limit or --split, or train on fewer"
             )
         return tuple(sorted(left, key=lambda key: (key_of("attack training", seed, key), key))[: int(attack.trains)])
     keys = read_split(attack.trains, every)
     if both := [key for key in keys if key in measured]:
         raise UsageError(
-            f"attack {attack.label} would be trained on sample '{both[0]}', which is measured ({len(both)} are); leave "
-            "such samples out of the file, or measure different ones with --split"
+            f"attack {attack.label} would be trained on sample '{both[0]}', which is measured ({len(both)} such "
+            "samples); remove these samples from the file, or measure different ones with --split"
         )
     return tuple(keys)
 
@@ -64,8 +64,8 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
 
 
 def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]) -> Learned:
-    """Return the trained perturbations that some units need: read from the run's folder and verified by digest, or
-    trained now and stored there.
+    """Return the trained perturbations that the given units need. Each is read from the run folder and verified by its
+    digest, or trained now and stored there.
 
     Raises:
         DataError: a sample cannot be read.
@@ -89,7 +89,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
 
 
 def learned_pattern(folder: RunFolder, plan: Plan, name: str, severity: int) -> Pattern | None:
-    """Return the perturbation of a trained attack; None if it is missing from the run's folder or damaged."""
+    """Return the perturbation of a trained attack; None if it is damaged or missing from the run folder."""
     return read_clean(folder.pattern_path(name, severity), _made_of(plan, name, severity))
 
 

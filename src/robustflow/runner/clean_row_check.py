@@ -14,7 +14,7 @@ from ..runs.store import RunFolder
 
 _FRAMES = ("frames_digest", "height", "width")
 _PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
-"""Columns that differ between models; the first does not need ground truth."""
+"""Columns that depend on the model; the first does not need ground truth."""
 _TOLERANCE = 1e-3
 """Relative tolerance: larger than the rounding differences between two runs on a GPU, smaller than the effect of a
 changed model."""
@@ -24,7 +24,7 @@ KEPT = ("sample", "corruption", "severity", *_FRAMES, "truth_digest", *_PREDICTI
 
 
 def stored_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the clean rows of these samples that a run already has, by sample, with only the columns in `KEPT`.
+    """Return the clean rows that a run already has for these samples, by sample and with only the columns in `KEPT`.
 
     Raises:
         RunError: a shard cannot be read.
@@ -65,15 +65,15 @@ def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
     if not all(_close(before[column], now[column]) for column in _PREDICTION):
         raise RunError(
             f"the model predicts a different flow on sample '{before['sample']}' than when this run measured it, "
-            "though it has the same name: its code, a module it imports or its weights have changed; choose "
-            "another folder with --output, or restore the model"
+            "although its name is the same: its code, a module that it imports or its weights have changed; choose a "
+            "different folder with --output, or restore the model"
         )
 
 
 def _other_data(key: str, what: str) -> RunError:
     return RunError(
-        f"sample '{key}' has different {what} than when this run measured it, in files of the same names and sizes; "
-        "restore the data, or choose another folder with --output"
+        f"sample '{key}' has different {what} than when this run measured it, although the names and sizes "
+        "of its files are the same; restore the data, or choose a different folder with --output"
     )
 
 

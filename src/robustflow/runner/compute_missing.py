@@ -1,4 +1,4 @@
-"""Compute the units that a run's folder lacks, and write each one as soon as it is finished."""
+"""Compute the units that are missing from a run folder, and write each one as soon as it is finished."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
         setup: set-up of the run.
         engine: engine that computes the units.
         batch_size: number of severities predicted in one call.
-        progress: receiver of the run's size and of a message for every unit written to disk.
+        progress: notified of the size of the run and of every unit written to disk.
 
     Raises:
         RunError: the folder contains a different run.
@@ -89,6 +89,6 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
     key, path = next(iter(changed.items()))
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     raise DataError(
-        f"{path} changed while the run read it, so the rows of sample '{key}'{more} were removed; run the same command "
-        "again when no process writes to the data"
+        f"{path} changed while the run was reading it, so the rows of sample '{key}'{more} were removed; run the same "
+        "command again when no process is writing to the data"
     )

@@ -12,10 +12,10 @@ from ..runs.run import Run
 
 
 def keep_cost(run: Run, model: Any) -> None:
-    """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored.
+    """Store the cost of one prediction with a run's model for the run's tables and pages, unless it is already stored.
 
-    Only the PyTorch networks of this project can be counted; for other models nothing is stored. No flow is predicted,
-    so this takes about a second.
+    The cost is known only for this project's PyTorch networks; nothing is stored for other models. No flow is
+    predicted, so this takes about a second.
 
     Args:
         run: run whose folder this process has locked or just finished.
@@ -25,7 +25,8 @@ def keep_cost(run: Run, model: Any) -> None:
         DataError: the folder cannot be written.
     """
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
-        return  # if PyTorch is not loaded, the model is not a network, and the import takes longer than a small run
+        # without PyTorch loaded, the model is not a network; importing PyTorch would take longer than a small run
+        return
     from ..profiling.counts import count
     from ..profiling.network_of import network_of
 

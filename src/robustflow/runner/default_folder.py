@@ -1,4 +1,4 @@
-"""Name the default folder of a run."""
+"""Determine the default folder of a run."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
             continue
         if edited := identity.edited_corruptions(manifest.identity):
             warnings.warn(
-                f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts "
-                f"in {folder}",
+                f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts in "
+                f"{folder}",
                 stacklevel=3,
             )
             return

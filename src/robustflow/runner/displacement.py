@@ -37,22 +37,22 @@ def displacement_histogram(
         model: model whose flow is measured; None for the ground truth.
         source: name of the model in the table; by default the name of its class.
         edges: ascending bin edges in pixels, starting at 0; a bin includes its lower edge.
-        digests: `frames_digest` of the clean row by sample, for a histogram that belongs to a run.
+        digests: `frames_digest` of each sample's clean row, for a histogram that belongs to a run.
 
     Returns:
         One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`
         (a count), `share` (of all valid pixels; the shares add up to 1).
 
     Raises:
-        DataError: ground truth was requested, and the benchmark has none.
-        UsageError: the edges do not ascend from 0, or the model needs more than two frames.
+        DataError: ground truth was requested, but the benchmark has none.
+        UsageError: the edges are not ascending or do not start at 0, or the model needs more than two frames.
         ModelError: the model failed, or returned a flow that is not finite.
         RunError: the digest of the frames differs.
     """
     if model is None and not benchmark.dataset.has_flow:
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow should be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
-        raise UsageError("displacement is measured from the flow of pairs; name a two-frame model")
+        raise UsageError("displacement is measured on the flow of pairs; choose a two-frame model")
     table = histogram(_flows(benchmark, model, progress, digests or {}), edges)
     name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
@@ -67,7 +67,7 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
     [2, 1, 0]
     """
     if len(edges) < 2 or edges[0] != 0 or any(not low < high for low, high in pairwise(edges)):
-        raise UsageError(f"histogram edges must ascend from 0; got {list(edges)[:5]}...")
+        raise UsageError(f"histogram edges must be ascending and start at 0; got {list(edges)[:5]}...")
     counts = np.zeros(len(edges) - 1, np.int64)
     valid_pixels = 0
     for flow, valid in flows:
@@ -88,10 +88,10 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
 
 
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
-    """Store the histogram of a run's ground truth in the run's folder for its pages, unless it exists or there is no
-    ground truth.
+    """Store the histogram of a run's ground truth in the run folder for its pages, unless it exists already or there is
+    no ground truth.
 
-    This is one more pass over the clean pairs; the run itself takes about a hundred.
+    This adds one pass over the clean pairs; the run itself makes about a hundred.
 
     Args:
         result: the finished run.
@@ -118,7 +118,7 @@ def _flows(
         sample = benchmark.dataset.load(key)
         if key in digests and frames_digest(sample.frames[:2]) != digests[key]:
             raise RunError(
-                f"{benchmark.name}, sample '{key}': these are not the frames of the run; give the run's --data"
+                f"{benchmark.name}, sample '{key}': these are not the frames of the run; use the run's --data"
             )
         progress(number, len(benchmark.keys))
         yield _of_truth(benchmark, sample) if model is None else _of_model(model, sample)

@@ -1,4 +1,4 @@
-"""Draw example pictures of a run: the worst and the median cell side by side, and one frame under every corruption."""
+"""Draw example images of a run: the worst and the median cell side by side, and one frame under every corruption."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def write_examples(run: Run, setup: Setup) -> bool:
 
     Args:
         run: run whose folder this process has locked.
-        setup: set-up of the run.
+        setup: setup of the run.
 
     Returns:
         Whether the examples were drawn.
 
     Raises:
-        RunError: the run is incomplete or measured no pixel, or the frames or flows differ from those of the run.
-        DataError: the pictures cannot be written.
+        RunError: the run is incomplete or has no measured pixel, or the frames or flows differ from those of the run.
+        DataError: the images cannot be written.
     """
     if run.summary.missing:
         raise RunError(f"{run.path} is not complete, so its worst sample is unknown; run its command again first")
@@ -80,7 +80,7 @@ def draw_example(
 
     Args:
         run: a run.
-        setup: set-up of the run.
+        setup: setup of the run.
         key, corruption, severity: cell to draw; the corruption may be an attack.
         named_attacks: attacks named by the user, see `with_attack`.
 
@@ -99,7 +99,7 @@ def draw_example(
 
 @contextmanager
 def _worker(setup: Setup) -> Iterator[Worker]:
-    """Create a worker that stores its clean flows outside the run's folder."""
+    """Create a worker that stores its clean flows outside the run folder."""
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
         yield Worker(
             setup.dataset, setup.model.model, setup.options, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
@@ -152,10 +152,10 @@ def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
 
 
 def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
-    """Raise unless a picture shows the frames and the flow that were measured."""
+    """Raise unless an image shows the frames and the flow that were measured."""
     where = describe_cell(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:
-        raise RunError(f"the frames of {where} differ from those of the run; give the data of the run")
+        raise RunError(f"the frames of {where} differ from those of the run; use the data of the run")
     again = cell_scores(view.row, None)
     for name in ("epe", "rcre"):
         before, now = getattr(scores, name), getattr(again, name)

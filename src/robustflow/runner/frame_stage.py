@@ -72,7 +72,7 @@ class FrameStage:
             if sample.valid is not None and not sample.valid.any():
                 raise DataError(
                     f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
-                    "leave it out with --split, or restore the flow file"
+                    "exclude it with --split, or restore the flow file"
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
             return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")

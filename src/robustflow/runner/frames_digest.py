@@ -11,7 +11,7 @@ from ..sample import Frame
 
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:
-    """Return a digest, 32 hexadecimal digits, of the bytes and sizes of some frames.
+    """Return a digest of the bytes and sizes of frames, as 32 hexadecimal digits.
 
     Args:
         frames: RGB frames, each uint8 (H, W, 3).

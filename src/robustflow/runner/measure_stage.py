@@ -98,7 +98,7 @@ class MeasureStage:
         if row["n_invalid"] and not self._allow_invalid:
             raise ModelError(
                 f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {describe_cell(*cell)}; fix "
-                "the model, or give --allow-invalid to exclude and count such pixels"
+                "the model, or use --allow-invalid to exclude and count such pixels"
             )
         return row
 
@@ -124,7 +124,7 @@ def _spread(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, Any]:
     spread = answer[..., 2].astype(np.float64)
     if not np.isfinite(spread[usable]).all():
         raise ModelError(
-            f"the model returned pixels that are NaN or infinite on {describe_cell(*cell)}, in a further draw; fix the "
-            "model, or leave out --seeds"
+            f"the model returned pixels that are NaN or infinite on {describe_cell(*cell)}, in an additional draw; fix "
+            "the model, or leave out --seeds"
         )
     return {"spread_sum": error_sum(spread, usable).total}

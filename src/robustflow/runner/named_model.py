@@ -30,7 +30,7 @@ class NamedModel:
     identity: dict[str, Any]
     declared: str | None
     name: str | None = None
-    """Return the name that a user's model gives itself; None for registered models."""
+    """Return the name that a user's model defines for itself; None for registered models."""
 
     def check_batch_size(self, size: int) -> None:
         """Raise if the model does not support a batch size.
@@ -39,7 +39,7 @@ class NamedModel:
             UsageError: the batch size is below 1, or above 1 for a model that predicts one pair or clip at a time.
         """
         if size < 1:
-            raise UsageError(f"a batch of {size} pairs cannot be predicted: give 1 or more")
+            raise UsageError(f"the batch size must be at least 1; got {size}")
         if size > 1 and isinstance(self.model, ClipModel):
             raise UsageError("a multi-frame model predicts one clip at a time; leave out --batch-size")
         if size > 1 and not isinstance(self.model, BatchedFlowModel):
@@ -49,7 +49,7 @@ class NamedModel:
 
 
 def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
-    """Load a model by name, path or spec, or use an object as it is.
+    """Load a model by name, path or spec, or wrap a model object.
 
     Raises:
         UsageError: the name or an option is unknown.

@@ -59,11 +59,11 @@ class Panel:
 
 @default_style()
 def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
-    """Draw a panel and return its file, always the same bytes for the same panel.
+    """Return a panel as the content of an image file; the same panel always yields the same bytes.
 
-    All flows share one radius (of the ground truth, or else of the clean flow), so equal colours mean equal vectors.
-    The error map shows the end-point error; without ground truth, it shows the distance between the flows on the
-    corrupted and on the clean frames.
+    All flows share one radius (that of the ground truth if available, otherwise that of the clean flow), so equal
+    colours mean equal vectors. The error map shows the end-point error; without ground truth, it shows the distance
+    between the flows on the corrupted and on the clean frames.
     """
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
@@ -93,12 +93,12 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
 
 
 def _of_still(panel: Panel) -> list[tuple[str, Frame | None]]:
-    """Return the pictures of a static scene: all flow in it is phantom motion."""
+    """Return the images for a static scene, in which all flow is phantom motion."""
     radius = flow_radius(panel.flow)
     zero = np.zeros_like(panel.flow)
     return [
         ("corrupted frame 1", panel.frames[0]),
-        ("corrupted frame 2, of the same frame", panel.frames[1]),
+        ("corrupted frame 2 (from the same frame)", panel.frames[1]),
         ("phantom motion on the clean frames", flow_colours(panel.clean_flow, radius)),
         (f"phantom motion on the corrupted frames (full colour: {radius:.3g} px)", flow_colours(panel.flow, radius)),
         ("the frame, uncorrupted", panel.sample.frames[0]),

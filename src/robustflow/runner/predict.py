@@ -1,4 +1,4 @@
-"""Predict flow for a user's frames, as flow files, pictures of the flow, or a video."""
+"""Predict flow for a user's frames, as flow files, images of the flow, or a video."""
 
 from __future__ import annotations
 
@@ -51,18 +51,18 @@ class Predicted:
 
 
 def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
-    """Open two or more pictures in the given order, a folder of pictures, or a video, as pairs of adjacent frames.
+    """Open two or more images in the given order, a folder of images, or a video, as pairs of adjacent frames.
 
     Raises:
-        UsageError: only one picture is given, or options are given for pictures.
+        UsageError: only one image is given, or options are given for images.
         DataError: the frames cannot be read.
     """
     if len(paths) == 1:
         if paths[0].is_file() and _is_picture(paths[0]):
-            raise UsageError(f"{paths[0]} is one frame; give two or more, a folder of frames, or a video")
+            raise UsageError(f"{paths[0]} is a single frame; give two or more, a folder of frames, or a video")
         return load_dataset("folder", paths[0], **options)
     if options:
-        raise UsageError(f"-D {next(iter(options))}=... is for a folder or a video, not for single pictures")
+        raise UsageError(f"-D {next(iter(options))}=... applies to a folder or a video, not to single images")
     pairs = {
         f"{index:04d}_{first.stem}" if len(paths) > 2 else first.stem: PairFiles((first, second), group="frames")
         for index, (first, second) in enumerate(pairwise(paths))
@@ -124,8 +124,8 @@ def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator
 
 
 def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
-    """Write a picture in flow colours next to each flow file, KEY.colours.png; equal colours mean equal flow in all
-    pictures."""
+    """Write an image of each flow in colours next to its flow file, KEY.colours.png; equal colours mean equal flow in
+    all images."""
     for one in predicted:
         flow, valid = read_flow(one.flow)
         path = one.flow.with_suffix(".colours.png")

@@ -61,7 +61,7 @@ class PredictStage:
         confidence: confidence to predict in addition to the flow, one of `models.confidence.CONFIDENCES`; None for flow
             only.
         seconds: counters to which the time is added, as "predict".
-        on_predict: callback to monitor the time, called with a description before each call of the model and with None
+        on_predict: callback for monitoring the time; receives a description before each call of the model and None
             after it.
     """
 

@@ -16,7 +16,7 @@ from .engines.base import FinishedUnit
 
 
 class Progress(Protocol):
-    """A receiver of a message for every finished unit."""
+    """An object that is notified of every finished unit."""
 
     def start(self, folder: Path, total: int, finished: int) -> None:
         """Start a run of `total` units, of which `finished` were finished by earlier calls."""
@@ -45,11 +45,11 @@ class Silent:
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress]:
-    """Return the progress that a call of `evaluate` requests.
+    """Return the progress object for a call of `evaluate`.
 
     Args:
-        progress: the caller's progress object; True for a bar, or lines without a terminal; False for none; None for a
-            bar if standard error is a terminal or a notebook, and otherwise none.
+        progress: the caller's progress object; True for a bar, or plain lines without a terminal; False for no
+            progress; None for a bar if standard error is a terminal or a notebook, and no progress otherwise.
     """
     if progress is None:
         console = Console(stderr=True)

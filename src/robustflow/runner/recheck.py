@@ -1,6 +1,6 @@
-"""Check that rows were made from frames that others can reproduce, by recomputing the digests from the data.
+"""Check that rows were measured on frames that others can reproduce, by recomputing the digests from the data.
 
-A row contains a digest of the frames that its model was given. Frames depend only on the data, the corruption, its
+A row contains a digest of the frames that the model received. Frames depend only on the data, the corruption, its
 severity, the seed and the sample's key, so anyone with the data can recompute them without the model.
 """
 
@@ -66,7 +66,7 @@ def recheck(
         UsageError, DataError: the data are missing.
     """
     if count < 1:
-        raise UsageError(f"{count} rows cannot be checked: give 1 or more")
+        raise UsageError(f"the number of rows to check must be at least 1; got {count}")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
     dataset, run_options = set_up_frames(identity, data, options or {})
     predictor: AnyModel = NoMotion()
@@ -78,7 +78,7 @@ def recheck(
     known = set(dataset.keys())
     absent = sorted(set(chosen["sample"]) - known)
     if absent:
-        raise RunError(f"this dataset has no sample '{absent[0]}' (it has {len(known)}); give the data of the run")
+        raise RunError(f"this dataset has no sample '{absent[0]}' (it has {len(known)}); use the data of the run")
     problems = []
     names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:

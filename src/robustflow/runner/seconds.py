@@ -12,7 +12,7 @@ pgd", whose time is included in "attack"."""
 
 
 def no_seconds() -> Seconds:
-    """Return all counters at zero."""
+    """Return all counters, set to zero."""
     return {"load": 0.0, "corrupt": 0.0, "attack": 0.0, "predict": 0.0, "measure": 0.0}
 
 

@@ -83,11 +83,11 @@ def set_up(
     if benchmark.closed and severity_scale != "paper":
         raise UsageError(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
-            "or give the uncorrupted data"
+            "or use the uncorrupted data"
         )
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
-        raise UsageError("flow files are only for moving pairs; leave out --still, or name a model that predicts")
+        raise UsageError("flow files cannot be used with --still; leave out --still, or choose a model that predicts")
     check_confidence(confidence, named.model)
     _check_draws(draws, benchmark, confidence)
     attack_sources = check_attacks(benchmark, seed, variant, named.model)
@@ -130,7 +130,7 @@ def set_up(
 
 def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> None:
     if type(draws) is not int or draws < 1:
-        raise UsageError(f"{draws} draws are too few: give 1 or more")
+        raise UsageError(f"the number of draws must be at least 1; got {draws}")
     if draws > 1 and benchmark.closed:
         raise UsageError("these frames were corrupted beforehand, with one draw; leave out --seeds")
     if draws > 1 and confidence is not None:
@@ -147,7 +147,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     identity = run.manifest.identity
     benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
     if source.model is None:
-        raise RunError(f"{run.path} was run with a Python object, which has no name; give --model NAME")
+        raise RunError(f"{run.path} was run with a Python object, which has no name; specify --model NAME")
     try:
         named = name_model(source.model)
     except RobustFlowError as error:
@@ -161,8 +161,8 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     plan = Plan(benchmark, options, named.identity)
     if (now := plan.identity()) != identity:
         raise RunError(
-            f"the present set-up is not that of {run.path} (it differs in: {differing_fields(now, identity)}); give "
-            "the options of the run"
+            f"the current setup is not that of {run.path} (it differs in: {differing_fields(now, identity)}); use the "
+            "options of the run"
         )
     return Setup(plan, named)
 
@@ -186,18 +186,18 @@ def set_up_frames(
         parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing.split(", ")]
         remedies = [words for name, words in _REMEDIES.items() if name in differing.split(", ")]
         raise RunError(
-            f"the frames made here differ from those of the run ({plain('; '.join(parts), 300)}); "
+            f"the frames computed here differ from those of the run ({plain('; '.join(parts), 300)}); "
             f"{remedies[0] if remedies else 'use the version of the run'}"
         )
     return benchmark.dataset, options
 
 
 _REMEDIES = {
-    "dataset": "give the data and data options of the run",
-    "protocol": "give the data and data options of the run",
-    "depth": "give the depth maps and the focal length of the run with --depth and --focal",
-    "psf": "set ROBUSTFLOW_PSF_DIR as for the run",
-    "corruptions": "give the run's version of your corruption with --own-corruption",
+    "dataset": "use the data and data options of the run",
+    "protocol": "use the data and data options of the run",
+    "depth": "pass the depth maps and the focal length of the run with --depth and --focal",
+    "psf": "set ROBUSTFLOW_PSF_DIR to the same value as for the run",
+    "corruptions": "pass the run's version of your corruption with --own-corruption",
 }
 
 
@@ -206,8 +206,8 @@ def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: 
     name = moving_name(frames.benchmark)
     if name not in BENCHMARKS and name not in DATASETS:
         raise RunError(
-            f"unknown benchmark '{plain(frames.benchmark)}' of the run: neither this package nor an installed one "
-            "has it, and code named in a run is never loaded"
+            f"the run's benchmark '{plain(frames.benchmark)}' is unknown: neither this package nor an installed one "
+            "provides it, and code named in a run is never loaded"
         )
     return open_benchmark(name, data, None, data_options, frames.variant, still=is_still(frames.benchmark))
 
@@ -239,8 +239,8 @@ def _options_of(identity: Identity, benchmark: Benchmark, window: Window | None 
     for name in frames.corruptions:
         if not is_known(name):
             raise RunError(
-                f"the run's corruption '{plain(name)}' is not part of this package and unknown here: name "
-                "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
+                f"the run's corruption '{plain(name)}' is unknown and not part of this package: specify it with "
+                "--own-corruption MODULE:ATTRIBUTE, or install its package"
             )
     options = _options(
         frames.seed,

@@ -36,10 +36,10 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 
 @contextmanager
 def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
-    """Yield a set-up whose workers store the slider's pictures, if the sample to show is already known.
+    """Yield a setup whose workers store the slider's pictures, if the sample to show is already known.
 
-    The sample is known for a run of one sample. With more samples it is chosen at the end, and storing the pictures of
-    all samples would cost more than making them again.
+    The sample is known if the run has only one. Otherwise it is chosen at the end, because storing the pictures of all
+    samples would cost more than making them again.
     """
     if len(setup.plan.benchmark.keys) > 1:
         yield setup

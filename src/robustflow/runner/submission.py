@@ -63,7 +63,7 @@ class Submitted:
     Attributes:
         condition: "clean", or a corruption of RobustSpring.
         key: key of the pair.
-        fresh: whether the flow was predicted by this call, rather than an earlier one.
+        fresh: whether the flow was predicted by this call rather than by an earlier one.
         frames: digest of the files of the two frames.
         moved: difference from the pair's clean flow; None for the clean flow itself.
     """
@@ -79,20 +79,20 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     """Load the model of a run again.
 
     Raises:
-        RunError: the run's model was a Python object, or the loaded model is a different one.
-        UsageError: the run has flows from files, which cannot be used for different frames.
+        RunError: the run's model was a Python object, or the loaded model is a different model.
+        UsageError: the run used flow files, which cannot be used for different frames.
         ModelError: the model cannot be loaded.
     """
     if spec is None:
-        raise RunError(f"{run.path} does not record how to load its model; give --model NAME, and its options")
+        raise RunError(f"{run.path} does not record how to load its model; specify --model NAME and its options")
     named = name_model(spec)
     if isinstance(named.model, FlowLookup):
         raise UsageError("a folder of flow files cannot predict new frames; name a model")
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
         raise RunError(
-            f"the loaded model is not the one of {run.path} (it differs in: "
-            f"{differing_fields(named.identity, recorded)}); give the options of the run"
+            f"the loaded model is not the model of {run.path} (it differs in: "
+            f"{differing_fields(named.identity, recorded)}); use the options of the run"
         )
     return named.model
 
@@ -110,7 +110,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
         DataError: frames are missing.
     """
     if limit is not None and limit < 1:
-        raise UsageError(f"limit {limit} leaves no pairs: give 1 or more")
+        raise UsageError(f"the limit must be at least 1; got {limit}")
     clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
     wanted = {*spread(sorted(key for pairs in clean.values() for key in pairs.keys()), limit)}  # noqa: SIM118
     conditions = []
@@ -119,7 +119,9 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
             pairs = clean[direction] if condition == CLEAN else Condition(root, condition, direction)
             keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
             if gone := set(keys) - set(pairs.keys()):
-                raise DataError(f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack it whole")
+                raise DataError(
+                    f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack the complete archive"
+                )
             conditions.append(ConditionPairs(condition, pairs, tuple(keys)))
     return conditions
 
@@ -164,7 +166,7 @@ def _moved(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | N
         return None
     clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")
     if clean.shape != flow.shape:
-        raise UsageError(f"{folder}: the flows of '{key}' are of different sizes; choose an empty folder with --output")
+        raise UsageError(f"{folder}: the flows of '{key}' have different sizes; choose an empty folder with --output")
     moved, length = (
         np.linalg.norm(each, axis=2) for each in (flow.astype(np.float64) - clean, clean.astype(np.float64))
     )

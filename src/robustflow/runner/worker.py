@@ -41,15 +41,15 @@ class View:
 
 
 class Worker:
-    """Compute units of one run, with the latest sample and its clean flow in memory.
+    """Compute units of one run, keeping the latest sample and its clean flow in memory.
 
     Args:
         clean_path: function from a sample's key to the file in which its clean flow is stored between units.
         on_predict: callback, called with a description before each prediction and with None after it; the processes
             engine uses it to enforce the timeout.
         batch_size: number of severities of a unit predicted in one call, if the model supports batches.
-        kept: clean rows measured earlier, by sample (see `clean_row_check`); a sample with such a row is refused if its
-            frames, its ground truth or the model's prediction have changed.
+        kept: clean rows measured earlier, by sample (see `clean_row_check`); for these samples, changed frames, ground
+            truth or predictions raise an error.
     """
 
     def __init__(

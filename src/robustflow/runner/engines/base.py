@@ -28,7 +28,8 @@ class Job:
     loaded: AnyModel | None = field(default=None, compare=False)
     """The model, if this process has already loaded it; never sent to other processes."""
     kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """Clean rows that the run already has, by sample; measuring a continued sample again must give the same row."""
+    """Clean rows that the run already has, by sample; when a sample is resumed, measuring it again must yield the same
+    row."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "loaded": None}
@@ -59,11 +60,11 @@ class FinishedUnit:
 
 @dataclass(frozen=True)
 class Engine:
-    """An engine, which computes units.
+    """An engine that computes units.
 
     Attributes:
         describe: short description of the engine for the given units.
-        compute: function that computes each unit once, in any order in which a sample's clean unit comes first.
+        compute: function that computes each unit once, in any order, except that a sample's clean unit comes first.
     """
 
     describe: Callable[[Sequence[Unit]], str]

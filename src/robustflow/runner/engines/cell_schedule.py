@@ -26,7 +26,7 @@ class _Open:
 
 
 class CellSchedule:
-    """Assign the cells of units, each once, and collect their rows.
+    """Assign each cell of the units once, and collect the rows.
 
     A sample's clean cell comes first. Until the clean row has arrived, only the feeder that computes it works on the
     sample.

@@ -1,7 +1,7 @@
-"""A child process that can be monitored and that ends with its parent.
+"""A child process that can be monitored and that exits when its parent does.
 
 Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread of
-the child waits for this, so even a child that hangs inside a model ends.
+the child waits for this, so even a child that hangs inside a model exits.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ class Child:
             self._process.join(5)
             code = self._process.exitcode
             if not self._began and code == 1:
-                raise RunError(f"a worker process failed as it started; the usual cause: {_UNGUARDED}") from None
+                raise RunError(f"a worker process failed to start; the usual cause: {_UNGUARDED}") from None
             raise RunError(
-                f"a worker process ended without an error message (exit code {code}) while it computed {doing}; "
-                f"out of memory or a crash inside the model are the usual causes: {advice}"
+                f"a worker process ended without an error message (exit code {code}) while computing {doing}; "
+                f"the usual causes are lack of memory or a crash inside the model: {advice}"
             ) from None
         self._began = True
         if kind == "error":
@@ -102,7 +102,7 @@ class Child:
 
 
 def refuse_unguarded_script() -> None:
-    """Raise if a starting worker process runs the user's script from the top again.
+    """Raise if a worker process runs the user's script from the top again while starting.
 
     Raises:
         UsageError: the script runs again because it has no `if __name__ == "__main__":`.
@@ -145,7 +145,7 @@ def check_picklable(model: Any) -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Set the environment in which each library of a new process uses one thread."""
+    """Set environment variables so that each library in a new process uses one thread."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -160,8 +160,8 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Ignore Ctrl-C while a process starts, so that the process inherits this. The resource tracker has to be running
-    already, because starting it would enable Ctrl-C again."""
+    """Ignore Ctrl-C while a process starts, so that the process inherits the setting. The resource tracker must already
+    be running, because starting it would enable Ctrl-C again."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     came: list[
         int

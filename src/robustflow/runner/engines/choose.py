@@ -32,7 +32,8 @@ MOST_PROCESSES = 8
 """Largest default number of processes: each takes 300 MB or more."""
 
 _CELLS_PER_PROCESS = 25
-"""Minimum number of cells per process for several processes by default: a process takes about two seconds to start."""
+"""Several processes are the default only with at least this many cells per process, because a process takes about two
+seconds to start."""
 
 
 def choose_engine(
@@ -58,12 +59,12 @@ def choose_engine(
         AssetError: Ray is not installed.
     """
     if workers is not None and workers < 1:
-        raise UsageError(f"--workers {workers} is out of range: give 1 or more")
+        raise UsageError(f"--workers must be at least 1; got {workers}")
     if timeout is not None and timeout <= 0:
-        raise UsageError(f"no model can answer within a timeout of {timeout:g} s: give more than 0")
+        raise UsageError(f"the timeout must be positive; got {timeout:g} s")
     devices = devices_of(model.spec, model.model)
     if address is not None and name != "ray":
-        raise UsageError("--address is for the ray engine; give --engine ray with it, or leave it out")
+        raise UsageError("--address applies only to the ray engine; add --engine ray, or leave out --address")
     if devices and attacks and name in (None, "processes"):
         if name == "processes" or workers is not None or timeout is not None:
             raise UsageError(
@@ -135,8 +136,8 @@ def _ray(workers: int | None, timeout: float | None, address: str | None) -> Eng
 def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) -> Engine:
     if workers is not None and workers < len(devices):
         raise UsageError(
-            f"--workers {workers} are too few for {len(devices)} devices: give at least {len(devices)}, or name fewer "
-            "with --device"
+            f"{workers} workers are too few for {len(devices)} devices: use --workers {len(devices)} or more, or name "
+            "fewer devices with --device"
         )
     wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 
@@ -153,11 +154,11 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
 
 
 def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
-    """Return why a run does not use several processes by default; empty if it can."""
+    """Return the reason why a run cannot use several processes by default; empty if it can."""
     if multiprocessing.current_process().daemon:
         return " (this process is itself a worker)"
     if not may_have_children():
-        return ' (processes need the script\'s own code under `if __name__ == "__main__":`)'
+        return ' (worker processes require the script\'s code to be under `if __name__ == "__main__":`)'
     if model.spec is None and not _moves(model.model):
         return " (this model object cannot be sent to another process)"
     if not _moves(others):

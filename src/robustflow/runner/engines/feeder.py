@@ -26,7 +26,7 @@ _OPEN_SAMPLES = 4
 
 
 def cells_ahead(batch_size: int) -> int:
-    """Number of cells that a feeder is given in advance."""
+    """Number of cells that are assigned to a feeder in advance."""
     return batch_size + 2
 
 

@@ -1,4 +1,4 @@
-"""Limit the time of a prediction."""
+"""Limit the duration of a prediction."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...errors import ModelError
 
 
 class PredictionTimeout:
-    """Watch the predictions of one process.
+    """Monitor the predictions of one process.
 
     Args:
         timeout: time limit of one prediction, in seconds; None for no limit.
@@ -25,7 +25,7 @@ class PredictionTimeout:
         self.what, self._since = what, time.monotonic()
 
     def check(self) -> None:
-        """Check the time of the current prediction.
+        """Check the duration of the current prediction.
 
         Raises:
             ModelError: the prediction exceeds the time limit.
@@ -36,6 +36,4 @@ class PredictionTimeout:
 
 def too_slow(timeout: float, what: str) -> ModelError:
     """Return the error for a model that takes longer than `timeout` seconds on `what`."""
-    return ModelError(
-        f"the model took longer than {timeout:g} s on {what}; fix it, or allow it more time with --timeout"
-    )
+    return ModelError(f"the model took longer than {timeout:g} s on {what}; fix it, or allow more time with --timeout")

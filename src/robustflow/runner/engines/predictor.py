@@ -1,4 +1,4 @@
-"""A process that only predicts: it has the model on its device, and shares memory with the feeders of the device."""
+"""A process that only predicts: it keeps the model on its device and shares memory with the device's feeders."""
 
 from __future__ import annotations
 

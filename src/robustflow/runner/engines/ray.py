@@ -52,8 +52,8 @@ def on_ray(
         address: address of the cluster, see `connected`; None for a local cluster that ends with the run.
 
     Raises:
-        UsageError, RunError: Ray, the cluster or one of its nodes lacks something; a unit was lost `ATTEMPTS` times.
-        DataError, ModelError: same as for the other engines.
+        UsageError, RunError: Ray, the cluster or a node is not usable; a unit was lost `ATTEMPTS` times.
+        DataError, ModelError: as for the other engines.
     """
     gpu = needs_gpu(job)
     sent = pickled(job)
@@ -141,7 +141,7 @@ class _Crew:
         wanted = self._workers or self._most
         if not wanted:
             where = "this machine" if self._local else "the Ray cluster"
-            raise RunError(f"{where} has no {kind} that Ray knows of; give --workers N to wait for N of them to join")
+            raise RunError(f"{where} has no {kind} known to Ray; use --workers N to wait for N of them to join")
         while len(self._members) < min(wanted, self._left):
             self._members.append(Member(self._ray, self._gpu, self._timeout is not None))
             self._members[-1].greet(variables(), os.getcwd(), _folders(self._local))
@@ -149,7 +149,7 @@ class _Crew:
             self._heard = now
         elif now - self._heard > _PATIENCE_S and not self._warned:
             self._warned = True
-            warnings.warn(f"no {kind} of the Ray cluster is free; waiting for one", stacklevel=2)
+            warnings.warn(f"no {kind} in the Ray cluster is free; waiting for one", stacklevel=2)
 
     def _receive(self, member: Member) -> FinishedUnit | None:
         """Read the result of an actor's last call, and make the next call."""
@@ -200,16 +200,17 @@ class _Crew:
             self._failed_starts += 1
             if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
                 raise RunError(
-                    f"no worker starts on the Ray cluster: {self._failed_starts} were lost while starting, the last "
-                    f"on {where} ({why}); the usual causes are lack of memory or a crash while the model is loaded"
+                    f"no worker could be started on the Ray cluster: {self._failed_starts} were lost while starting, "
+                    f"the last on {where} ({why}); the usual causes are lack of memory or a crash while loading the "
+                    "model"
                 )
             return
         losses = self._losses.setdefault(member.unit, [])
         losses.append(f"{where} ({why})")
         if len(losses) == ATTEMPTS:
             raise RunError(
-                f"a worker ended without an error message while it computed sample '{member.unit.key}', "
-                f"{member.unit.corruption}, {ATTEMPTS} times: on {', '.join(losses)}; the usual causes are lack of "
+                f"a worker ended without an error message while computing sample '{member.unit.key}', "
+                f"{member.unit.corruption}, {ATTEMPTS} times (on {', '.join(losses)}); the usual causes are lack of "
                 "memory or a crash inside the model: try fewer --workers"
             )
         self._schedule.give_back(member.unit)

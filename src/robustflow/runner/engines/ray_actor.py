@@ -135,7 +135,7 @@ class UnitActor:
         if loaded != identity:
             raise RunError(
                 f"node {self._host} has a different model of the same name (it differs in: "
-                f"{differing_fields(loaded, identity)}); give every node the same files"
+                f"{differing_fields(loaded, identity)}); use the same files on every node"
             )
         self._worker = replace(job, folder=self._scratch, loaded=model).worker(self._note)
         return _device()
@@ -162,18 +162,18 @@ class UnitActor:
                 here = os.stat(path).st_size
             except OSError as error:
                 raise DataError(
-                    f"node {self._host}: {os.path.abspath(path)} cannot be read ({error.strerror}); give every node "
-                    "the data under the same path, preferably an absolute one"
+                    f"node {self._host}: {os.path.abspath(path)} cannot be read ({error.strerror}); make the data "
+                    "available on every node under the same path, preferably an absolute one"
                 ) from error
             if here != size:
                 raise DataError(
-                    f"node {self._host}: {os.path.abspath(path)} has {here} bytes there and {size} here; give every "
-                    "node the same data"
+                    f"node {self._host}: {os.path.abspath(path)} has {here} bytes there but {size} here; use the same "
+                    "data on every node"
                 )
 
 
 def answered(compute: Callable[[], Any]) -> Answer:
-    """Return what a call returns or raises, in the form of `Answer`."""
+    """Return the result or the exception of a call as an `Answer`."""
     try:
         return "done", compute()
     except BaseException as error:  # SystemExit too: Ray would assume that the actor ended on purpose

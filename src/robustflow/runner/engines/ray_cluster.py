@@ -19,17 +19,17 @@ from ...extras import require
 from ...safe_path import safe_path
 
 REACH_S = 10.0
-"""Time limit for the head of a cluster to answer, in seconds."""
+"""Time limit for the head of a cluster to respond, in seconds."""
 _STORE_BYTES = 200 * 2**20
 """Size of the object store of a local cluster in bytes, in addition to the data sent to every actor: rows are small."""
 _LONGEST_TMP = 30
 """Longest path of Ray's folder: Ray puts sockets into it, whose paths may have at most 107 characters."""
 _SETTINGS = b"\4"
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
-"""The preface of an HTTP/2 client, the protocol of Ray's ports; a server answers with its settings (RFC 9113, 3.4)."""
+"""The client preface of HTTP/2, the protocol of Ray's ports; a server responds with its settings (RFC 9113, 3.4)."""
 _WATCH = "import sys; sys.stdin.buffer.read(1) or sys.exit(sys.argv[1])"
 _ENDED_BY_RAY = (
-    "robustflow: Ray ended this process, as it does when a Ray process on this machine was killed or ran out of "
+    "robustflow: Ray ended this process, as it does when a Ray process on this machine is killed or runs out of "
     "memory; finished work is kept: run the same command again to continue"
 )
 
@@ -59,7 +59,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
 
     Raises:
         UsageError: Ray is not installed, or the address is malformed.
-        RunError: no cluster answers at the address.
+        RunError: no cluster responds at the address.
     """
     ray = ray_module()
     if ray.is_initialized():
@@ -105,7 +105,7 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
         )
     except Exception as error:
         raise RunError(
-            f"Ray does not start on this machine ({_first_sentence(error)}); its time limit is 30 s: try again when "
+            f"Ray did not start on this machine within 30 s ({_first_sentence(error)}): try again when "
             "the machine is less busy, or use --engine processes"
         ) from error
 
@@ -122,17 +122,19 @@ def _join(ray: Any, address: str) -> None:
     except ImportError as error:
         raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
     except ValueError as error:
-        raise UsageError(f"--address {address} is not an address: give auto, host:port or ray://host:port") from error
+        raise UsageError(
+            f"--address {address} is not a valid address: use auto, host:port or ray://host:port"
+        ) from error
     except SystemExit as error:  # Ray's error for a server with a different protocol
-        raise RunError(f"{cluster} does not answer like Ray; check the address and its port") from error
+        raise RunError(f"{cluster} does not respond like a Ray cluster; check the address and the port") from error
     except Exception as error:
-        raise RunError(f"{cluster} cannot be joined from here: {_first_sentence(error)}") from error
+        raise RunError(f"cannot connect to {cluster}: {_first_sentence(error)}") from error
 
 
 @contextmanager
 def _last_words() -> Iterator[None]:
-    """Within the block, a second process prints a line if this process ends silently: when one of Ray's processes on
-    this machine is lost, Ray ends its driver from code that Python cannot catch."""
+    """Within the block, a second process prints a message if this process dies silently: when one of Ray's processes on
+    this machine is lost, Ray terminates its driver in a way that Python cannot catch."""
     arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
     # in a separate session, where Ctrl-C does not reach it
     watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
@@ -147,10 +149,10 @@ def _last_words() -> Iterator[None]:
 
 
 class _NoFolders(list[str]):
-    """Return the folders that Ray puts before the standard library in its workers' module path: none."""
+    """An empty list of folders that Ray puts before the standard library in its workers' module path."""
 
     def extend(self, folders: Iterable[str]) -> None:
-        """Omit the working directory and the script's folder, for which Ray has no option."""
+        """Ignore the working directory and the script's folder, because Ray has no option to leave them out."""
 
 
 def _job(ray: Any) -> Any:
@@ -175,7 +177,7 @@ def _check_answers(address: str, cluster: str) -> None:
             f"{cluster} cannot be reached ({error}); start it (ray start --head), or check host and port"
         ) from error
     if answer[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
-        raise RunError(f"{cluster} does not answer like Ray; check host and port")
+        raise RunError(f"{cluster} does not respond like a Ray cluster; check host and port")
 
 
 def _new_folder() -> str:

@@ -1,4 +1,4 @@
-"""Describe what a node needs for a job: the job itself, a GPU or none, the model, and the data files."""
+"""Describe what a node needs for a job: the job itself, a GPU if required, the model, and the data files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def needs_gpu(job: Job) -> bool:
     listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
     if any(":" in device for device in listed):
         raise UsageError(
-            f"--device {','.join(listed)} with the ray engine: give --device cuda; Ray gives each worker its own GPU"
+            f"--device {','.join(listed)} is not available with the ray engine: use --device cuda; Ray assigns each "
+            "worker its own GPU"
         )
     return is_accelerator(listed[0] if listed and listed[0] != "auto" else device_of(job.load_model()))
 

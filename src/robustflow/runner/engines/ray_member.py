@@ -11,7 +11,7 @@ from .prediction_timeout import too_slow
 from .ray_actor import Files, UnitActor
 
 _UNANSWERED_S = 30.0
-"""Time in seconds, beyond the timeout of a prediction, that an actor may be silent; a lost node is noticed within this
+"""Time in seconds, beyond the timeout of a prediction, that an actor may be silent; a lost node is detected within this
 time."""
 
 
@@ -72,7 +72,7 @@ class Member:
         return call
 
     def finish(self) -> Unit:
-        """Return the unit, which is now computed."""
+        """Return the unit, which has now been computed."""
         unit, self.unit, self._question = self.unit, None, None
         assert unit is not None
         return unit

@@ -44,8 +44,8 @@ def prepare_on_ray(
         address: address of the cluster, see `connected`.
 
     Raises:
-        DataError: a source fails, or a node does not see the sources or `output`.
-        UsageError, RunError: Ray, the cluster or one of its nodes lacks something, or a clip was lost `ATTEMPTS` times.
+        DataError: a source cannot be prepared, or a node has no access to the sources or `output`.
+        UsageError, RunError: Ray, the cluster or a node is not usable, or a clip was lost `ATTEMPTS` times.
     """
     proof = output / f".shared-{secrets.token_hex(8)}"
     proof.touch()
@@ -120,8 +120,8 @@ def _prepare_here(
     while not proof.exists():
         if time.monotonic() > deadline:
             raise DataError(
-                f"node {host} does not see files written into {proof.parent.absolute()} here; give an --output on a "
-                "file system that all nodes share, under the same path"
+                f"node {host} cannot see files that this machine writes to {proof.parent.absolute()}; choose an "
+                "--output on a file system that all nodes share under the same path"
             )
         time.sleep(0.1)
     prepare_clip(source, folder, preparation)

@@ -24,7 +24,7 @@ _PAGE = 4096
 
 
 class SharedSlots:
-    """Slots into which a feeder writes frames, and in which a predicting process replaces the frames by their flow.
+    """Slots into which a feeder writes frames, and in which a predicting process replaces the frames with their flow.
 
     The object can be passed to a child process as a start argument.
 
@@ -54,7 +54,7 @@ class SharedSlots:
         os.close(self._descriptor)
         self._map = None
 
-    # Methods for the feeder.
+    # Methods used by the feeder.
 
     @property
     def free(self) -> int:

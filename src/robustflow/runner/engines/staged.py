@@ -41,7 +41,7 @@ def staged(
 
     Raises:
         UsageError: the model object cannot be sent to a process.
-        RunError, ModelError, DataError: same as for the other engines.
+        RunError, ModelError, DataError: as for the other engines.
     """
     check_picklable(job.model)
     schedule = CellSchedule(units)
