@@ -99,7 +99,7 @@ def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
 def test_arguments_that_cannot_be_meant(run):
     with pytest.raises(UsageError, match="must be at least 1"):
         recheck(run.manifest.identity, run.rows, count=0)
-    with pytest.raises(RobustFlowError, match="benchmark '../x' is unknown"):
+    with pytest.raises(RobustFlowError, match="is unknown: neither this package"):
         recheck(changed_identity(run.manifest.identity, benchmark="../x"), run.rows)
 
 
