@@ -23,7 +23,7 @@ from .shared_data import shared_folder
 
 cv2.setNumThreads(1)
 os.fsync = lambda _: None  # no test needs durable files, and a small run would wait nineteen times for the disk
-hypothesis.settings.register_profile("untimed", deadline=None)  # a busy machine must not fail a test
+hypothesis.settings.register_profile("untimed", deadline=None)  # tests must not fail on a busy machine
 hypothesis.settings.load_profile("untimed")
 
 
@@ -38,7 +38,7 @@ def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """Outside `with real_pictures():`, runs draw no `report.html` and only blank example panels, and pages omit the
     embedded pair. A page and two panels take ten times as long as a small run, the embedded pair a hundred times.
     """
-    from robustflow import api  # not in the process that only distributes tests
+    from robustflow import api  # imported late: the process that only distributes tests does not need it
     from robustflow.report.site import embedded
     from robustflow.runner import panel
 

@@ -1,11 +1,11 @@
-"""The code blocks of the documentation, run as by a reader.
+"""Run the code blocks of the documentation as a reader would.
 
 Blocks in `python` and `bash` are run in the order of their page, in a separate folder, unless a comment on the
 preceding line says otherwise:
 
     <!-- not run: WHY -->      the block cannot be run
-    <!-- file: NAME -->        the block is the content of a file of that name
-    <!-- torch -->             the block needs the extra torch; may be combined with one of the others by a comma
+    <!-- file: NAME -->        the block is the content of a file with that name
+    <!-- torch -->             the block needs the extra torch; may be combined with another mark, separated by a comma
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Block:
 
     @property
     def file(self) -> str:
-        """The file name of a block that is a file; "" for other blocks."""
+        """The file name if the block is a file; "" otherwise."""
         named = re.search(r"file: (\S+)", self.mark)
         return named[1] if named else ""
 
@@ -77,7 +77,7 @@ def pages() -> list[str]:
 
 
 class Reader:
-    """Follows pages in an empty folder with two frames and a clip.
+    """Runs the blocks of pages in a folder that contains only two frames and a clip.
 
     Attributes:
         folder: folder of the frames and the clip.
@@ -104,7 +104,7 @@ class Reader:
         for block in listed:
             if not block.runs:
                 continue
-            if block.file:  # all parts at once, because Python imports a module only once
+            if block.file:  # all parts together, because Python imports a module only once
                 whole = "\n\n".join(part.code for part in listed if part.file == block.file)
                 (self.folder / block.file).write_text(whole, encoding="utf-8")
             elif block.language == "python":

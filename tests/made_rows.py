@@ -1,4 +1,4 @@
-"""Hand-written rows, with dependent columns filled in, and runs of such rows."""
+"""Hand-written rows, with dependent columns filled in, and runs made of them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _CLEAN_SUMS = {
 
 
 def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:
-    """Complete rows to the columns of `ROW_SCHEMA`. Missing clean sums are those of the sample's clean row, every pixel
-    with ground truth counts as predicted, and missing digests follow from the sample and the condition.
+    """Add the missing columns of `ROW_SCHEMA`. Clean sums are copied from the sample's clean row, every pixel with
+    ground truth counts as predicted, and digests are derived from the sample and the condition.
     """
     rows = [dict.fromkeys(ROW_SCHEMA) | row for row in rows]
     clean = {row["sample"]: row for row in rows if row["corruption"] == CLEAN}
@@ -47,7 +47,7 @@ def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model
     Args:
         base: any run.
         rows: rows of the new run; their corruptions and severities become the requested ones.
-        model: name of the model, or its whole identity.
+        model: name of the model, or its complete identity.
     """
     run = Run(base.path)
     change_identity(run, {"name": model} if isinstance(model, str) else model, **identity)
@@ -72,7 +72,7 @@ def change_manifest(run: Run, **fields: Any) -> None:
 
 
 def change_identity(run: Run, model: dict[str, Any] | None = None, **fields: Any) -> None:
-    """Replace the model's settings, and fields of the identity by their names; updates the digest."""
+    """Replace the model's settings, and fields of the identity by name, and update the digest."""
     identity = changed_identity(run.manifest.identity, model, **fields)
     change_manifest(run, identity=identity, identity_digest=identity.digest())
 
@@ -89,7 +89,7 @@ def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **
 
 
 def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
-    """The values of lines of tables, one row per value, in the columns of a results file."""
+    """The values in lines of tables as rows of a results file, one row per value."""
     columns = ("benchmark", "sample_set", "setting", "model", "note", "metric", "corruption")
     rows = [
         (line.benchmark, line.frames, line.setting, line.name, line.note, *key, *astuple(value))

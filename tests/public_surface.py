@@ -19,7 +19,7 @@ from robustflow.cli.main import app
 from robustflow.errors import AssetError
 
 _METRICS = ("epe", "fl_all", "rcre")
-"""The functions of `robustflow.metrics` for a user's arrays."""
+"""The functions of `robustflow.metrics` that accept a user's arrays."""
 
 
 def surface() -> list[str]:

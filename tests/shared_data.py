@@ -1,4 +1,4 @@
-"""Locate the shared real data: `ROBUSTFLOW_SHARED`, else `../shared` beside the checkout."""
+"""Locate the shared real data: `ROBUSTFLOW_SHARED`, else `../shared` next to the checkout."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def shared_folder(*parts: str) -> Path:
     """A path in the shared data; if it is missing, skip with a message that explains how to supply it."""
     path = shared_root().joinpath(*parts)
     if not path.exists():
-        pytest.skip(f"shared data '{'/'.join(parts)}' not found; set ROBUSTFLOW_SHARED to the folder that holds it")
+        pytest.skip(f"shared data '{'/'.join(parts)}' not found; set ROBUSTFLOW_SHARED to the folder that contains it")
     return path

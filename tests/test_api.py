@@ -1,4 +1,4 @@
-"""The package's root: completion, printing, and progress that is shown where it can be seen."""
+"""The top level of the package: tab completion, printing, and progress that is shown only where it is visible."""
 
 import os
 import pty

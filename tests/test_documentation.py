@@ -119,7 +119,7 @@ def test_a_page_for_each_family_has_its_means(generated):
     digital = families.page("digital", {name: numbers((1, 2, 3, 4, place), 0.5) for place, name in enumerate("abcd")})
     assert "| **mean** | 1.00 | 2.00 | 3.00 | 4.00 | 1.50 | 2.30 |" in digital
     blur = families.page("blur", {name: numbers((1, 1, 1, 1, 1), 0.5) for name in FAMILIES["blur"]})
-    assert blur.count("| **mean** |") == 1  # object_motion_blur is measured on a clip, and alone
+    assert blur.count("| **mean** |") == 1  # object_motion_blur is measured on a clip; its table has no mean
     weather = families.page("weather", dict.fromkeys(FAMILIES["weather"], numbers((1, 1, 1, 1, 1), 0.5)))
     published = values_frame(published_results()).filter(
         metric="cre", setting="OOD", model="RAFT", benchmark="kitti-fc"
@@ -133,7 +133,7 @@ def test_a_page_for_each_family_has_its_means(generated):
 def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path, monkeypatch, name):
     import robustflow as rf
 
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))  # neither has photographs of frost
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))  # an empty folder: neither uses photographs of frost
     (cell,) = [cell for cell in generated("demonstration").seen(name) if cell.severity == 5]
     run = rf.evaluate("dis", corruptions=[name], severities=[5], output=tmp_path, progress=False)
     assert (cell.epe, cell.epe_clean, cell.rcre) == pytest.approx((run.epe, run.epe_clean, run.rcre), rel=1e-9)
@@ -161,7 +161,7 @@ def test_a_notebook_is_kept_as_it_ran(notebook):
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_it_shows(notebook, tmp_path, monkeypatch, capsys):
-    """Cells run as in Jupyter: their printed output, and the value of their last line, equal those stored."""
+    """Running the cells as in Jupyter reproduces their stored output."""
     import matplotlib.pyplot as plt
 
     monkeypatch.chdir(tmp_path)

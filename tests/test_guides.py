@@ -1,4 +1,4 @@
-"""The documentation's own examples, run as by a reader."""
+"""Run the documentation's examples as a reader would."""
 
 import sys
 

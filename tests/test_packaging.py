@@ -47,13 +47,15 @@ def test_an_extra_resolves_to_its_pins(extra):
             assert requirement.extras <= set(OPTIONAL)
         else:
             assert name in known, f"{requirement} of [{extra}] has no line in constraints.txt"
-            assert known[name] in requirement.specifier, f"{requirement} of [{extra}] against {name}=={known[name]}"
+            assert known[name] in requirement.specifier, (
+                f"{requirement} of [{extra}] does not allow {name}=={known[name]}"
+            )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench", "optics-test"}))
 def test_an_installer_finds_no_conflict_between_the_pins(extra, tmp_path):
-    """Resolve an extra and everything it needs. Two extras state that they need a separate environment."""
+    """Resolve an extra and all its dependencies. Two extras state that they need a separate environment."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)

@@ -1,4 +1,4 @@
-"""Sizes in the format of options."""
+"""Sizes given as HEIGHTxWIDTH."""
 
 import pytest
 

@@ -8,7 +8,7 @@ from importlib import import_module
 
 from .version import VERSION
 
-TYPE_CHECKING = False  # `python -m robustflow` may import nothing before __main__ corrects the path
+TYPE_CHECKING = False  # with `python -m robustflow`, nothing may be imported before __main__ corrects the path
 if TYPE_CHECKING:
     from typing import Any
 

@@ -7,7 +7,7 @@ import sys
 def main() -> None:
     """Run the command line. Ctrl-C during the imports ends the process without a traceback."""
     interrupt = _signal.getsignal(_signal.SIGINT)
-    if interrupt is _signal.default_int_handler:  # otherwise it is ignored, as in the background
+    if interrupt is _signal.default_int_handler:  # a background process ignores the signal
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     from .cli.main import main as command_line
 

@@ -142,20 +142,21 @@ def evaluate(
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
             own frames.
         corruptions, severities, limit: one or more corruptions and severities and the number of samples to run; a later
-            call with different values adds to the same folder. A corruption is a name, `"module.path:Attribute"`, or a
-            user-defined class or object, whose source is part of the run's identity (docs/add-your-corruption.md).
-        subset: "quick" for the smallest set of conditions that ranks models nearly as the full set does, where a
-            benchmark has such a subset (kitti-fc); means over the subset are marked as estimates. Not with
-            `corruptions` or `severities`.
+            call with different values adds its rows to the same folder. A corruption is a name,
+            `"module.path:Attribute"`, or a user-defined class or object, whose source is part of the run's identity
+            (docs/add-your-corruption.md).
+        subset: "quick" for the smallest set of conditions that ranks models almost like the full set, for benchmarks
+            that define one (kitti-fc); means over the subset are marked as estimates. Cannot be combined with
+            `corruptions`, `severities`, `attacks` or `still`.
         attacks: one or more adversarial attacks (docs/attacks.md) to run at these severities: names with optional
             settings (`"pgd:steps=40"`), or user-defined attacks as `"module.path:Attribute"`, a class or an object.
-            Without `corruptions`, only attacks run. Random noise is added as their baseline. Means over corruptions
+            Without `corruptions`, only attacks are run. Random noise is added as a baseline. Means over corruptions
             exclude attacks; see `Run.attack_rows`.
         split: path of a file that lists the samples to use, one key per line, or "drive-disjoint" for KITTI 2015.
         data_options: options of the dataset, for example {"render_pass": "final"}.
-        still: True to pair every frame with itself, with a true flow of zero, so that every error is phantom motion
+        still: True to pair every frame with itself, so that the true flow is zero and every error is phantom motion
             (docs/still-scenes.md).
-        seed: the seed for all random draws. The same seed gives the same bytes on any machine.
+        seed: the seed for all random draws. The same seed produces the same bytes on any machine.
         variant: the variant of the corruptions: "default", "reference", "reference-bgr" or "paper".
         name: the model's display name in tables, figures and pages; by default the model's own name. The display name
             does not affect the results: a run can be resumed under a different name.
@@ -168,22 +169,23 @@ def evaluate(
             For a model on a GPU (attribute `device`), the number of processes that corrupt and measure, in addition to
             one per GPU that predicts; by default one per processor. With Ray, one per GPU or processor of the cluster.
         batch_size: number of cells of one sample in one call of `predict_batch`. The batch size is not part of a run's
-            identity, although flow may change by 1e-4 px.
+            identity, although it may change the flow by 1e-4 px.
         engine: the execution engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and
             `timeout` by default.
         address: address of the Ray cluster: "auto", "host:port" or "ray://host:port"; None starts a local cluster.
         timeout: time limit for a single prediction or batch, in seconds.
         allow_invalid: True to leave out and count predicted pixels that are NaN or infinite instead of failing.
         confidence: the source of confidence estimates to evaluate (docs/confidence.md): "forward-backward" consistency,
-            which costs one more prediction per cell, or the "model" itself (`predict_with_confidence`).
-        draws: number of random draws of each corruption, with `seed` and the seeds after it. With 2 or more, rows and
-            means also contain the spread: the standard deviation of the flow over the draws, in pixels. Errors come
+            which needs one more prediction per cell, or the "model" itself (`predict_with_confidence`).
+        draws: number of random draws of each corruption, with `seed` and the seeds that follow it. With 2 or more, rows
+            and means also contain the spread: the standard deviation of the flow over the draws, in pixels. Errors come
             from the first draw.
         examples: True to draw the worst and the median sample at the end, into `examples/` in the run's folder and into
             the report, which also shows the histogram of displacements if there is ground truth. This repeats a few
             predictions. If the examples cannot be drawn, a warning gives the reason.
-        progress: whether to show progress: by default on a terminal and in a notebook; False never; True also as lines
-            in a log. Alternatively an object with `start(folder, total, found)` and `advance(done)`.
+        progress: True to show progress, as plain lines in a log if there is no terminal or notebook; False to hide it;
+            by default, it is shown on a terminal and in a notebook. Alternatively, an object with `start(folder, total,
+            found)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -209,7 +211,10 @@ def evaluate(
 
     refuse_unguarded_script()
     if subset is not None and (still or any(given is not None for given in (corruptions, severities, attacks))):
-        raise UsageError("a subset has its own corruptions and severities; give it without these, attacks and still")
+        raise UsageError(
+            "a subset defines its own corruptions and severities; it cannot be combined with "
+            "corruptions, severities, attacks or still"
+        )
     opened = open_benchmark(benchmark, data, split, data_options, variant, still)
     within = opened if subset is None else opened.subset(subset)
     chosen = within.narrowed(corruptions, severities, limit, attacks)
@@ -256,7 +261,7 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     from .runs.example_list import are_current, drop_examples
 
     result.write_means()
-    wanted = wanted and bool(result.manifest.selection.corruptions)  # attacks are not drawn
+    wanted = wanted and bool(result.manifest.selection.corruptions)  # example pictures do not show attacks
     try:
         keep_cost(result, setup.model.model)
         if wanted:
@@ -267,6 +272,6 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
         if wanted:
             write_examples(result, setup)
     except RobustFlowError as error:
-        warnings.warn(f"no example pictures: {error}", stacklevel=3)
+        warnings.warn(f"the example pictures could not be drawn: {error}", stacklevel=3)
     finally:
         write_report(result)

@@ -22,8 +22,8 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
     Args:
         path: path of the file; an existing file is replaced.
         data: the complete content of the file.
-        durable: True to return only when the file would survive a power failure: its bytes are flushed to disk before
-            the rename, and the rename before the function returns. Costs milliseconds; pass False for data that can be
+        durable: True to guarantee that the file survives a power failure: its bytes are flushed to disk before the
+            rename, and the rename before the function returns. This takes milliseconds; pass False for data that can be
             recomputed.
 
     Raises:
@@ -39,7 +39,7 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
 
 
 def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool = True) -> None:
-    """Like `write_bytes`, for data that do not have to be in memory all at once: `write` receives the open hidden
+    """Like `write_bytes`, for data that need not be in memory all at once: `write` receives the open hidden
     file."""
     temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
     try:
@@ -55,7 +55,7 @@ def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool
         with suppress(OSError):  # also fails on a read-only file system
             temporary.unlink(missing_ok=True)
         reason = error.strerror or str(error)
-        raise DataError(f"cannot write {path}: {reason}; choose a folder that exists and has room") from error
+        raise DataError(f"cannot write {path}: {reason}; choose an existing folder with enough free space") from error
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
@@ -76,7 +76,7 @@ def json_bytes(value: Any) -> bytes:
     """Return a value as canonical JSON: the same bytes for the same value, without NaN or infinity.
 
     Raises:
-        ValueError: a number is not finite, or a text is not valid Unicode.
+        ValueError: a number is not finite, or a string is not valid Unicode.
 
     >>> json_bytes({"b": 1, "a": None})
     b'{\\n  "a": null,\\n  "b": 1\\n}\\n'

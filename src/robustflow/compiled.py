@@ -1,8 +1,8 @@
 """Compile functions with numba; the only file that imports numba.
 
 By default numba reads settings from `.numba_config.yaml` in the working folder before every compilation, and unpickles
-compiled code from whatever folder the settings name. This module prevents both. With the file names of `_CacheFiles`,
-many processes can safely write compiled code at once.
+compiled code from whatever folder the settings name. This module prevents both. The file names that `_CacheFiles`
+chooses allow several processes to write compiled code safely at the same time.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ finally:
         del sys.modules["yaml"]
     else:
         sys.modules["yaml"] = _yaml
-numba.core.config._config_fname = os.devnull  # the user's script may have imported numba before
+numba.core.config._config_fname = os.devnull  # the user's script may already have imported numba
 numba.core.config.reload_config()
 
 intrinsic, types = numba.extending.intrinsic, numba.types
@@ -132,7 +132,7 @@ class _CacheFiles(numba.core.caching.IndexDataCacheFile):
 def _check_folder(folder: Path) -> None:
     """Raise if other users could put compiled code into a folder.
 
-    Python's own compiled code is in `__pycache__`, whose permissions are not checked.
+    `__pycache__` folders are not checked: Python itself loads compiled code from them.
     """
     if folder.name == "__pycache__":
         return
@@ -144,8 +144,8 @@ def _check_folder(folder: Path) -> None:
         theirs = part == folder and about.st_uid not in (0, os.geteuid())
         if theirs or (not fixed and (group or about.st_mode & stat.S_IWOTH)):
             raise UsageError(
-                f"others can write to {part}, from where numba would run compiled code; withdraw that right "
-                "(chmod go-w), or name a folder of yours in NUMBA_CACHE_DIR"
+                f"other users can write to {part}, from which numba would load compiled code; remove their write "
+                "permission (chmod go-w), or set NUMBA_CACHE_DIR to a folder that only you can write to"
             )
         reached = reached and bool(about.st_mode & (stat.S_IXOTH | stat.S_IXGRP))
 

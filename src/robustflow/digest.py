@@ -49,7 +49,7 @@ def quick_digest_of_file(path: Path, size: int = 16) -> str:
 
 
 def sha256_of_file(path: Path) -> str:
-    """Return the SHA-256 of a file of any size, in the form in which checksums of downloads are published.
+    """Return the SHA-256 of a file of any size as hexadecimal digits, the usual form of published checksums.
 
     Raises:
         OSError: it cannot be read.

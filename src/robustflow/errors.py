@@ -65,7 +65,7 @@ def first_misfit(error: ValidationError, whole: str = "the file") -> str:
 
     Args:
         error: pydantic's validation error.
-        whole: the name of the data as a whole, for an error that is not in a specific field.
+        whole: the name of the data as a whole, for errors that do not concern a specific field.
 
     >>> from pydantic import TypeAdapter, ValidationError
     >>> try:

@@ -1,4 +1,4 @@
-"""Draw every figure with matplotlib's default settings, regardless of any `matplotlibrc`; place pictures in figures."""
+"""Draw every figure with matplotlib's default settings, regardless of any `matplotlibrc`; add pictures to figures."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpe
 """File extensions of video files."""
 
 _LOOK_AT = 500
-"""Maximum number of entries of a folder that are searched for a hint; a home folder may contain many."""
+"""Maximum number of folder entries that are searched for a hint; a home folder may contain many."""
 
 
 def locate(
@@ -28,11 +28,13 @@ def locate(
     root = Path(root).expanduser()
     wanted = expected or " and ".join(f"{marker}/" for marker in markers)
     if not root.exists():
-        raise DataError(f"{root}: no such folder; give the folder of {title} that holds {wanted}")
+        raise DataError(f"{root}: no such folder; give the folder of {title} that contains {wanted}")
     if not root.is_dir():
         if root.suffix.lower() in (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar"):
-            raise DataError(f"{root}: an archive; unpack it, and give the folder of {title} that holds {wanted}")
-        raise DataError(f"{root}: not a folder; give the folder of {title} that holds {wanted}")
+            raise DataError(
+                f"{root}: this is an archive; unpack it, and give the folder of {title} that contains {wanted}"
+            )
+        raise DataError(f"{root}: not a folder; give the folder of {title} that contains {wanted}")
     try:
         for folder in (root / prefix for prefix in prefixes):
             if _holds(folder, markers):
@@ -40,8 +42,8 @@ def locate(
         near = next((f for f in _neighbours(root) if any(_holds(f / p, markers) for p in prefixes)), None)
         empty = next(root.iterdir(), None) is None
     except OSError as error:
-        raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check permissions") from error
-    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset there"
+        raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check its permissions") from error
+    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset into it"
     state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
     raise DataError(f"{root}: {state} {wanted}{hint}")
 
@@ -56,10 +58,10 @@ def user_path(path: str | Path) -> Path:
         expanded = Path(path).expanduser()
         expanded.exists()
     except RuntimeError as error:
-        raise DataError(f"{path}: no such user's home folder; write the path out") from error
+        raise DataError(f"{path}: there is no such user; write out the full path") from error
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or str(error)
-        raise DataError(f"{str(path)[:60]}...: not a usable path ({why}); check it") from error
+        raise DataError(f"{str(path)[:60]}...: not a valid path ({why}); correct it") from error
     return expanded
 
 
@@ -88,7 +90,7 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
             keep every k-th frame.
 
     Raises:
-        DataError: a frame is missing in the sequence.
+        DataError: a frame is missing from the sequence.
     """
     numbers = sorted(frames)
     gaps = [after - before for before, after in pairwise(numbers)]
@@ -96,8 +98,8 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
     for before, gap in zip(numbers, gaps, strict=False):
         if gap != stride:
             raise DataError(
-                f"{frames[before].parent}: the frame {stride} after {frames[before].name} is missing; "
-                "restore it, or move the parts into separate folders"
+                f"{frames[before].parent}: with a stride of {stride}, the frame after {frames[before].name} is "
+                "missing; restore it, or move the frames after the gap into a separate folder"
             )
     return list(pairwise(numbers))
 
@@ -110,7 +112,7 @@ def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
 def partner(path: Path, whose: Path) -> Path:
     """Return `path`; if the file is missing, raise a DataError that names it and `whose`, the item it belongs to."""
     if not path.is_file():
-        raise DataError(f"{path}: missing, though {whose} needs it; restore the file or remove the rest of the pair")
+        raise DataError(f"{path}: missing, but required by {whose}; restore the file or remove the rest of the pair")
     return path
 
 
@@ -130,9 +132,9 @@ def choice(option: str, value: str, known: Sequence[str]) -> str:
 
 
 def positive(option: str, value: int) -> int:
-    """Return `value`; raise a UsageError unless it is a whole number of at least 1."""
+    """Return `value`; raise a UsageError unless it is a positive integer."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise UsageError(f"{option} cannot be {value!r}: give a whole number, 1 or more")
+        raise UsageError(f"{option} cannot be {value!r}: give a positive integer")
     return value
 
 
@@ -150,5 +152,5 @@ def _neighbours(root: Path) -> Iterator[Path]:
 def _inside(folder: Path) -> list[Path]:
     try:
         return [path for path in islice(folder.iterdir(), _LOOK_AT) if path.is_dir()]
-    except OSError:  # a folder that cannot be listed gives no hint
+    except OSError:  # no hint from a folder that cannot be listed
         return []

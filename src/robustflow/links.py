@@ -30,8 +30,8 @@ def refuse_links(folder: Path, *inside: str) -> None:
                 if not (entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)):
                     what = "a link" if entry.is_symlink() else "neither a file nor a folder"
                     raise RunError(
-                        f"{entry.path} is {what}; what is in this folder is read, replaced and deleted, so it may "
-                        "only hold files and folders: put the file or folder itself there, or delete it"
+                        f"{entry.path} is {what}; the contents of this folder are read, replaced and deleted, so it "
+                        "may contain only files and folders: replace it with the file or folder itself, or delete it"
                     )
 
 

@@ -23,7 +23,7 @@ def safe_path() -> Iterator[None]:
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"
     try:
-        resource_tracker.ensure_running()  # otherwise it starts with the first child, or later
+        resource_tracker.ensure_running()  # otherwise it would start later, without this setting
         yield
     finally:
         if before is None:

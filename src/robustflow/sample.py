@@ -132,7 +132,7 @@ class Sample:
                     f"{other[1]}x{other[0]}; both frames of a pair must have the same size"
                 )
         if (self.flow is None) != (self.valid is None):
-            raise DataError(f"sample '{self.key}': give flow and valid mask together")
+            raise DataError(f"sample '{self.key}': flow and valid mask must be given together")
         maps = [("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)]
         if self.depth is not None:
             maps += [("depth map", array) for array in (*self.depth.maps, *self.depth.measured)]

@@ -14,7 +14,7 @@ def parse_size(text: str, multiple: int = 1, smallest: int = 1, largest: int = 9
         smallest, largest: allowed range of height and width, in pixels.
 
     Raises:
-        UsageError: the text does not contain two whole numbers, or a number is out of range or not a multiple of
+        UsageError: the text does not contain two integers, or a number is out of range or not a multiple of
             `multiple`.
 
     >>> parse_size("256x832", multiple=64)

@@ -28,7 +28,7 @@ def source_digest(made: Any) -> str:
     If an object overrides `source` (see `Corruption`), the value of `source` is hashed instead of the attributes.
 
     Raises:
-        UsageError: an attribute has a value whose text does not identify it.
+        UsageError: the text of an attribute's value does not identify the value.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
@@ -131,6 +131,6 @@ def _spell(value: Any, where: str) -> str:
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
-        f"{where} holds a {type(value).__name__}, which a later run could not recognise; give it a property "
+        f"{where} contains a {type(value).__name__}, which a later run could not recognise; give it a property "
         "`source` that describes, as text, everything that determines its result"
     )

@@ -90,12 +90,12 @@ def _reason(name: str, cause: BaseException, missing: str) -> str:
     """Describe why an import failed and what to do about it."""
     what = f"{type(cause).__name__}: {cause}"
     if missing == name.partition(".")[0]:
-        return f"{what}; run from the folder that holds it, or install its package"
+        return f"{what}; run from the folder that contains it, or install its package"
     if missing:
         return f"{what}; install {missing}"
     if isinstance(cause, SyntaxError) and cause.text:
         return f"{what}: {cause.text.strip()[:200]}"
-    return f"{what}, while it was imported"
+    return f"{what} (raised during the import)"
 
 
 def _refuse_hidden(name: str, here: Path, kind: str, target: str) -> None:

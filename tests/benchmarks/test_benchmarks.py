@@ -243,8 +243,8 @@ def test_a_folder_of_another_data_set_is_named(kitti, tmp_path):
 def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
     (tmp_path / "data_scene_flow.zip").write_bytes(b"PK")
     for path, match in (
-        ("x" * 5000, "not a usable path"),
-        ("~nouser_at_all/kitti", "no such user's home folder"),
+        ("x" * 5000, "not a valid path"),
+        ("~nouser_at_all/kitti", "there is no such user"),
         (tmp_path / "data_scene_flow.zip", "an archive; unpack it"),
     ):
         with pytest.raises(DataError, match=match) as caught:
@@ -313,7 +313,7 @@ def test_an_estimate_says_so_in_the_terminal_and_beside_its_line(tmp_path, capsy
     [
         ({"subset": "quik"}, "did you mean 'quick'"),
         ({"subset": "quick"}, "no quick subset was found for demo"),
-        ({"subset": "quick", "corruptions": "fog"}, "a subset has its own corruptions"),
+        ({"subset": "quick", "corruptions": "fog"}, "a subset defines its own corruptions"),
     ],
 )
 def test_a_subset_that_cannot_be_is_refused_before_anything_runs(tmp_path, options, says):

@@ -281,7 +281,7 @@ def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, monkey
     Path("run/summary.json").unlink()
 
     def refuse(path, value):
-        raise DataError(f"cannot write {path}: Read-only file system; choose a folder that exists and has room")
+        raise DataError(f"cannot write {path}: Read-only file system; choose an existing folder with enough free space")
 
     monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
     with pytest.warns(UserWarning, match="were not updated: cannot write run/summary.json: Read-only file system"):

@@ -21,7 +21,7 @@ from .conftest import write_frames
     [
         ("class Rain(:\n    pass\n", "SyntaxError: invalid syntax (mine.py, line 1): class Rain(:"),
         ("import is_not_here\n", "No module named 'is_not_here'; install is_not_here"),
-        ("1 / 0\n", "ZeroDivisionError: division by zero, while it was imported"),
+        ("1 / 0\n", "ZeroDivisionError: division by zero (raised during the import)"),
     ],
 )
 def test_a_module_that_cannot_be_imported_says_why(robustflow, tmp_path, text, says):

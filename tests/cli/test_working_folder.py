@@ -198,7 +198,7 @@ def test_compiled_code_is_not_read_where_everybody_could_replace_it(tmp_path):
         check=False,
     )
     assert done.returncode == 2
-    assert re.fullmatch(r"robustflow: others can write to \S+/numba, .* in NUMBA_CACHE_DIR\n", done.stderr)
+    assert re.fullmatch(r"robustflow: other users can write to \S+/numba, .* set NUMBA_CACHE_DIR to .*\n", done.stderr)
 
 
 @pytest.mark.parametrize("mode", [0o755, 0o1777])
@@ -223,7 +223,7 @@ def _check_groups(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "_is_private", lambda group: False)
     compiled._check_folder.__wrapped__(tmp_path / "shared")  # no other command reaches this point
     tmp_path.chmod(0o711)
-    with pytest.raises(UsageError, match="others can write"):
+    with pytest.raises(UsageError, match="other users can write"):
         compiled._check_folder.__wrapped__(tmp_path / "shared")
 
 

@@ -269,7 +269,7 @@ def test_flyingthings3d(tmp_path: Path) -> None:
     truth.unlink()
     refused("flyingthings3d", tmp_path, r"OpticalFlowIntoPast_0008_R\.pfm: missing", **options)
     (tmp_path / "frames_cleanpass/TRAIN/A/0000/left/0007.png").unlink()
-    refused("flyingthings3d", tmp_path, r"the frame 1 after 0006\.png is missing")
+    refused("flyingthings3d", tmp_path, r"with a stride of 1, the frame after 0006\.png is missing")
 
 
 def test_gopro(tmp_path: Path) -> None:
@@ -288,7 +288,7 @@ def test_gopro(tmp_path: Path) -> None:
     refused("gopro", tmp_path, r"no folder blur_gamma/", images="blur_gamma")
     refused("gopro", tmp_path, "5 frames, but pairs at a step of 5 need 6 or more", step=5)
     shots[0].unlink()
-    refused("gopro", tmp_path, r"the frame 1 after 000047\.png is missing")
+    refused("gopro", tmp_path, r"with a stride of 1, the frame after 000047\.png is missing")
 
 
 def test_gopro_plain_sequences(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def difference(sample: Sample, use: np.ndarray, flow: np.ndarray) -> float:
     return float(np.abs(first - warped).mean())
 
 
-@pytest.mark.skipif(not rows(), reason="no shared data; set ROBUSTFLOW_SHARED to the folder that holds it")
+@pytest.mark.skipif(not rows(), reason="no shared data; set ROBUSTFLOW_SHARED to the folder that contains it")
 @pytest.mark.parametrize("row", rows(), ids=lambda row: f"{row.folder}-{row.truth.split(' ')[0]}-{row.truth[-9:]}")
 def test_statistics_of_the_manifest(row: Row) -> None:
     sample = sample_of(row)

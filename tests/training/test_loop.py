@@ -293,7 +293,7 @@ def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chair
         if path.name != "00002_img2.ppm":
             (tmp_path / "mixed" / "data" / path.name).symlink_to(path)
     (tmp_path / "mixed" / "training" / "image_2").mkdir(parents=True)
-    with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, though .*00002_.* needs it"):
+    with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, but required by .*00002_"):
         run_training(request_for(sources=[f"flyingchairs={tmp_path / 'mixed'}"]))
     kitti = request_for(mix="kitti")
     with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder kitti2015 or kitti there"):
