@@ -45,7 +45,7 @@ def test_the_cost_of_a_run(profile, tmp_path):
     assert known["flops", ""].text == f"{counted.flops_g:.1f}"
     code, out, err = profile("arflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
     assert code == 0, err
-    assert "kept in" in out
+    assert "written to" in out
     cost = read_cost(run)
     model = network_of(spec.load())
     counts = count(model.net, *model.convention.fitted_size(128, 192))
@@ -56,6 +56,15 @@ def test_the_cost_of_a_run(profile, tmp_path):
     assert "has a different model" in err
     assert read_cost(run) == cost
     assert profile("--paper", "--into", run.path)[0] == 2
+
+
+@pytest.mark.parametrize("runtime", ["numpy", "torch"])
+def test_tiny_is_profiled_into_its_run_whatever_computed_it(profile, tmp_path, runtime):
+    spec = ModelSpec("tiny", (("runtime", runtime),))
+    run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    code, _, err = profile("tiny", "--size", "64x96", "--repeat", 0, "--into", run.path)
+    assert code == 0, err
+    assert (read_cost(run).height, read_cost(run).width) == (64, 96)
 
 
 @pytest.mark.parametrize("model", ["dis", "robustflow.testing:ZeroFlow"])

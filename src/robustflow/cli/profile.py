@@ -129,7 +129,7 @@ def _print_model(
             **asdict(counts),
             **(asdict(measured) if measured is not None else {}),
         )
-        typer.echo(f"kept in      {write_cost(run, cost)}")
+        typer.echo(f"written to   {write_cost(run, cost)}")
     return counts, measured
 
 

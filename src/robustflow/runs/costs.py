@@ -99,8 +99,11 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
             )
 
 
-_FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "torch", "tile", "overlap", "sigma"}
-"""Parts of a model's identity that do not affect its cost."""
+_FREE = {
+    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
+    *("tile", "overlap", "sigma"),
+}
+"""Parts of a model's identity that do not affect its cost, or that follow from its name."""
 
 
 def write_cost(run: Run, cost: RunCost) -> Path:
