@@ -31,7 +31,7 @@ def test_severities_are_the_papers_rms_radii():
 
 
 def test_a_severity_without_a_lens_is_refused():
-    with pytest.raises(UsageError, match=r"no lens of RMS radius 0\.5"):
+    with pytest.raises(UsageError, match=r"no lens with an RMS radius of 0\.5"):
         PsfBlur(severities=(0.0296, 0.0832, 0.1102, 0.1588, 0.5))
 
 

@@ -137,17 +137,17 @@ def test_what_cannot_be_calibrated_is_refused(tmp_path):
         calibrate(["fog"], SMALL, draws=0)
     with pytest.raises(DataError, match="no such folder"):
         reference_pictures(tmp_path / "nowhere")
-    with pytest.raises(DataError, match="no picture"):
+    with pytest.raises(DataError, match="no images"):
         reference_pictures(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]), "fall"),
+        (lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]), "decrease"),
         (lambda t: t.update(version=1), "version"),
         (lambda t: t["corruptions"]["fog"]["levels"].pop(), "levels"),
-        (lambda t: t["corruptions"]["fog"]["levels"][0].update(ssim=0.5), "fog is 0.5"),
+        (lambda t: t["corruptions"]["fog"]["levels"][0].update(ssim=0.5), "fog has a mean SSIM of 0.5"),
         (lambda t: t.update(hidden=1), "hidden"),
     ],
 )

@@ -66,7 +66,7 @@ def test_each_frame_is_fogged_by_its_own_depth():
 
 def test_without_depth_it_is_refused_and_says_where_depth_comes_from():
     frame = picture(16, 16)
-    with pytest.raises(UsageError, match=r"fog_3d needs the depth of the sample: .* --depth DIR"):
+    with pytest.raises(UsageError, match=r"fog_3d requires the depth of the sample: .* --depth DIR"):
         corrupt(frame, frame, "fog_3d", 3)
 
 
@@ -84,7 +84,7 @@ def test_far_layers_of_shapes_lose_more_contrast_than_near_ones():
 def test_depth_maps_of_a_different_size_than_the_frames_are_refused(name):
     frame, metres, known = np.zeros((40, 60, 3), np.uint8), np.ones((20, 30), np.float32), np.ones((20, 30), bool)
     depth = SceneDepth((metres, metres), (known, known), Camera((30.0, 30.0), (15.0, 10.0)))
-    with pytest.raises(DataError, match="the depth maps are 30x20, the frames 60x40"):
+    with pytest.raises(DataError, match="the depth maps are 30x20, but the frames are 60x40"):
         corrupt(frame, frame, name, 3, depth=depth)
 
 

@@ -112,8 +112,8 @@ def test_reading_a_name_imports_nothing(package, name):
         ("rain_module:Rian", "did you mean 'Rain'"),
         ("no_such_module:Rain", "cannot import 'no_such_module'"),
         ("fog:x", "not a stack of corruptions"),
-        (type("Fog", (Veil,), {}), "has the name of the corruption 'fog'"),
-        (type("Clean", (Veil,), {}), "cannot be called 'clean'"),
+        (type("Fog", (Veil,), {}), "has the same name as the corruption 'fog'"),
+        (type("Clean", (Veil,), {}), "invalid corruption name 'clean'"),
         (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
     ],
 )
@@ -185,7 +185,7 @@ def test_an_own_corruption_in_three_dimensions_stacks_with_others():
 
 @pytest.mark.parametrize("made", [NearWhite, NearGrey])
 def test_an_own_corruption_in_three_dimensions_without_depth_is_refused_in_one_sentence(made):
-    with pytest.raises(UsageError, match=rf"^{corruption_name(made)} needs the depth of the sample: .*--depth DIR$"):
+    with pytest.raises(UsageError, match=rf"^{corruption_name(made)} requires the depth of the sample: .*--depth DIR$"):
         rf.corrupt(FRAME, FRAME, made, 3)
 
 

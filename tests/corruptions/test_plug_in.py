@@ -59,6 +59,6 @@ def test_an_entry_point_is_a_corruption(tmp_path):
         return done.stdout.splitlines()
 
     source, sentence = run()
-    assert "entry point 'sleet' provides a corruption called 'rain'" in sentence
+    assert "entry point 'sleet' provides a corruption named 'rain'" in sentence
     (site / "rain_depth.py").write_text("DEPTH = 5\n")
     assert run()[0] != source

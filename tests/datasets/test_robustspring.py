@@ -80,7 +80,7 @@ def test_the_benchmark_is_closed_over_what_is_unpacked(root):
         with pytest.raises(UsageError, match="corrupted beforehand"):
             benchmark.narrowed(**wrong)
     for other in (benchmark, load_benchmark("demo")):
-        with pytest.raises(UsageError, match="exists only as the files of RobustSpring"):
+        with pytest.raises(UsageError, match="exists only as corrupted files in RobustSpring"):
             other.narrowed(["fog+robustspring_fog"])
 
 
@@ -111,7 +111,7 @@ def test_names_cannot_be_taken_for_this_projects():
         ROBUSTSPRING.names
     )
     assert len(set(ORDER)) == len(ORDER) == 24 + 20
-    with pytest.raises(UsageError, match=r"files of RobustSpring.*--benchmark robustspring"):
+    with pytest.raises(UsageError, match=r"files in RobustSpring.*--benchmark robustspring"):
         load_corruption(FOG)
 
     class Mine:
@@ -123,7 +123,7 @@ def test_names_cannot_be_taken_for_this_projects():
         def apply(self, frame, state, index):
             return frame
 
-    with pytest.raises(UsageError, match="has the name of the corruption"):
+    with pytest.raises(UsageError, match="has the same name as the corruption"):
         register_custom(Mine)
 
 

@@ -1,4 +1,4 @@
-"""The corruptions of the paper (appendix "Corruption Details"), each with a `draw` and an `apply` method."""
+"""The corruptions from the paper (appendix "Corruption Details"), each with a `draw` and an `apply` method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Corrupt a pair or a clip with a corruption given by name."""
+"""Load corruptions by name and apply them to pairs and clips."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_registered
 
 STREAM_VERSION = 2
-"""Version of the corruptions' bytes, part of every run's identity; incremented when the output of any corruption
-changes, so that results are never mixed.
+"""Version of the corruptions' output. It is part of every run's identity and is incremented when the output of any
+corruption changes, so that results from different versions are never mixed.
 """
 
 _STREAMS = ("robustflow", 1)
-"""First parts of the name of every random stream; incrementing the number changes all draws."""
+"""Prefix of the name of every random stream; incrementing the number changes all random draws."""
 
 _PACKAGE = __name__.rpartition(".")[0] + "."
 
@@ -40,15 +40,15 @@ def load_corruption(
     """Return the corruption registered as `name`, or the stack described by a name such as `"fog+jpeg_compression:2"`.
 
     Args:
-        name: name listed by `robustflow list corruptions`, or several names joined by "+"; or a custom corruption, as a
-            class or an object (docs/add-your-corruption.md), which is then registered under its `name`. Names are never
-            imported; convert `module.path:Attribute` with `corruption_name` first.
+        name: name listed by `robustflow list corruptions`, several names joined by "+", or a custom corruption as a
+            class or an object (docs/add-your-corruption.md), which is then registered under its `name`. Strings are
+            never imported; convert `module.path:Attribute` with `corruption_name` first.
         variant: variant of the corruption: "default", "reference", "reference-bgr" (as in the published tables, where
             the corruptions received BGR instead of RGB frames) or "paper"; the calibrated scale exists only for
             "default".
         scale: severity scale, "paper" (the paper's five severities) or "calibrated" (equal mean SSIM; see
             docs/severity-scales.md).
-        classes: dict from corruption name to the class used instead of the registered one, see `Benchmark.classes`.
+        classes: dict from corruption name to the class to use instead of the registered one; see `Benchmark.classes`.
 
     Raises:
         UsageError: the name, variant or scale is unknown, the scale lacks a severity used in a stack, or the corruption
@@ -72,7 +72,7 @@ def load_corruption(
     if own is not None:
         if scale == "paper":
             return own
-        raise UsageError(f"the calibrated scale has no severities of '{name}'; use the paper's --severity-scale")
+        raise UsageError(f"the calibrated scale has no severities for '{name}'; use --severity-scale paper")
     kind = classes.get(name) or CORRUPTIONS.get(name)
     if variant == BGR and scale == "paper":
         return ChannelsReversed(kind("reference"))
@@ -80,13 +80,14 @@ def load_corruption(
         return kind(variant)
     if variant != "default":
         raise UsageError(
-            f"the calibrated scale was measured for the variant default, not {variant}: leave out one of the two"
+            f"the calibrated scale exists only for the default variant, not {variant}: remove one of the two options"
         )
     return kind(variant, calibrated_severities(name))
 
 
 def list_corruptions() -> list[str]:
-    """Return the names that `load_corruption` supports, in the paper's order, followed by those of installed packages.
+    """Return the names that `load_corruption` supports, in the paper's order, followed by those from installed
+    packages.
 
     >>> list_corruptions()[:3]
     ['jpeg_compression', 'pixelate', 'contrast']
@@ -95,12 +96,12 @@ def list_corruptions() -> list[str]:
 
 
 def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
-    """Return the name under which a corruption is run and reported, and register a user's corruption under this name.
+    """Return the name under which a corruption is run and reported; custom corruptions are registered under that name.
 
-    Call this only with trusted user input: `module.path:Attribute`, alone or in a stack, is imported.
+    Call this only with trusted input: `module.path:Attribute`, alone or in a stack, is imported.
 
     Raises:
-        UsageError: it cannot be imported, or is not a corruption.
+        UsageError: the target cannot be imported or is not a corruption.
 
     >>> corruption_name("fog"), corruption_name("fog:2 + snow")
     ('fog', 'fog:2+snow')
@@ -109,8 +110,9 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
 
 
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
-    """Return the random stream for (benchmark seed, corruption, severity, sample key); with `common_draws` the five
-    severities share one stream and differ only in strength.
+    """Return the random stream for a benchmark seed, corruption, severity and sample key.
+
+    With `common_draws`, the five severities share one stream and differ only in strength.
     """
     return Rng.of(*_STREAMS, seed, corruption.name, 0 if common_draws else severity, key)
 
@@ -149,23 +151,24 @@ def corrupt(
     """Corrupt a pair of frames, or a single image.
 
     Args:
-        frame1, frame2: frames of the same size, RGB uint8 (H, W, 3) or Pillow images; Pillow images are returned as RGB
-            Pillow images. Without `frame2` the image is treated as the first frame of a pair, so a corruption that
-            changes only one of two frames (`over_exposure`, `under_exposure`) leaves it unchanged in half of the draws.
+        frame1, frame2: frames of the same size, RGB uint8 (H, W, 3) or Pillow images; for Pillow images, RGB Pillow
+            images are returned. Without `frame2`, the image is treated as the first frame of a pair, so a corruption
+            that changes only one of the two frames (`over_exposure`, `under_exposure`) leaves it unchanged in half of
+            the draws.
         corruption: name of a corruption (`robustflow list corruptions`), `module.path:Attribute`, or a custom
             corruption.
         severity: severity, 1 (mild) to 5 (severe).
         seed: seed of the benchmark.
         key: name of the pair; pairs with different keys get different draws.
-        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (applied to frames in BGR
-            order, as in the reference code) or "paper" (the literal text).
+        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (also applied to frames in BGR
+            order, as in the published results) or "paper" (following the paper's text literally).
         scale: severity scale, "paper" or "calibrated"; variant and scale are ignored for a `Corruption` object.
-        common_draws: whether to use the same draw (drops, flakes, exposed frame) at all five severities. By default
-            each severity is drawn independently, as for the paper's frames.
-        depth: depth maps of both frames, for corruptions of the family "depth".
+        common_draws: whether to use the same random draw (drops, flakes, exposed frame) at all five severities. By
+            default, each severity is drawn independently, as in the paper.
+        depth: depth maps of both frames, for corruptions in the "depth" family.
 
     Returns:
-        Two new frames of the same shape, or one for a single image. The same arguments always give the same bytes.
+        Two new frames of the same shape, or one for a single image. The same arguments always produce the same bytes.
 
     Raises:
         UsageError: the name, variant, scale or severity is unknown, or the scale lacks the severity.
@@ -180,7 +183,7 @@ def corrupt(
     True
     """
     if isinstance(corruption, str) and not corruption:
-        raise UsageError("no corruption is given: corrupt(frame1, frame2, 'fog', severity=3)")
+        raise UsageError("no corruption specified; example: corrupt(frame1, frame2, 'fog', severity=3)")
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
     Sample(key or "pair", (frames[0], frames[-1]))
@@ -201,12 +204,12 @@ def corrupt_clip(
     common_draws: bool = False,
     depth: SceneDepth | None = None,
 ) -> Iterator[Frame]:
-    """Corrupt the frames of a clip one at a time; shared parameters are drawn once, per-frame parameters for each
-    frame.
+    """Corrupt the frames of a clip one at a time.
 
-    Takes the arguments of `corrupt`, plus `first`, the number of the first given frame; `depth` belongs to frames 0 and
-    1. Frames 0 and 1 equal the pair that `corrupt` returns for the same seed and key; frames before the pair have
-    negative numbers. Yields RGB uint8 arrays and keeps one frame in memory at a time.
+    Shared parameters are drawn once, and per-frame parameters are drawn for each frame. Accepts the same arguments as
+    `corrupt`, plus `first`, the index of the first frame in `frames`; `depth` refers to frames 0 and 1. Frames 0 and 1
+    are identical to the pair that `corrupt` returns for the same seed and key; frames before the pair have negative
+    indices. Yields RGB uint8 arrays and keeps only one frame in memory at a time.
 
     >>> import numpy as np
     >>> clip = [np.full((32, 48, 3), level, np.uint8) for level in (90, 100, 110, 120)]

@@ -1,9 +1,9 @@
-"""Define corruptions: draw once, then apply to every frame.
+"""Base classes for corruptions: draw once, then apply to every frame.
 
-`draw` makes every random choice for a pair (or clip) and returns a state; `apply` is a pure function of (frame, state,
+`draw` makes all random choices for a pair (or clip) and returns a state; `apply` is a pure function of (frame, state,
 index). Values shared by the frames are stored in the state; per-frame values are derived inside `apply` from a stream
-spawned with the frame's index, so a clip of any length can be streamed and frame `i` of a clip equals frame `i` of a
-pair.
+spawned with the frame's index. So clips of any length can be streamed, and frame `i` of a clip is identical to frame
+`i` of a pair.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ paper's text literally. For many corruptions the three are identical.
 """
 
 BGR = "reference-bgr"
-"""Like `reference`, with BGR frames passed to code that expects RGB, as in the reference code: see channel_order."""
+"""Like `reference`, but BGR frames are passed to code that expects RGB, as in the reference code; see channel_order."""
 
 SCALES = ("paper", "calibrated")
 """`paper` uses the paper's parameters; `calibrated` gives all corruptions the same mean SSIM (docs/severity-scales.md).
@@ -44,13 +44,15 @@ class Corruption(ABC):
     level: ClassVar[type[NamedTuple] | None] = None
     """Names of the parameters, if a severity has several."""
     needs_depth: bool = False
-    """Whether the result depends on the depth of the sample; see `DepthCorruption`."""
+    """Whether the corruption requires the depth of the sample; see `DepthCorruption`."""
     source_key: ClassVar[str] = ""
-    """Key of `source` in a run's identity; empty if no user file affects the result."""
+    """Key of `source` in a run's identity; empty if the result does not depend on any user files."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
-        """Create the corruption; `severities` replaces the paper's five parameters (for the calibrated scale), where
-        None marks a severity that does not exist.
+        """Create the corruption; `severities` replaces the paper's five parameters, e.g. by those of the calibrated
+        scale.
+
+        None marks a severity that does not exist on the scale.
         """
         if variant not in VARIANTS:
             raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
@@ -62,11 +64,12 @@ class Corruption(ABC):
         return parameters if self.level is None or parameters is None else self.level(*parameters)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """Return the five parameters of a variant; override this if the reference code uses different values."""
+        """Return the five parameters for a variant; override this method if the reference code uses different
+        values."""
         return self.paper_severities
 
     def parameter(self, severity: int) -> Any:
-        """Return the parameter of a severity, 1 (mild) to 5 (severe).
+        """Return the parameter for a severity, 1 (mild) to 5 (severe).
 
         Raises:
             UsageError: the severity is invalid or does not exist on this scale.
@@ -76,13 +79,13 @@ class Corruption(ABC):
             levels = [str(level) for level, known in zip(SEVERITIES, self.severities, strict=True) if known is not None]
             raise UsageError(
                 f"{self.name} does not exist at severity {severity} of the calibrated scale: "
-                + (f"choose from {', '.join(levels)}" if levels else "choose another corruption, or the paper's scale")
+                + (f"choose from {', '.join(levels)}" if levels else "choose another corruption or the paper's scale")
             )
         return value
 
     @property
     def source(self) -> str:
-        """Identify the user files that affect the result, for a run's identity; empty if there are none.
+        """Return an identifier of the user files that affect the result, for a run's identity; empty if there are none.
 
         A class that overrides this also sets `source_key`.
         """
@@ -90,7 +93,7 @@ class Corruption(ABC):
 
     @abstractmethod
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Make every random choice for frames of `shape` (H, W), and return the state for `apply`."""
+        """Make all random choices for frames of `shape` (H, W) and return the state for `apply`."""
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
         """Call `draw` for a sample whose depth may be known; used by `corrupt_clip`."""
@@ -98,17 +101,17 @@ class Corruption(ABC):
 
     @abstractmethod
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Corrupt frame number `index` (0 is the first frame of the pair) and return a new RGB uint8 array.
+        """Corrupt the frame with this `index` (0 is the first frame of the pair) and return a new RGB uint8 array.
 
-        Frames before the pair have negative numbers and belong to the same clip.
+        Frames of the clip before the pair have negative indices.
         """
 
 
 def sample_without_depth(name: str) -> UsageError:
-    """Return the error for a depth corruption without depth."""
+    """Return the error for a depth corruption applied to a sample without depth."""
     return UsageError(
-        f"{name} needs the depth of the sample: choose a dataset that has it ('robustflow list datasets'), "
-        "or give your own with --depth DIR"
+        f"{name} requires the depth of the sample: choose a dataset with depth ('robustflow list datasets'), "
+        "or provide your own with --depth DIR"
     )
 
 
@@ -133,7 +136,7 @@ class DepthCorruption(Corruption):
     needs_depth = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Raise an error, because depth is missing.
+        """Raise an error because depth is missing.
 
         Raises:
             UsageError: always.
@@ -141,7 +144,7 @@ class DepthCorruption(Corruption):
         raise sample_without_depth(self.name)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Return the state for a sample with depth.
+        """Call `draw_scene` for a sample with depth.
 
         Raises:
             UsageError: the sample has no depth.
@@ -150,11 +153,11 @@ class DepthCorruption(Corruption):
         if depth is not None and depth.maps[0].shape != shape:
             height, width = depth.maps[0].shape
             raise DataError(
-                f"{self.name}: the depth maps are {width}x{height}, the frames {shape[1]}x{shape[0]}; "
-                "give maps of the frames' size"
+                f"{self.name}: the depth maps are {width}x{height}, but the frames are {shape[1]}x{shape[0]}; "
+                "the sizes must match"
             )
         return self.draw(rng, severity, shape) if depth is None else self.draw_scene(rng, severity, depth)
 
     @abstractmethod
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> Any:
-        """Make every random choice for a pair, and return a state that includes the depth data needed by `apply`."""
+        """Make all random choices for a pair and return a state that includes the depth data needed by `apply`."""

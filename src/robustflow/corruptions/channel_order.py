@@ -14,7 +14,7 @@ from .base import BGR, Corruption
 class ChannelsReversed(Corruption):
     """A corruption applied with red and blue swapped (variant "reference-bgr"); input and output frames are RGB.
 
-    As a result mud is blue, JPEG uses the wrong luma, and psf_blur applies the PSF for blue to red.
+    As a result, mud is blue, JPEG uses the wrong luma, and psf_blur applies the PSF for blue to the red channel.
 
     >>> import numpy as np
     >>> from robustflow.corruptions import load_corruption
@@ -41,11 +41,11 @@ class ChannelsReversed(Corruption):
         return self._inner.source
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """The inner corruption's state."""
+        """Return the inner corruption's state."""
         return self._inner.draw(rng, severity, shape)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """The inner corruption's state."""
+        """Return the inner corruption's state."""
         return self._inner.draw_with_depth(rng, severity, shape, depth)
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:

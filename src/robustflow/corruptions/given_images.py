@@ -1,4 +1,4 @@
-"""Convert user images, given as arrays or Pillow images."""
+"""Convert images passed by the user as arrays or Pillow images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def as_frame(image: Any) -> Frame:
     """Convert an image to RGB uint8 (H, W, 3); arrays are returned unchanged and checked later.
 
     Raises:
-        DataError: a Pillow image is transparent or not 8-bit, so the user has to choose a conversion.
+        DataError: a Pillow image has transparency or is not 8-bit, so the user has to choose a conversion.
 
     >>> as_frame(Image.new("L", (4, 3), 7)).shape
     (3, 4, 3)
@@ -30,5 +30,5 @@ def as_frame(image: Any) -> Frame:
 
 
 def to_input_type(frame: Frame, given: Any) -> Any:
-    """Convert a corrupted frame to the type of the input: a Pillow image or an array."""
+    """Convert a corrupted frame to the type of the input, a Pillow image or an array."""
     return Image.fromarray(frame) if isinstance(given, Image.Image) else frame

@@ -1,4 +1,4 @@
-"""Check on this machine that every corruption of pairs gives the expected bytes, using stored hashes."""
+"""Check that every pair corruption produces the expected bytes on this machine, using stored hashes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SHIFT = (2, 5)
 
 
 def compare_with_package() -> Iterator[tuple[str, str]]:
-    """Yield each corruption and a description of how this machine's frames differ, empty if they are identical."""
+    """Yield each corruption with a description of how this machine's frames differ (empty if they are identical)."""
     path = resources.files(__package__) / "data" / "digests.json"
     expected = json.loads(path.read_text(encoding="utf-8"))
     for name in CHECKED:
@@ -39,7 +39,7 @@ def compare_with_package() -> Iterator[tuple[str, str]]:
 
 
 def digests_of(name: str) -> dict[str, str]:
-    """Return the hash of this machine's corrupted pair for each severity.
+    """Return the hash of the corrupted pair on this machine for each severity.
 
     >>> sorted(digests_of("contrast"))
     ['1', '3', '5']
@@ -54,9 +54,7 @@ def digests_of(name: str) -> dict[str, str]:
 
 
 def _pair() -> tuple[Frame, Frame]:
-    """Return a 96x160 frame of coloured, noisy blocks and a shifted copy, computed in integer arithmetic on every
-    machine.
-    """
+    """Return a 96x160 frame of coloured, noisy blocks and a shifted copy, computed using only integer arithmetic."""
     rng = Rng.of("machine check")
     height, width = (blocks * _SIDE for blocks in _BLOCKS)
     colours = rng.bits(_BLOCKS[0] * _BLOCKS[1] * 3) % 224
@@ -67,8 +65,9 @@ def _pair() -> tuple[Frame, Frame]:
 
 
 def _depth() -> SceneDepth:
-    """Return depth maps of blocks at 2 to 65.75 m, seen by a camera that moves forward and to the left; the second map
-    is shifted like the second frame.
+    """Return depth maps of blocks at 2 to 65.75 m, seen by a camera that moves forward and to the left.
+
+    The second map is shifted like the second frame.
     """
     blocks = 2 + (Rng.of("machine check", "depth").bits(_BLOCKS[0] * _BLOCKS[1]) % 256) / 4
     first: DepthMap = blocks.astype(np.float32).reshape(_BLOCKS).repeat(_SIDE, axis=0).repeat(_SIDE, axis=1)

@@ -1,6 +1,6 @@
-"""Order the corruptions in tables and figures: first the paper's, then those that exist only as files.
+"""Order of the corruptions in tables and figures: first the paper's, then those that exist only as files.
 
-Results are grouped and ordered by these names; `registry` lists the corruptions that can be computed.
+Results are grouped and ordered using these names; `registry` lists the corruptions that can be computed.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ MEMBERS: dict[str, tuple[str, ...]] = {
     family: (*names, *(each.local_name(own) for each in SETS for own in each.families.get(family, ())))
     for family, names in FAMILIES.items()
 }
-"""Corruptions by family. No benchmark has both corruptions of the paper and corruptions from files, so no mean mixes
-them.
+"""Corruptions by family. No benchmark contains both the paper's corruptions and corruptions from files, so they are
+never averaged together.
 """
 
 ORDER: tuple[str, ...] = (
@@ -27,7 +27,7 @@ _FAMILY = {name: family for family, names in MEMBERS.items() for name in names}
 
 
 def family_of(name: str) -> str | None:
-    """Return the family of a corruption; None for elastic_transform, stacks and user-defined corruptions.
+    """Return the family of a corruption, or None for elastic_transform, stacks and user-defined corruptions.
 
     >>> family_of("fog"), family_of("robustspring_rain"), family_of("elastic_transform")
     ('weather', 'weather', None)
@@ -36,7 +36,7 @@ def family_of(name: str) -> str | None:
 
 
 def ordered(names: Iterable[str]) -> list[str]:
-    """Return the corruptions in table order: those in `ORDER`, then the remaining ones by name.
+    """Return the corruptions in table order: those in `ORDER` first, then the remaining ones by name.
 
     >>> ordered(["rain", "robustspring_fog", "fog", "contrast"])
     ['contrast', 'fog', 'robustspring_fog', 'rain']

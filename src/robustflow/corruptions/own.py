@@ -1,7 +1,7 @@
 """Register user-defined corruptions, given as an object, a class or `module:Attribute`.
 
 The results of a user-defined corruption are checked on every call, so that mistakes cause clear errors instead of wrong
-numbers; `robustflow.testing.check_corruption` performs further checks (determinism, draws).
+numbers; `robustflow.testing.check_corruption` performs additional checks (determinism, random draws).
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class OwnCorruption(Corruption):
     """Wraps a user-defined corruption and checks its arguments and results.
 
     Args:
-        made: any object with the methods `draw(rng, severity, shape)` and `apply(frame, state, index)`, see
-            `Corruption`; if `needs_depth` is true, with `draw_scene(rng, severity, depth)` instead of `draw`, see
-            `DepthCorruption`.
+        made: any object with the methods `draw(rng, severity, shape)` and `apply(frame, state, index)` (see
+            `Corruption`). If `needs_depth` is true, `draw_scene(rng, severity, depth)` is required instead of `draw`
+            (see `DepthCorruption`).
         variant: requested variant; corruptions without variants accept any.
 
     Raises:
-        UsageError: the user's code raises an error or returns an invalid result, while drawing or in `apply`.
+        UsageError: the user's code raises an error or returns an invalid result.
     """
 
     family = "own"
@@ -55,7 +55,7 @@ class OwnCorruption(Corruption):
         self.needs_depth = bool(getattr(made, "needs_depth", False))
         levels = getattr(made, "severities", None) or getattr(made, "paper_severities", None) or SEVERITIES
         if len(levels) != len(SEVERITIES):
-            raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: give five, mild to severe")
+            raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: define five, from mild to severe")
         self.paper_severities = tuple(levels)  # type: ignore[misc]
         self.made = made
         if variant not in (*VARIANTS, BGR):
@@ -69,12 +69,13 @@ class OwnCorruption(Corruption):
         return source_digest(self.made)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """The state that the user's `draw` returns."""
+        """Return the state from the user's `draw`."""
         return self.draw_with_depth(rng, severity, shape, None)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
-        """Return the state from the user's `draw`, or from `draw_scene` if depth is needed; depth maps are passed
-        read-only.
+        """Return the state from the user's `draw`, or from `draw_scene` if depth is required.
+
+        Depth maps are passed read-only.
         """
         self.parameter(severity)
         if self.needs_depth and depth is None:
@@ -114,17 +115,17 @@ def register_custom(made: Made) -> str:
     """Register a class or an object under its name and return the name; a later registration replaces an earlier one.
 
     Raises:
-        UsageError: the methods `draw` (`draw_scene` if it needs depth) or `apply` are missing, or the name is invalid
-            or belongs to this package.
+        UsageError: the method `draw` (`draw_scene` if depth is required) or `apply` is missing, or the name is invalid
+            or used by this package.
     """
     for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
         if not callable(getattr(made, method, None)):
             raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
-        raise UsageError(f"a corruption cannot be called '{name}': use a name of letters, digits and '_'")
+        raise UsageError(f"invalid corruption name '{name}': use only letters, digits and '_'")
     if name in SHIPPED or on_disk(name) is not None:
-        raise UsageError(f"{described(made)} has the name of the corruption '{name}': give it a different `name`")
+        raise UsageError(f"{described(made)} has the same name as the corruption '{name}': give it a different `name`")
     _own[name] = made
     return name
 
@@ -133,14 +134,15 @@ def register_target(target: str) -> str:
     """Import `module.path:Attribute`, register it, and return its name.
 
     Raises:
-        UsageError: it cannot be imported, or is not a corruption.
+        UsageError: the target cannot be imported or is not a corruption.
     """
     return register_custom(import_target(target, "corruption"))
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
-    """Return the corruption registered by the user or by an installed package under a name; None if it belongs to this
-    package or exists only as files.
+    """Return the corruption that the user or an installed package registered under a name.
+
+    The result is None if the corruption belongs to this package or exists only as files.
 
     Raises:
         UsageError: the name is unknown, or the class cannot be instantiated.
@@ -150,19 +152,22 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
             return None
         made = CORRUPTIONS.get(name)
         if own_name(made) != name:
-            raise UsageError(f"the entry point '{name}' provides a corruption called '{own_name(made)}'; rename one")
+            raise UsageError(
+                f"the entry point '{name}' provides a corruption named '{own_name(made)}'; the names must match"
+            )
     made = _own.get(name) or CORRUPTIONS.get(name)
     return OwnCorruption(_build(made, variant) if inspect.isclass(made) else made, variant)
 
 
 def is_known(name: str) -> bool:
-    """Whether a corruption of this package, of an installed package or of the user has this name."""
+    """Return whether this package, an installed package or the user provides a corruption with this name."""
     return name in _own or name in CORRUPTIONS.names()
 
 
 def own_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the user-registered corruptions among some names or parts of stacks, so that a different process can pass
-    them to `register_custom`.
+    """Return the user-registered corruptions among the names, including parts of stacks.
+
+    A different process can pass them to `register_custom`.
     """
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)
@@ -175,7 +180,7 @@ def _read_only(array: npt.NDArray[Any]) -> Any:
 
 
 def _scene_read_only(depth: SceneDepth) -> SceneDepth:
-    """Return read-only views of the depth maps, because later corruptions of the pair use the same depth."""
+    """Return read-only views of the depth maps, because all corruptions of the pair use the same arrays."""
     (first, second), (known, also_known), camera = depth.maps, depth.measured, depth.camera
     if camera.rotation is not None and camera.translation is not None:
         camera = replace(camera, rotation=_read_only(camera.rotation), translation=_read_only(camera.translation))
@@ -191,5 +196,5 @@ def _build(kind: type[Any], variant: str) -> Any:
     except Exception as error:
         raise UsageError(
             f"corruption '{own_name(kind)}' cannot be built: {type(error).__name__}: {error}; "
-            "give every argument a default, or pass the object itself"
+            "give every argument a default value, or pass an instance"
         ) from error

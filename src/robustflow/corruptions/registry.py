@@ -1,4 +1,4 @@
-"""List every corruption by name, in the paper's order, without importing any."""
+"""All corruptions by name, in the paper's order; they are imported only when used."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 
 PAPER_ORDER: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in names)
 BETWEEN_FRAMES: tuple[str, ...] = ("object_motion_blur", "rolling_shutter")
-"""Corruptions that need the frames between those of a pair."""
+"""Corruptions that require the frames between the two frames of a pair."""
 CLIP: tuple[str, ...] = (*BETWEEN_FRAMES, *FAMILIES["video"])
-"""Corruptions that need the whole clip from which the images were taken."""
+"""Corruptions that require the entire clip from which the pair was taken."""
 IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
-"""Corruptions that need only the two images."""
+"""Corruptions that require only the two frames."""
 
 FURTHER: dict[str, tuple[str, ...]] = {
     "digital": ("elastic_transform",),
     "depth": ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus", "motion_blur_3d"),
     "sensor": ("raw_noise", "rolling_shutter"),
 }
-"""Corruptions excluded from the paper's means and family means; those of "depth" need the depth of the scene."""
+"""Corruptions excluded from the paper's means and family means; those in "depth" require the depth of the scene."""
 
 CORRUPTIONS: Registry[type[Corruption]] = Registry("corruption", entry_point_group="robustflow.corruptions")
 

@@ -1,8 +1,8 @@
 """Load the calibrated severity scale, i.e. the table written by `robustflow calibrate`.
 
-According to the paper, its severities are not comparable between corruptions. On the calibrated scale they are
-comparable by SSIM: severity s of every corruption gives the same mean SSIM to the clean image. A severity that a
-corruption cannot reach does not exist on the scale and is not replaced.
+According to the paper, its severities are not comparable across corruptions. On the calibrated scale, they are
+comparable in terms of SSIM: at severity s, every corruption has the same mean SSIM to the clean image. If a corruption
+cannot reach a severity, the severity does not exist on the scale and is not replaced.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Level(FrozenFinite):
 
     Attributes:
         parameter: entry of the corruption's `severities`; None if the target cannot be reached.
-        ssim: mean SSIM at the parameter; if it is None, the mean SSIM closest to the target that was measured.
+        ssim: mean SSIM at the parameter; if the parameter is None, the measured mean SSIM closest to the target.
     """
 
     parameter: _Number | tuple[_Number, ...] | None
@@ -41,7 +41,7 @@ class Level(FrozenFinite):
 
 
 class CalibratedCorruption(FrozenFinite):
-    """Calibration of one corruption: its five levels, and the lowest and highest mean SSIM on its path."""
+    """Calibration of one corruption: its five levels and the lowest and highest mean SSIM on its path."""
 
     reachable: tuple[Similarity, Similarity]
     levels: Annotated[tuple[Level, ...], Field(min_length=5, max_length=5)]
@@ -51,13 +51,13 @@ class CalibrationTable(FrozenFinite):
     """The calibration table and everything needed to reproduce it.
 
     Attributes:
-        version: version of the table's format.
+        version: version of the table format.
         method: description of how the parameters were determined.
-        seed: seed of all draws.
-        draws: number of draws per picture for random corruptions.
-        images: names of the pictures in the reference set with the SHA-256 of their pixels.
-        targets: target mean SSIM of severities 1 to 5, decreasing.
-        tolerance: largest allowed difference of a level from its target.
+        seed: seed for all draws.
+        draws: number of draws per image for random corruptions.
+        images: dict from the name of each reference image to the SHA-256 of its pixels.
+        targets: target mean SSIM for severities 1 to 5, decreasing.
+        tolerance: maximum allowed difference between a level's mean SSIM and its target.
         corruptions: calibration of each corruption, by name.
     """
 
@@ -73,11 +73,11 @@ class CalibrationTable(FrozenFinite):
     @model_validator(mode="after")
     def _consistent(self) -> CalibrationTable:
         if sorted(self.targets, reverse=True) != list(self.targets):
-            raise ValueError("the targets must fall from severity 1 to 5")
+            raise ValueError("the targets must decrease from severity 1 to 5")
         for name, calibrated in self.corruptions.items():
             for level, target in zip(calibrated.levels, self.targets, strict=True):
                 if level.parameter is not None and abs(level.ssim - target) > self.tolerance:
-                    raise ValueError(f"{name} is {level.ssim} where {target} is asked for")
+                    raise ValueError(f"{name} has a mean SSIM of {level.ssim}, but {target} was expected")
         return self
 
 
@@ -90,17 +90,17 @@ def read_table(path: Path) -> CalibrationTable:
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:
-        raise DataError(f"cannot read the calibration {path}: {error.strerror}; check the path") from error
+        raise DataError(f"cannot read the calibration table {path}: {error.strerror}; check the path") from error
     if content is None:
         raise DataError(
-            f"{path} is not a calibration table, or damaged (its content does not match its digest); make one with "
-            "robustflow calibrate"
+            f"{path} is not a calibration table, or it is damaged (its content does not match its digest); "
+            "create one with robustflow calibrate"
         )
     try:
         return CalibrationTable.model_validate_json(content)
     except ValidationError as error:
         raise DataError(
-            f"{path} is not a calibration table ({first_misfit(error)}); make one with robustflow calibrate"
+            f"{path} is not a calibration table ({first_misfit(error)}); create one with robustflow calibrate"
         ) from error
 
 
@@ -112,7 +112,7 @@ def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTa
     """
     for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
         if getattr(old, name) != getattr(new, name):
-            raise UsageError(f"the two calibrations differ in their {name}; choose a different --output")
+            raise UsageError(f"the two calibration tables differ in {name}; choose a different --output")
     return old.model_copy(update={"corruptions": {**old.corruptions, **new.corruptions}})
 
 
@@ -126,7 +126,7 @@ def shipped() -> CalibrationTable:
 
 
 def calibration() -> CalibrationTable:
-    """Return the table in use: the file given by `ROBUSTFLOW_CALIBRATION`, or else the shipped one."""
+    """Return the table specified by `ROBUSTFLOW_CALIBRATION`, or the shipped table by default."""
     chosen = os.environ.get(CALIBRATION_VARIABLE)
     return _cached(Path(chosen).expanduser()) if chosen else shipped()
 
@@ -137,7 +137,7 @@ def _cached(path: Path) -> CalibrationTable:
 
 
 def calibrated_severities(name: str) -> tuple[Any, ...]:
-    """Return the five parameters of a corruption; None marks severities that do not exist on this scale.
+    """Return the five parameters for a corruption; None marks severities that do not exist on this scale.
 
     >>> calibrated_severities("h264_crf")
     (None, None, None, None, None)
@@ -152,5 +152,5 @@ def calibrated_levels(name: str) -> tuple[int, ...]:
 
 
 def calibration_digest() -> str:
-    """Return a hash of the table (16 hexadecimal digits) for the identity of a run."""
+    """Return a hash of the table (16 hexadecimal digits), used in the identity of a run."""
     return digest_of_bytes(calibration().model_dump_json().encode(), size=8)

@@ -1,4 +1,4 @@
-"""Identify the user files that affect the bytes of corruptions, as part of the identity of results."""
+"""Identifiers of user files that affect the output of corruptions, as part of the identity of results."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 
 OWN_KEY = "corruptions"
-"""Key for corruptions of the user and of installed packages; its value maps each name to the hash of the source."""
+"""Key for custom corruptions and those from installed packages; its value maps each name to a hash of the source."""
 
 
 def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
-    """Return identifiers of the user files in use, by `Corruption.source_key`; empty if no user file is used.
+    """Return identifiers of the user files in use, keyed by `Corruption.source_key`; empty if no user files are used.
 
-    The result does not depend on which of this package's corruptions are requested, so that a later call with different
-    ones extends the same run. For external corruptions in `names` and in stacks it contains the hash of the source, so
-    editing one starts a different run.
+    The result does not depend on which of this package's corruptions are requested, so a later call with different ones
+    extends the same run. For external corruptions in `names`, including stacks, it contains a hash of the source, so
+    editing one of them starts a new run.
 
     >>> user_sources()
     {}

@@ -1,8 +1,8 @@
 """Apply several corruptions in sequence as a stack: `"fog+jpeg_compression"`, `"fog:2+jpeg_compression:4"`.
 
-Real footage is foggy *and* compressed; the paper names this as its first limitation. A part without a severity uses the
-severity of the stack; a part with a severity keeps it. The parts are applied in the given order, and each draws from a
-separate random stream, named by its position.
+Real footage is foggy *and* compressed; the paper lists this as its first limitation. A part without a severity uses the
+severity of the stack; a part with a severity keeps its own. The parts are applied in the specified order, and each uses
+a separate random stream, which is named after its position.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PLUS, _COLON = "+", ":"
 
 
 def is_stack(name: str) -> bool:
-    """Whether a name denotes a stack instead of a single corruption.
+    """Return whether a name denotes a stack rather than a single corruption.
 
     >>> is_stack("fog"), is_stack("fog+snow"), is_stack("fog:2")
     (False, True, True)
@@ -33,7 +33,7 @@ def is_stack(name: str) -> bool:
 
 
 def parse_stack(name: str) -> list[tuple[str, int | None]]:
-    """Return the parts of a stack's name, each with its severity or None, without importing anything.
+    """Return the parts of a stack's name with their severities (None if not specified), without importing anything.
 
     Raises:
         UsageError: a part is empty, a corruption is unknown, or a severity is outside 1 to 5.
@@ -50,7 +50,7 @@ def parse_stack(name: str) -> list[tuple[str, int | None]]:
 
 
 def split_stack(name: str) -> list[tuple[str, int | None]]:
-    """Parse a name like `parse_stack`, but allow unknown corruptions, e.g. from a run on a different machine.
+    """Parse a name like `parse_stack`, but allow unknown corruptions, e.g. in a run from a different machine.
 
     >>> split_stack("rain+fog:2")
     [('rain', None), ('fog', 2)]
@@ -60,7 +60,7 @@ def split_stack(name: str) -> list[tuple[str, int | None]]:
         corruption, colon, level = (text.strip() for text in part.partition(_COLON))
         if not corruption or (colon and not level.isdecimal()):
             raise UsageError(
-                f"'{name}' is not a stack of corruptions: write NAME or NAME:SEVERITY, joined by '+', "
+                f"'{name}' is not a stack of corruptions: use NAME or NAME:SEVERITY, joined by '+', "
                 "or module.path:Attribute for a custom corruption"
             )
         parts.append((corruption, check_severity(int(level)) if level else None))
@@ -71,7 +71,7 @@ def with_targets_registered(name: str) -> str:
     """Import every `module.path:Attribute` in a name and replace it with the name of the corruption.
 
     Raises:
-        UsageError: an attribute cannot be imported, or is not a corruption.
+        UsageError: an attribute cannot be imported or is not a corruption.
 
     >>> with_targets_registered("fog:2 + snow")
     'fog:2+snow'
@@ -89,8 +89,8 @@ def with_targets_registered(name: str) -> str:
 def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
     """Return the distinct severities at which a corruption exists, usually all five.
 
-    A stack in which every part has a fixed severity has a single severity, the highest of its parts. The calibrated
-    scale lacks severities that the corruption, or a part of the stack, cannot reach.
+    If every part of a stack has a fixed severity, the stack has a single severity: the highest of its parts. The
+    calibrated scale does not include severities that the corruption, or a part of the stack, cannot reach.
 
     >>> levels_of("fog:2+snow:4", (1, 2, 3)), levels_of("fog:2+snow", (1, 2, 3)), levels_of("fog", (1, 2))
     ((4,), (1, 2, 3), (1, 2))
@@ -108,7 +108,7 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
 
 
 def needs_depth(name: str) -> bool:
-    """Whether a corruption, or a part of a stack, needs the depth of the scene; False for unknown corruptions.
+    """Return whether a corruption, or any part of a stack, requires the depth of the scene; False for unknown names.
 
     >>> needs_depth("fog"), needs_depth("fog_3d"), needs_depth("fog_3d:2+snow")
     (False, True, True)
@@ -122,13 +122,13 @@ def _part_needs_depth(name: str) -> bool:
 
 
 class Stack(Corruption):
-    """Corruptions applied in order to every frame.
+    """Corruptions that are applied to every frame in sequence.
 
     Args:
-        parts: corruptions with their severities; None to use the severity of the stack.
+        parts: corruptions with their severities, or with None to use the severity of the stack.
 
     Raises:
-        UsageError: a severity does not exist for its corruption on the scale with which it was loaded.
+        UsageError: a part's severity does not exist on the scale with which its corruption was loaded.
 
     >>> from robustflow.corruptions import load_corruption
     >>> load_corruption("fog:2+jpeg_compression").name
@@ -155,11 +155,11 @@ class Stack(Corruption):
         self.name = _PLUS.join(names)  # type: ignore[misc]  # a stack's name is its own
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
-        """One state per part."""
+        """Return one state per part."""
         return self.draw_with_depth(rng, severity, shape, None)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> list[Any]:
-        """One state per part."""
+        """Return one state per part."""
         self.parameter(severity)
         return [
             part.draw_with_depth(rng.spawn(place, part.name), severity if level is None else level, shape, depth)
@@ -167,7 +167,7 @@ class Stack(Corruption):
         ]
 
     def apply(self, frame: Frame, state: list[Any], index: int) -> Frame:
-        """Apply every part in order."""
+        """Apply all parts in sequence."""
         for (part, _), own in zip(self._parts, state, strict=True):
             frame = part.apply(frame, own, index)
         return frame

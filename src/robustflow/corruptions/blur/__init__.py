@@ -1,1 +1,1 @@
-"""Corruptions of the family "blur": Gaussian, defocus, glass, camera motion and lens blur."""
+"""The "blur" family of corruptions: Gaussian, defocus, glass, camera motion and lens blur."""

@@ -22,10 +22,11 @@ class Shake(NamedTuple):
 class CameraMotionBlur(Corruption):
     """Smears both frames in one direction, like camera shake (paper, appendix, blur).
 
-    A severity is (radius alpha, standard deviation sigma) in pixels: 2 * alpha + 1 taps along a line, weighted by half
-    a Gaussian that starts at the pixel itself, so both frames also shift by the same 2.2 to 11.5 px on average. The
-    direction is uniform within +-45 degrees of the horizontal and shared by both frames. Borders repeat the edge pixel.
-    In small images the reference code drops the taps outside the image, which darkens it; here the edge is repeated.
+    A severity is (radius alpha, standard deviation sigma) in pixels. The kernel has 2 * alpha + 1 taps along a line,
+    weighted by one half of a Gaussian that starts at the pixel itself, so the content of both frames also shifts, by
+    the same 2.2 to 11.5 px on average. The direction is uniformly distributed within +-45 degrees of the horizontal and
+    shared by both frames. Edge pixels are repeated beyond the border. In small images, the reference code drops the
+    taps outside the image, which darkens the result; this implementation does not.
     """
 
     name = "camera_motion_blur"
@@ -34,10 +35,10 @@ class CameraMotionBlur(Corruption):
     paper_severities = ((10, 3), (15, 5), (15, 8), (15, 12), (20, 15))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LineKernel:
-        """Draw the direction; the state contains the taps."""
+        """Draw the direction and return the taps as the state."""
         shake: Shake = self.parameter(severity)
         return line_kernel(shake.radius, shake.sigma, rng.uniform(-45.0, 45.0))
 
     def apply(self, frame: Frame, state: LineKernel, index: int) -> Frame:
-        """Smear one frame."""
+        """Smear frame `index`."""
         return move_frame(frame, state)

@@ -1,4 +1,4 @@
-"""Apply defocus blur by convolution with a disk, see disk.py."""
+"""Apply defocus blur by convolution with a disk; see disk.py."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Disk(NamedTuple):
 class DefocusBlur(Corruption):
     """Convolves both frames with an anti-aliased disk (paper, appendix "Corruption Details", blur).
 
-    A severity is (radius in pixels, standard deviation of the anti-aliasing). The paper says "circular mean filter";
-    the reference code smooths a disk inside an array that is too small at radius 8 and 10, and mirrors it at the
-    array's edge, so these kernels sum to 1.013 and 1.011 and brighten the image. This behaviour is kept, because the
-    published results include it. Borders mirror the image without repeating the edge pixel. `variant="paper"` uses the
-    plain disk; `variant="reference"` truncates instead of rounding.
+    A severity is (radius in pixels, standard deviation of the anti-aliasing). The paper describes a "circular mean
+    filter". The reference code smooths a disk inside an array that is too small for the radii 8 and 10 and mirrors the
+    disk at the edge of the array, so these kernels sum to 1.013 and 1.011 and brighten the image. This behaviour is
+    kept because it is part of the published results. Borders mirror the image without repeating the edge pixel.
+    `variant="paper"` uses the disk without anti-aliasing; `variant="reference"` truncates instead of rounding.
     """
 
     name = "defocus_blur"
@@ -35,10 +35,10 @@ class DefocusBlur(Corruption):
     paper_severities = ((3, 0.1), (4, 0.5), (6, 0.5), (8, 0.5), (10, 0.5))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, float]:
-        """Nothing is random; the state is (radius, anti-aliasing), with anti-aliasing 0 in the variant `paper`."""
+        """Return the radius and the anti-aliasing (0 for the variant `paper`); nothing is random."""
         disk: Disk = self.parameter(severity)
         return float(disk.radius), 0.0 if self.variant == "paper" else float(disk.smoothing)
 
     def apply(self, frame: Frame, state: tuple[float, float], index: int) -> Frame:
-        """Convolve one frame."""
+        """Convolve one frame with the disk."""
         return convolve_disk(frame, *state, floor=self.variant == "reference")

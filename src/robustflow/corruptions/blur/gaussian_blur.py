@@ -11,8 +11,9 @@ from ..kernels.separable import FLOOR, gaussian_frame
 class GaussianBlur(Corruption):
     """Applies a Gaussian filter to both frames (paper, appendix "Corruption Details", blur).
 
-    A severity is the standard deviation in pixels. Borders repeat the edge, and the kernel is truncated at four
-    standard deviations, as in the reference code. `variant="reference"` also truncates the result instead of rounding.
+    A severity is the standard deviation in pixels. As in the reference code, edge pixels are repeated beyond the
+    border, and the kernel is cut off at four standard deviations. `variant="reference"` truncates the result instead of
+    rounding it.
 
     >>> GaussianBlur().parameter(5)
     6.0
@@ -23,7 +24,7 @@ class GaussianBlur(Corruption):
     paper_severities = (1.0, 2.0, 3.0, 4.0, 6.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Nothing is random; the state is the standard deviation."""
+        """Return the standard deviation; nothing is random."""
         return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:

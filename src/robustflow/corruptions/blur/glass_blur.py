@@ -23,21 +23,21 @@ class Glass(NamedTuple):
     sigma: float
     """Standard deviation of both blurs, in pixels."""
     reach: int
-    """Largest distance alpha between swapped pixels, in pixels."""
+    """Maximum distance alpha between swapped pixels, in pixels."""
     iterations: int
-    """Number of shuffle passes, beta."""
+    """Number of shuffle passes beta."""
 
 
 class GlassBlur(Corruption):
     """Applies a Gaussian blur, a local shuffle shared by both frames, and a second Gaussian blur (paper, appendix,
     blur).
 
-    A severity is (sigma, neighbourhood alpha, iterations beta). The shuffle runs from the bottom right to the top left
-    and pairs each pixel with the one at an offset drawn from -alpha, ..., alpha - 1 in both directions. According to
-    the paper the two are swapped. In the reference code the swap uses array views and copies instead: the pixel gets
-    its partner's value and the partner keeps its value, so some values disappear and content drifts by up to 2 px,
-    equally in both frames. The published results include this behaviour, so it is the default; `variant="paper"` swaps.
-    The first blur truncates its result, as in the reference code.
+    A severity is (sigma, neighbourhood alpha, iterations beta). The shuffle proceeds from the bottom right to the top
+    left and pairs each pixel with a random partner, whose offset is between -alpha and alpha - 1 in both directions.
+    According to the paper, the two pixels are swapped. In the reference code, however, array views turn the swap into a
+    copy: the pixel is set to its partner's value, and the partner is unchanged. So some values disappear, and the
+    content drifts by up to 2 px, equally in both frames. This is the default because it is part of the published
+    results; `variant="paper"` swaps the pixels. The first blur truncates its result, as in the reference code.
     """
 
     name = "glass_blur"
@@ -46,7 +46,7 @@ class GlassBlur(Corruption):
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, SourceIndex]:
-        """Draw the shuffle; the state is (sigma, source index of each pixel)."""
+        """Draw the shuffle and return sigma and the source index of each pixel."""
         glass: Glass = self.parameter(severity)
         return float(glass.sigma), draw_shuffle(rng, shape, glass.reach, glass.iterations, swap=self.variant == "paper")
 
@@ -60,8 +60,9 @@ class GlassBlur(Corruption):
 
 
 def draw_shuffle(rng: Rng, shape: tuple[int, int], reach: int, iterations: int, swap: bool) -> SourceIndex:
-    """Shuffle the indices of an image of `shape` (H, W); pixels closer than `reach` to the border are only used as
-    partners.
+    """Shuffle the pixel indices of an image of `shape` (H, W).
+
+    Pixels closer than `reach` to the border are used only as partners.
     """
     height, width = shape
     source = np.arange(height * width, dtype=np.int32)
@@ -75,7 +76,7 @@ def draw_shuffle(rng: Rng, shape: tuple[int, int], reach: int, iterations: int, 
 
 @njit(cache=True, nogil=True)
 def _shuffle(key: Any, source: Any, height: int, width: int, reach: int, offsets: Any, swap: bool) -> None:
-    """Run one pass. Sixteen bits of a hash choose one of at most 64 offsets, with a bias below 1e-3."""
+    """Run one shuffle pass; 16 bits of a hash select one of at most 64 offsets, with a bias below 1e-3."""
     count = np.uint64(offsets.size)
     bits = np.uint64(0)
     drawn = 0

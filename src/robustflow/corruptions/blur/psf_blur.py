@@ -1,4 +1,4 @@
-"""Blur like a real low-quality lens, with a PSF that varies from the image centre to the corners."""
+"""Simulate a low-quality lens, whose PSF varies from the image centre to the corners."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from ...sample import Frame
 from ..base import Corruption
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
-"""Environment variable with the folder of the reference code's PSF stacks, used if `psf_dir` is not given."""
+"""Environment variable for the folder with the reference code's PSF stacks, used if `psf_dir` is None."""
 
 _WHOLE = np.float32(1e-3)
-"""Tolerance in grey levels for rounding errors that push a result of `blur` below an integer; ten times the largest
-error.
+"""Tolerance in grey levels for rounding errors that push a result of `blur` just below an integer; ten times the
+maximum error.
 """
 
 
 class PsfBlur(Corruption):
     """Applies the spatially varying blur of one of five lenses (paper, Sec. 3 and appendix, PSF blur).
 
-    A severity is the nominal RMS radius of the lens in mm. The lenses belong to this package (`robustflow optics`) and
-    are designed to blur like those of the paper; set `psf_dir` to load the paper's lenses from the reference code's
-    files. Both frames are blurred identically, nothing is random, and PSFs are centred so that the blur causes no
-    shift.
+    A severity is the nominal RMS radius of the lens in mm. The lenses are part of this package (`robustflow optics`)
+    and designed to produce the same amount of blur as those in the paper; set `psf_dir` to load the paper's lenses from
+    the reference code's files. Both frames are blurred identically, nothing is random, and the PSFs are centred so that
+    the blur does not shift the image.
 
     `variant="reference"` truncates grey levels, as the reference code does; otherwise they are rounded. The reference
-    code leaves the last H % 16 rows and W % 16 columns black, as well as a central tile if both tile counts are odd; no
+    code leaves the last H % 16 rows and W % 16 columns black, and also a central tile if both tile counts are odd; no
     variant reproduces this.
 
     >>> import numpy as np
@@ -56,8 +56,10 @@ class PsfBlur(Corruption):
         severities: tuple[Any, ...] | None = None,
         psf_dir: str | Path | None = None,
     ) -> None:
-        """Create the corruption; `psf_dir` is the folder of the reference code's five `.pth` stacks, by default the
-        value of `ROBUSTFLOW_PSF_DIR`.
+        """Create the corruption.
+
+        `psf_dir` is the folder with the reference code's five `.pth` stacks; it defaults to the value of
+        `ROBUSTFLOW_PSF_DIR`.
         """
         super().__init__(variant, severities)
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
@@ -65,23 +67,23 @@ class PsfBlur(Corruption):
         for rms in self.severities:
             if rms is not None and rms not in self.paper_severities:
                 known = ", ".join(str(value) for value in self.paper_severities)
-                raise UsageError(f"psf_blur has no lens of RMS radius {rms} mm: choose from {known}")
+                raise UsageError(f"psf_blur has no lens with an RMS radius of {rms} mm: choose from {known}")
 
     def field(self, rms: float) -> PsfField:
-        """Return the PSFs of the lens with a nominal RMS radius in mm."""
+        """Return the PSFs of the lens with this nominal RMS radius in mm."""
         if self.psf_dir is not None:
             return _reference(self.psf_dir, rms)
         return shipped_field(self.paper_severities.index(rms) + 1)
 
     @property
     def source(self) -> str:
-        """Return the hashes of the reference code's five stacks; empty for this package's lenses."""
+        """Return the hashes of the reference code's five stacks, or an empty string for this package's lenses."""
         if self.psf_dir is None:
             return ""
         return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Nothing is random; the state is the RMS radius of the lens."""
+        """Return the RMS radius of the lens; nothing is random."""
         return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:

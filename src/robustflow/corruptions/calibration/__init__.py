@@ -1,1 +1,1 @@
-"""Calibrate severities so that corruptions are comparable: paths, search and SSIM."""
+"""Calibration of severities to make corruptions comparable: paths, search and SSIM."""

@@ -1,18 +1,18 @@
-"""Define a path through the parameters of each corruption, from hardly visible to extreme.
+"""Paths through the parameters of each corruption, from barely visible to extreme.
 
-The calibrated scale takes its five parameters from these paths. A path is a list of segments; within a segment, every
-number changes linearly from start to end (integers are rounded, other numbers have four digits), and between segments
-the parameters may jump. Usually the corners of the path are the paper's severities, extended below severity 1 to almost
-no effect and above severity 5 as far as possible. The exceptions are:
+The five parameters on the calibrated scale are taken from these paths. A path is a list of segments; within a segment,
+every number changes linearly from start to end (integers are rounded, other numbers have four significant digits), and
+between segments the parameters may jump. Usually, the corners of the path are the paper's severities, extended below
+severity 1 to almost no effect and above severity 5 as far as possible. The exceptions are:
 
-saturate            oversaturates as in severities 3 to 5; 1 and 2 desaturate, which hardly affects SSIM on luma
+saturate            oversaturates, as in severities 3 to 5; 1 and 2 desaturate, which hardly affects SSIM on luma
 spatter             water (severities 1, 2 and halfway to 3), then mud (4, 5 and beyond)
 snow                severities 1 and 2, which have similar flakes; 3 to 5 are milder than 2 by SSIM
 glass_blur          one shuffle pass over 1, 2, 3, 4 pixels with increasing sigma at each, then two passes
 psf_blur            the five lenses only, without intermediate steps
 
-defocus_blur also uses fractional radii, at which the disk grows by one ring of pixels at a time; up to radius 3 the
-rings are far apart, and varying the anti-aliasing fills the gaps.
+defocus_blur also uses fractional radii, so that the disk grows by one ring of pixels at a time. Up to radius 3, the
+rings are far apart, and the gaps are filled by varying the anti-aliasing.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from ..registry import CORRUPTIONS
 
 
 class Segment(NamedTuple):
-    """Two parameters of one corruption that have the same types."""
+    """The parameters at both ends of a segment; their types are the same."""
 
     start: Any
     end: Any
 
     def at(self, share: float) -> Any:
-        """Return the parameter at the fraction `share` (0 to 1) of the segment.
+        """Return the interpolated parameter; `share` is 0 at the start and 1 at the end.
 
         >>> Segment((10, 3.0, True), (20, 5.0, True)).at(0.25)
         (12, 3.5, True)
@@ -51,7 +51,8 @@ def _between(start: Any, end: Any, share: float) -> Any:
 
 
 def path(name: str) -> list[Segment]:
-    """Return the path of a corruption, mildest first; empty for clip corruptions and user-defined corruptions.
+    """Return the path of a corruption, starting with the mildest; empty for clip corruptions and user-defined
+    corruptions.
 
     >>> path("contrast")[0].at(0.5), path("h264_crf")
     (0.7, [])
@@ -82,7 +83,7 @@ _ENDS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "gaussian_blur": (0.2, (30.0,)),
     "elastic_transform": (0.05, (100.0,)),
 }
-"""Extensions of the path beyond the paper's five severities: (below 1, above 5)."""
+"""Extensions of the path beyond the paper's five severities: (below severity 1, above severity 5)."""
 
 _LENSES = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
 

@@ -1,9 +1,9 @@
-"""Find the parameters at which every corruption gives the same mean SSIM.
+"""Find the parameters at which all corruptions have the same mean SSIM.
 
 The mean SSIM is measured at fixed fractions of every segment of a corruption's path (paths.py), followed by ten
-bisection steps between the two points that enclose a target. The measured parameter closest to the target is chosen if
-it is within the tolerance. SSIM and corruptions are identical on every machine, so the same seed and pictures give the
-same table.
+bisection steps between the two points that enclose a target. The parameter whose mean SSIM is closest to the target is
+chosen if it is within the tolerance. SSIM and corruptions are identical on every machine, so the same seed and images
+always result in the same table.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .paths import Segment, path
 from .ssim import Ssim
 
 TARGETS = (0.92, 0.85, 0.78, 0.71, 0.64)
-"""Target mean SSIM of severities 1 to 5; most corruptions can reach these values."""
+"""Target mean SSIM for severities 1 to 5; most corruptions can reach these values."""
 TOLERANCE = 0.01
 DRAWS = 4
 PHOTOGRAPHS = (
@@ -48,20 +48,20 @@ _HALVINGS = 10
 
 
 def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
-    """Read the pictures of a folder, or of the reference set, as RGB uint8 by name.
+    """Read the images in a folder, or those in the reference set, as RGB uint8 by name.
 
     Raises:
-        DataError: the folder contains no pictures, or a picture cannot be read.
+        DataError: the folder does not exist or contains no images, or an image cannot be read.
     """
     if folder is None:
         home = Path(skimage.__file__).parent / "data"
         return {name: read_image(home / name) for name in PHOTOGRAPHS}
     if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; give --data a folder of pictures")
+        raise DataError(f"{folder}: no such folder; --data must be a folder with images")
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES)
     if not files:
         raise DataError(
-            f"{folder}: contains no pictures ({', '.join(IMAGE_SUFFIXES)}); give --data a folder of pictures"
+            f"{folder}: contains no images ({', '.join(IMAGE_SUFFIXES)}); --data must be a folder with images"
         )
     return {file.name: read_image(file) for file in files}
 
@@ -79,28 +79,27 @@ def calibrate(
     targets: Sequence[float] = TARGETS,
     report: Callable[[str, CalibratedCorruption], None] = lambda name, calibrated: None,
 ) -> CalibrationTable:
-    """Calibrate some corruptions on some pictures.
+    """Calibrate corruptions on a set of images.
 
     Args:
         names: names of corruptions that have a path.
-        pictures: dict from name to picture, RGB uint8 (H, W, 3); the name is part of the name of each draw's random
-            stream.
-        seed, draws: seed and number of draws per picture for random corruptions.
-        targets: five target values of the mean SSIM, decreasing.
-        report: function called with each corruption when it is finished.
+        pictures: dict from name to image, RGB uint8 (H, W, 3); the names are part of the keys of the random streams.
+        seed, draws: seed and number of draws per image for random corruptions.
+        targets: five target values for the mean SSIM, decreasing.
+        report: function called with the name and the calibration of each corruption when it is finished.
 
     Raises:
-        UsageError: a corruption has no path, or `draws` is below 1.
+        UsageError: a corruption has no path, or `draws` is less than 1.
     """
     if draws < 1:
-        raise UsageError(f"{draws} draws are too few: give 1 or more")
+        raise UsageError(f"{draws} is not a valid number of draws: it must be at least 1")
     references = {name: (picture, Ssim(picture)) for name, picture in pictures.items()}
     corruptions = {}
     for name in names:
         segments = path(name)
         if not segments:
             CORRUPTIONS.get(name)
-            raise UsageError(f"{name} has no path to calibrate it on; leave it out of --corruptions")
+            raise UsageError(f"{name} has no path and cannot be calibrated; remove it from --corruptions")
         curve = _Curve(name, references, seed, draws)
         corruptions[name] = _levels(curve, segments, targets)
         report(name, corruptions[name])
@@ -117,7 +116,7 @@ def calibrate(
 
 
 class _Curve:
-    """Mean SSIM of a corruption by parameter; each parameter is measured once."""
+    """Mean SSIM of a corruption as a function of its parameter; each parameter is measured once."""
 
     def __init__(self, name: str, references: Mapping[str, tuple[Frame, Ssim]], seed: int, draws: int) -> None:
         self._kind: type[Corruption] = CORRUPTIONS.get(name)
@@ -138,15 +137,16 @@ class _Curve:
         return self.measured[parameter]
 
     def _measure(self, corruption: Corruption, key: str, picture: Frame, ssim: Ssim) -> list[float]:
-        """Return the mean SSIM of a parameter. All parameters use the same streams, so that the curve is smooth;
-        deterministic corruptions are drawn once.
+        """Return the SSIM of each draw; deterministic corruptions are drawn once.
+
+        All parameters use the same random streams, so that the curve is smooth.
         """
         values: list[float] = []
         first: Frame | None = None
         for draw in range(self._draws):
             rng = stream_for(corruption, 1, self._seed, f"{key}/{draw}")
             state = corruption.draw(rng, 1, picture.shape[:2])
-            # only the exposed frame is drawn at random, not the strength
+            # for exposure corruptions, only the choice of the frame is random
             index = getattr(state, "exposed", None) or 0
             frame = corruption.apply(picture, state, index)
             if first is not None and np.array_equal(frame, first):

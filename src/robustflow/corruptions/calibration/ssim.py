@@ -1,8 +1,8 @@
-"""Compute the structural similarity of two images, with identical results on every machine.
+"""Compute the structural similarity of two images, with the same result on every machine.
 
 Wang, Bovik, Sheikh and Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity", IEEE
-Transactions on Image Processing 13(4), 2004. SSIM is computed on luma with an 11 x 11 Gaussian window of sigma 1.5, K1
-= 0.01, K2 = 0.03 and borders mirrored about the edge pixel, and averaged over all pixels.
+Transactions on Image Processing 13(4), 2004. SSIM is computed on luma with an 11 x 11 Gaussian window (sigma 1.5),
+K1 = 0.01, K2 = 0.03 and borders mirrored about the edge pixel, and averaged over all pixels.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _C1, _C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
 
 
 class Ssim:
-    """Similarity to one reference image, whose moments are computed once.
+    """Computes the similarity to a reference image, whose moments are computed once.
 
     Args:
         reference: reference image, RGB uint8 (H, W, 3).
@@ -50,7 +50,7 @@ class Ssim:
         if luma.shape != self._luma.shape:
             raise DataError(
                 f"images differ in size: {self._luma.shape[1]}x{self._luma.shape[0]} and "
-                f"{luma.shape[1]}x{luma.shape[0]}; compare images of one size"
+                f"{luma.shape[1]}x{luma.shape[0]}; the sizes must match"
             )
         return float(_mean_ssim(self._mean, self._square, *_moments(luma, self._luma)))
 

@@ -1,4 +1,4 @@
-"""Describe clip corruptions for code that only has images: name, parameters, and an error on use."""
+"""Placeholders for clip corruptions in code that has only images: name, parameters, and an error on use."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ class ClipCorruption(Corruption):
     temporal: ClassVar[bool] = True
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
-        """Raise an error, because there is no clip.
+        """Raise an error because there is no clip.
 
         Raises:
             UsageError: always.
         """
         shows = "" if self.name in BETWEEN_FRAMES else ", robustflow gallery --clip CLIP shows the corruption"
         raise UsageError(
-            f"{self.name} needs the clip that the frames come from, not two images; robustflow run --benchmark "
-            f"gopro-fc --data CLIP measures the corruption{shows}"
+            f"{self.name} requires the clip that contains the frames, not two images; robustflow run --benchmark "
+            f"gopro-fc --data CLIP evaluates the corruption{shows}"
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:
         """Raise an error, like `draw`."""
-        raise UsageError(f"{self.name} needs the clip that the frames come from, not one image")
+        raise UsageError(f"{self.name} requires the clip that contains the frame, not one image")

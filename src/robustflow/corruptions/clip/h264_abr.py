@@ -6,8 +6,9 @@ from .clip_corruption import ClipCorruption
 
 
 class H264Abr(ClipCorruption):
-    """Compresses with H.264 at an average bit rate (appendix, "H.264 ABR"); the parameter in bit/s also sets maxrate
-    and bufsize.
+    """Compresses the clip with H.264 at an average bit rate (appendix, "H.264 ABR").
+
+    The parameter is the bit rate in bit/s, which is also used for maxrate and bufsize.
     """
 
     name = "h264_abr"

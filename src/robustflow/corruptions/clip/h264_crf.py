@@ -6,7 +6,7 @@ from .clip_corruption import ClipCorruption
 
 
 class H264Crf(ClipCorruption):
-    """Compresses with H.264 at a constant rate factor (appendix, "H.264 CRF"); the parameter is the CRF."""
+    """Compresses the clip with H.264 at a constant rate factor (appendix, "H.264 CRF"); the parameter is the CRF."""
 
     name = "h264_crf"
     family = "video"

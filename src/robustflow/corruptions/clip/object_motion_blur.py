@@ -6,7 +6,7 @@ from .clip_corruption import ClipCorruption
 
 
 class ObjectMotionBlur(ClipCorruption):
-    """Averages the 2c + 1 master frames around a key frame (appendix, "Object Motion Blur"); the parameter is c."""
+    """Averages 2c + 1 master frames centred on a key frame (appendix, "Object Motion Blur"); the parameter is c."""
 
     name = "object_motion_blur"
     family = "blur"

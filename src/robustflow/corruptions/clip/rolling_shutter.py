@@ -6,12 +6,12 @@ from .clip_corruption import ClipCorruption
 
 
 class RollingShutter(ClipCorruption):
-    """Takes each row of a key frame from the master frame at the row's readout time; the parameter is the total readout
-    time in master frames, 6 to 31 ms at 960 frames per second.
+    """Copies each row of a key frame from the master frame at the row's readout time.
 
-    Row y of H comes from the master frame nearest to readout ((y + 1/2) / H - 1/2) after the key frame. Rolling shutter
-    changes the true flow, so errors against ground truth are meaningless and only RCRE is measured. Excluded from the
-    paper's averages.
+    The parameter is the total readout time in master frames, equivalent to 6 to 31 ms at 960 frames per second. Row y
+    of H is copied from the master frame nearest to readout ((y + 1/2) / H - 1/2) frames after the key frame. A rolling
+    shutter changes the true flow, so errors relative to the ground truth are meaningless, and only RCRE is measured.
+    This corruption is excluded from the paper's averages.
     """
 
     name = "rolling_shutter"

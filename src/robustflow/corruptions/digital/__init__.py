@@ -1,1 +1,1 @@
-"""Corruptions of the family "digital" (paper, appendix "Digital corruptions")."""
+"""The "digital" family of corruptions (paper, appendix "Digital corruptions")."""

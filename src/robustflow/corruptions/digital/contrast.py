@@ -14,10 +14,10 @@ from ..kernels.rounding import to_bytes
 
 
 class Contrast(Corruption):
-    """Reduces the contrast: out = (I - mean) c + mean; `severities` are c (paper, "Contrast").
+    """Reduces the contrast: out = (I - mean) c + mean; a severity is c (paper, "Contrast").
 
-    The mean is per channel, as in the reference code; `variant="paper"` uses one mean over the frame, as in the paper's
-    formula. `variant="reference"` truncates grey levels, as the reference code does.
+    The mean is computed per channel, as in the reference code; `variant="paper"` uses one mean for the entire frame, as
+    in the paper's formula. `variant="reference"` truncates grey levels, as the reference code does.
     """
 
     name = "contrast"
@@ -25,11 +25,11 @@ class Contrast(Corruption):
     paper_severities = (0.4, 0.3, 0.2, 0.1, 0.05)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Nothing is random; the state is c."""
+        """Return c; nothing is random."""
         return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
-        """Move every channel of one frame towards its mean."""
+        """Reduce the contrast of one frame."""
         source = np.require(frame, requirements=("C", "W"))
         sums = np.zeros(3, np.int64)
         _channel_sums(source.reshape(source.shape[0], -1), sums)
@@ -43,7 +43,8 @@ class Contrast(Corruption):
 
 @njit(cache=True, nogil=True)
 def _channel_sums(source: Any, sums: Any) -> None:
-    """Add the sum of each channel of uint8 (H, 3 W) rows to `sums`, in lanes of 48 samples so that it vectorises."""
+    """Add the sum of each channel of uint8 (H, 3 W) rows to `sums`, in lanes of 48 samples so that the loop
+    vectorises."""
     lanes = np.zeros(192, np.uint32)
     for y in range(source.shape[0]):
         s = source[y]

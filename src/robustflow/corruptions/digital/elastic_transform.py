@@ -15,7 +15,7 @@ from ..kernels.borders import mirrored_with_edge
 from ..kernels.smooth_field import SmoothField, field_row, smooth_field
 
 _BITS = 11
-"""Fractional bits of positions; a weight is the product of two fractions, and weight times pixel stays below 2**31."""
+"""Fractional bits of positions; a weight is the product of two fractions, and weight times pixel is less than 2**31."""
 
 
 class ElasticState(NamedTuple):
@@ -28,10 +28,10 @@ class ElasticState(NamedTuple):
 class ElasticTransform(Corruption):
     """Warps both frames by the same smooth random field (paper, appendix "Corruption Details", digital).
 
-    A severity is alpha. Displacements are alpha times uniform noise from +-0.05 H, blurred by a Gaussian with a
-    standard deviation of 0.01 H vertically and 0.01 W horizontally, truncated at three standard deviations. The
-    reference code draws from +-0.005 H instead (`variant="reference"`). Sampling is bilinear; borders mirror the image
-    with the edge pixel repeated. Described in the paper's appendix, but excluded from its averages.
+    A severity is alpha. The displacements are alpha times uniform noise in +-0.05 H, blurred with a Gaussian whose
+    standard deviation is 0.01 H vertically and 0.01 W horizontally, cut off at three standard deviations. The reference
+    code uses +-0.005 H instead (`variant="reference"`). Sampling is bilinear; borders mirror the image and repeat the
+    edge pixel. The corruption is described in the paper's appendix but excluded from its averages.
     """
 
     name = "elastic_transform"
@@ -39,7 +39,7 @@ class ElasticTransform(Corruption):
     paper_severities = (12.5, 16.25, 21.25, 25.0, 30.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> ElasticState:
-        """The displacement field."""
+        """Return the random displacement field."""
         height, width = shape
         amplitude = self.parameter(severity) * height * (0.005 if self.variant == "reference" else 0.05)
         sigmas = 0.01 * height, 0.01 * width
@@ -58,9 +58,8 @@ class ElasticTransform(Corruption):
 
 @njit(cache=True, nogil=True)
 def _warp(frame: Any, samples_y: Any, steps: Any, samples_x: Any, out: Any) -> None:
-    """Warp with positions rounded to 1/2048 px, which changes values by at most 1/8 of a grey level, in integer
-    arithmetic.
-    """
+    """Warp in integer arithmetic with positions rounded to 1/2048 px, which changes values by at most 1/8 grey
+    level."""
     height, width = frame.shape[:2]
     pixels = frame.reshape(-1)
     dy, dx = np.empty(width, np.float32), np.empty(width, np.float32)

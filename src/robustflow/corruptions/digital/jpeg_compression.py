@@ -12,14 +12,15 @@ from ..base import Corruption
 
 
 class JpegCompression(Corruption):
-    """Applies baseline JPEG with 4:2:0 chroma; `severities` are the quality (paper, "JPEG compression")."""
+    """Applies baseline JPEG compression with 4:2:0 chroma subsampling; a severity is the quality (paper, "JPEG
+    compression")."""
 
     name = "jpeg_compression"
     family = "digital"
     paper_severities = (25, 18, 15, 10, 7)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> int:
-        """Nothing is random; the state is the quality."""
+        """Return the quality; nothing is random."""
         return int(self.parameter(severity))
 
     def apply(self, frame: Frame, state: int, index: int) -> Frame:

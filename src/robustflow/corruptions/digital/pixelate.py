@@ -9,17 +9,16 @@ from ..kernels.box_resize import pixelated
 
 
 class Pixelate(Corruption):
-    """Shrinks frames by a factor with a box filter and enlarges them; `severities` are the factor (paper,
-    "Pixelation")."""
+    """Shrinks frames with a box filter and enlarges them again; a severity is the scale factor (paper, "Pixelation")."""
 
     name = "pixelate"
     family = "digital"
     paper_severities = (0.6, 0.5, 0.4, 0.3, 0.25)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Nothing is random; the state is the factor."""
+        """Return the scale factor; nothing is random."""
         return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
-        """Shrink and enlarge one frame."""
+        """Pixelate one frame."""
         return pixelated(frame, state)

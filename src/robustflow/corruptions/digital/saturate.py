@@ -20,11 +20,11 @@ class Saturation(NamedTuple):
 
 
 class Saturate(Corruption):
-    """Changes the saturation in HSV: S' = S alpha + beta; `severities` are (alpha, beta) (paper, "Saturate").
+    """Changes the saturation in HSV: S' = S alpha + beta; a severity is (alpha, beta) (paper, "Saturate").
 
     The reference code swaps the first two severities and truncates grey levels (`variant="reference"`). Hue and V are
-    unchanged, so with V = max(R, G, B) and m = min(R, G, B) a channel c becomes V - V S' (V - c) / (V - m). Grey has
-    hue 0, so it turns red if beta > 0.
+    unchanged, so a channel c becomes V - V S' (V - c) / (V - m), where V = max(R, G, B) and m = min(R, G, B). Grey has
+    a hue of 0, so it turns red if beta > 0.
     """
 
     name = "saturate"
@@ -33,12 +33,12 @@ class Saturate(Corruption):
     paper_severities = ((0.1, 0.0), (0.3, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2))
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
-        """Return the parameters; in the variant "reference" the first two are swapped, as in the reference code."""
+        """Return the parameters; the variant "reference" swaps the first two, as the reference code does."""
         first, second, *rest = self.paper_severities
         return (second, first, *rest) if variant == "reference" else self.paper_severities
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Saturation:
-        """Nothing is random; the state is (alpha, beta)."""
+        """Return (alpha, beta); nothing is random."""
         return self.parameter(severity)
 
     def apply(self, frame: Frame, state: Saturation, index: int) -> Frame:
@@ -52,8 +52,9 @@ class Saturate(Corruption):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _saturate(source: Any, alpha: Any, beta: Any, floor: bool, out: Any) -> None:
-    """Change the saturation. `alpha` and `beta` are ten times the paper's, float32, so that everything but the quotient
-    is exact for the paper's parameters.
+    """Change the saturation; `alpha` and `beta` are float32 and ten times the paper's values.
+
+    With this factor, everything except the quotient is exact for the paper's parameters.
     """
     ten, one, zero = np.float32(10), np.float32(1), np.float32(0)
     # Adding and subtracting 2**23 rounds to an integer, half to even; the conversion to an integer truncates.
