@@ -155,7 +155,8 @@ class Benchmark:
             raise UsageError(f"{name} cannot be made: a corruption of the whole clip cannot be stacked")
         videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
         video = f" --data {videos[0]}" if videos else ", which takes a video file as it is"
-        raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}")
+        instead = getattr(load_corruption(name), "instead", "")
+        raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}{instead}")
 
 
 def _several(given: Any) -> Iterable[Any]:

@@ -18,6 +18,8 @@ class ClipCorruption(Corruption):
     """
 
     temporal: ClassVar[bool] = True
+    instead: ClassVar[str] = ""
+    """Alternative to a clip, appended to the errors; empty if there is none."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
         """Raise an error because there is no clip.
@@ -28,7 +30,7 @@ class ClipCorruption(Corruption):
         shows = "" if self.name in BETWEEN_FRAMES else ", robustflow gallery --clip CLIP shows the corruption"
         raise UsageError(
             f"{self.name} requires the clip that contains the frames, not two images; robustflow run --benchmark "
-            f"gopro-fc --data CLIP evaluates the corruption{shows}"
+            f"gopro-fc --data CLIP evaluates the corruption{shows}{self.instead}"
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:

@@ -17,3 +17,7 @@ class RollingShutter(ClipCorruption):
     name = "rolling_shutter"
     family = "sensor"
     paper_severities = (6, 12, 18, 24, 30)
+    instead = (
+        "; for pairs with exact ground truth, give --benchmark shapes --data-option readout=0.6 instead of the "
+        "corruption"
+    )
