@@ -3,7 +3,8 @@
     train/0001/frame_left/frame_left_0001.png ...
     train/0001/flow_FW_left/flow_FW_left_0001.flo5 ...      from this frame to the next
     train/0001/flow_BW_left/flow_BW_left_0002.flo5 ...      from this frame to the previous one
-    train/0001/disp1_left/disp1_left_0001.dsp5 ...          for depth: disparity, in pixels of the frames
+    train/0001/disp1_left/disp1_left_0001.dsp5 ...          for depth: disparity, in pixels of the frames; 0 in
+                                                            the sky, NaN where unknown
     train/0001/cam_data/intrinsics.txt                      for depth: fx fy cx cy of each frame
 
 Vectors are in pixels of the frames, with four vectors per pixel; like the benchmark's own reader, this reader uses
@@ -14,6 +15,8 @@ CVPR 2023.
 from __future__ import annotations
 
 from pathlib import Path
+
+import numpy as np
 
 from ..errors import DataError
 from ..extras import require
@@ -28,6 +31,8 @@ from .pairs import PairDataset, PairFiles, Truth
 
 _BASELINE = 0.065
 """Stereo baseline, in metres."""
+_SKY = 10_000.0
+"""Largest depth, in metres; that of the sky, whose disparity is zero."""
 
 
 class Spring(PairDataset):
@@ -75,8 +80,8 @@ class Spring(PairDataset):
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, at every second value like the flow. The camera
-        motion is fitted to depth and true flow (`camera_motion`)."""
+        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, at every second value like the flow, and at most
+        10 km. The camera motion is fitted to depth and true flow (`camera_motion`)."""
         *maps, intrinsics = self.depth_files(sample.key)
         table = table_of(intrinsics, 4)
         depths, lenses = [], []
@@ -86,7 +91,9 @@ class Spring(PairDataset):
                 raise DataError(f"{intrinsics}: no focal lengths above 0 for frame {place + 1}; restore the file")
             fx, fy, cx, cy = table[place].tolist()
             lenses.append((fx, fy, cx, cy))
-            depths.append(depth_of(read_dsp5(path)[::2, ::2], fx * _BASELINE))
+            disparity = read_dsp5(path)[::2, ::2]
+            disparity = np.where(disparity >= 0, np.maximum(disparity, fx * _BASELINE / _SKY), disparity)
+            depths.append(depth_of(disparity, fx * _BASELINE))
             check_size(depths[-1], sample.shape, f"{path}: every second value of the disparity")
         (fx, fy, cx, cy), second = lenses
         camera = Camera((fx, fy), (cx, cy), second=second)
