@@ -22,6 +22,9 @@ Mask = npt.NDArray[np.bool_]
 DepthMap = npt.NDArray[np.float32]
 """Depth along the optical axis in metres, float32, shape (H, W); positive and finite everywhere."""
 
+_LARGEST, _FARTHEST = 1e9, 1e6
+"""Largest intrinsics in pixels, and largest translation along an axis in metres."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -38,6 +41,10 @@ class Camera:
         second: intrinsics (fx, fy, cx, cy) of frame 2, in pixels, if they differ from frame 1 because of a zoom or
             because frame 2 comes from the second camera of a stereo pair; else None.
 
+    Raises:
+        DataError: a focal length is not between 1e-3 and 1e9 px, a principal point is beyond 1e9 px, the rotation is
+            not a rotation matrix, the translation is not (3,) or is beyond 1e6 m, or only one of the two is given.
+
     >>> Camera((500.0, 500.0), (320.0, 240.0)).intrinsics(1)
     (500.0, 500.0, 320.0, 240.0)
     """
@@ -47,6 +54,22 @@ class Camera:
     rotation: npt.NDArray[np.float64] | None = None
     translation: npt.NDArray[np.float64] | None = None
     second: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for focal, centre in ((self.focal, self.centre), (self.intrinsics(1)[:2], self.intrinsics(1)[2:])):
+            if not (len(focal) == len(centre) == 2 and all(1e-3 <= value <= _LARGEST for value in focal)):
+                raise DataError(f"camera: focal lengths {focal}; expected (fx, fy), from 1e-3 to 1e9 px")
+            if not all(abs(value) <= _LARGEST for value in centre):
+                raise DataError(f"camera: principal point {centre}; expected (cx, cy), at most 1e9 px from the origin")
+        if (self.rotation is None) != (self.translation is None):
+            raise DataError("camera: give rotation and translation together")
+        if self.rotation is None or self.translation is None:
+            return
+        turn, moved = np.asarray(self.rotation, np.float64), np.asarray(self.translation, np.float64)
+        if turn.shape != (3, 3) or not (np.abs(turn @ turn.T - np.eye(3)) < 1e-3).all() or not np.linalg.det(turn) > 0:
+            raise DataError("camera: the rotation is not a rotation matrix of shape (3, 3)")
+        if moved.shape != (3,) or not (np.abs(moved) <= _FARTHEST).all():
+            raise DataError("camera: the translation must have the shape (3,) and at most 1e6 m along each axis")
 
     def intrinsics(self, index: int) -> tuple[float, float, float, float]:
         """Return (fx, fy, cx, cy) of frame `index`, 0 or 1."""
@@ -63,7 +86,8 @@ class SceneDepth:
         camera: camera intrinsics, and the camera motion if known.
 
     Raises:
-        DataError: maps or masks have the wrong dtype or different sizes, or a depth is not positive and finite.
+        DataError: there are not two maps and two masks, they have the wrong dtype or different sizes, or a depth is not
+            positive and finite.
     """
 
     maps: tuple[DepthMap, DepthMap]
@@ -71,6 +95,9 @@ class SceneDepth:
     camera: Camera
 
     def __post_init__(self) -> None:
+        arrays = (*self.maps, *self.measured)
+        if not (len(self.maps) == len(self.measured) == 2 and all(isinstance(each, np.ndarray) for each in arrays)):
+            raise DataError("depth: give two NumPy maps, one for each frame, and their two masks")
         shape = self.maps[0].shape
         for number, (depth, measured) in enumerate(zip(self.maps, self.measured, strict=True), 1):
             if depth.dtype != np.float32 or depth.ndim != 2 or depth.shape != shape:

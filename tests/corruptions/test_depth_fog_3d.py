@@ -111,3 +111,70 @@ def test_depth_maps_of_a_different_size_than_the_frames_are_refused(name):
 def test_depth_that_cannot_be_is_refused(first, second, mask, message):
     with pytest.raises(DataError, match=message):
         SceneDepth((first, second), (mask, mask), Camera((5.0, 5.0), (2.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    "maps", [(), (np.ones((4, 6), np.float32),), (np.ones((4, 6), np.float32),) * 3, ([[1.0]],) * 2]
+)
+def test_depth_of_other_than_two_maps_is_refused(maps):
+    with pytest.raises(DataError, match="give two NumPy maps"):
+        SceneDepth(maps, (np.ones((4, 6), bool),) * len(maps), Camera((5.0, 5.0), (2.0, 0.0)))
+
+
+@pytest.mark.parametrize("depth", [np.ones((8, 9), np.float32), np.ones((8, 9)), 5.0, "maps"])
+def test_depth_that_is_no_scene_depth_is_refused_in_a_sentence(depth):
+    frame = picture(8, 9)
+    with pytest.raises(UsageError, match=r"fog_3d: depth is \w+; give a robustflow\.SceneDepth"):
+        corrupt(frame, frame, "fog_3d", 3, depth=depth)
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        (((0, 0), (4, 4)), "focal lengths"),
+        (((-5.0, 9.0), (4, 4)), "focal lengths"),
+        (((np.nan, 9.0), (4, 4)), "focal lengths"),
+        (((1e-300, 9.0), (4, 4)), "focal lengths"),
+        (((9.0,), (4, 4)), "focal lengths"),
+        (((9.0, 9.0), (4, np.inf)), "principal point"),
+        (((9.0, 9.0), (4, 4), None, None, (9.0, 0.0, 4.0, 4.0)), "focal lengths"),
+        (((9.0, 9.0), (4, 4), None, np.zeros(3)), "together"),
+        (((9.0, 9.0), (4, 4), np.eye(4), np.zeros(3)), "rotation"),
+        (((9.0, 9.0), (4, 4), 2 * np.eye(3), np.zeros(3)), "rotation"),
+        (((9.0, 9.0), (4, 4), -np.eye(3), np.zeros(3)), "rotation"),
+        (((9.0, 9.0), (4, 4), np.nan * np.eye(3), np.zeros(3)), "rotation"),
+        (((9.0, 9.0), (4, 4), np.eye(3), np.zeros(2)), "translation"),
+        (((9.0, 9.0), (4, 4), np.eye(3), np.array([0, np.nan, 0])), "translation"),
+        (((9.0, 9.0), (4, 4), np.eye(3), np.array([0, 0, 1e300])), "translation"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(camera, message):
+    with pytest.raises(DataError, match=f"camera: .*{message}"):
+        Camera(*camera)
+
+
+DEPTH_CORRUPTIONS = ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus", "motion_blur_3d")
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (7, 2000), (2000, 7)])
+@pytest.mark.parametrize("name", DEPTH_CORRUPTIONS)
+def test_frames_of_any_shape_are_corrupted_at_the_lowest_and_highest_severity(name, shape):
+    frame, metres = picture(*shape), np.random.default_rng(1).uniform(1, 80, shape).astype(np.float32)
+    known, longer = np.ones(shape, bool), float(max(shape))
+    camera = Camera((longer, longer), (shape[1] / 2, shape[0] / 2), np.eye(3), np.array([0.3, 0.1, -1.0]))
+    for severity in (1, 5):
+        pair = corrupt(frame, frame, name, severity, depth=SceneDepth((metres, metres), (known, known), camera))
+        assert [(each.shape, each.dtype) for each in pair] == [(frame.shape, np.uint8)] * 2
+
+
+@pytest.mark.parametrize("name", DEPTH_CORRUPTIONS)
+@pytest.mark.parametrize("metres", [1e-45, 1e-38, 3e38])
+def test_depths_at_the_limits_of_float32_give_an_even_frame_an_even_colour(name, metres):
+    frame, known = np.full((20, 30, 3), 200, np.uint8), np.ones((20, 30), bool)
+    depth = np.full((20, 30), metres, np.float32)
+    depth[5:9, 7:20] = 2.0
+    for moved in (np.zeros(3), np.array([0.3, 0.1, -1.0]), np.full(3, 1e6)):
+        camera = Camera((30.0, 30.0), (14.5, 9.5), np.eye(3), moved)
+        for out in corrupt(frame, frame, name, 3, depth=SceneDepth((depth, depth), (known, known), camera)):
+            if name not in ("fog_3d", "rain_3d", "snow_3d"):
+                assert (out == 200).all()

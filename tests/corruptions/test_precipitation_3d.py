@@ -70,7 +70,10 @@ def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, 
 @both
 @pytest.mark.parametrize(("ahead", "zoom"), [(0.0, 1.0), (-1.5, 1.0), (-1.5, 1.6)])
 def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kind, ahead, zoom):
-    depth, smallest = plane(30.0, (375, 1242), translation=np.array([0.1, 0.0, ahead]), focal=721.0), 6e-4 * 1242
+    depth, smallest = (
+        plane(30.0, (375, 1242), rotation=np.eye(3), translation=np.array([0.1, 0.0, ahead]), focal=721.0),
+        6e-4 * 1242,
+    )
     camera = replace(depth.camera, second=(721.0 * zoom, 721.0 * zoom, *depth.camera.centre))
     depth = replace(depth, camera=camera)
     sizes = kind().sizes(kind.paper_severities[4])
@@ -204,5 +207,5 @@ def test_layout_of_depth_and_order_of_frames_do_not_matter(kind):
 
 @both
 def test_intrinsics_of_a_telescope_are_refused(kind):
-    with pytest.raises(UsageError, match=r"focal length of 1e\+09 px is not plausible for a frame width of 90 px"):
+    with pytest.raises(UsageError, match=r"focal length of 1e\+09 px is not plausible for a frame of 90x"):
         kind().draw_scene(Rng.of("t"), 5, plane(5.0, (60, 90), focal=1e9))

@@ -17,6 +17,7 @@ from robustflow.datasets.own_depth import OwnDepth
 from robustflow.datasets.shapes.render import layer_depths
 from robustflow.datasets.still import Still
 from robustflow.errors import DataError, UsageError
+from robustflow.flowio.depth import read_depth_pfm
 from robustflow.images.io import write_image
 from robustflow.sample import Camera, Sample
 
@@ -184,6 +185,13 @@ def write_map(path, values):
         path.write_bytes(b"Pf\n%d %d\n-1.0\n" % (width, height) + values[::-1].astype("<f4").tobytes())
 
 
+@pytest.mark.parametrize(("order", "scale"), [("<f4", b"-1.0"), (">f4", b"1.0"), (">f4", b"1"), ("<f4", b"-1")])
+def test_a_pfm_file_may_have_either_byte_order(tmp_path, order, scale):
+    path = tmp_path / "map.pfm"
+    path.write_bytes(b"Pf\n56 40\n" + scale + b"\n" + metres()[::-1].astype(order).tobytes())
+    np.testing.assert_array_equal(read_depth_pfm(path), metres())
+
+
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".pfm"])
 @pytest.mark.parametrize("place", ["", "clip"])
 def test_own_maps_are_read_in_metres_for_both_frames_and_completed(tmp_path, suffix, place):
@@ -203,10 +211,11 @@ def test_own_maps_are_read_in_metres_for_both_frames_and_completed(tmp_path, suf
     assert own.depth_files("a") == [tmp_path / "maps" / place / f"{name}{suffix}" for name in "ab"]
 
 
-def test_without_a_focal_length_it_is_the_width_of_the_frames(tmp_path):
-    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+@pytest.mark.parametrize("shape", [(40, 56), (56, 40)])
+def test_without_a_focal_length_it_is_the_longer_side_of_the_frames(tmp_path, shape):
+    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png", shape=shape))
     for name in "ab":
-        write_map(tmp_path / "maps" / f"{name}.npy", metres())
+        write_map(tmp_path / "maps" / f"{name}.npy", metres(shape))
     assert OwnDepth(tmp_path / "maps", dataset).depth(dataset["a"]).camera.focal == (56.0, 56.0)
 
 
@@ -219,6 +228,7 @@ def hostile_maps():
     huge = b"\x93NUMPY\x01\x00\xff\xff{'descr': '<f4'"
     png8 = cv2.imencode(".png", np.ones((40, 56), np.uint8))[1].tobytes()
     png16 = cv2.imencode(".png", np.full((40, 56), 3000, np.uint16))[1].tobytes()
+    colour16 = cv2.imencode(".png", np.full((40, 56, 3), 3000, np.uint16))[1].tobytes()
     npy = io.BytesIO()
     np.save(npy, metres())
     three = io.BytesIO()
@@ -239,6 +249,7 @@ def hostile_maps():
         "cut.pfm": (b"Pf\n56 40\n-1.0\n" + b"\0" * 100, "truncated"),
         "scaled.pfm": (b"Pf\n56 40\n-2.5\n" + b"\0" * 8960, "scale -2.5"),
         "bytes.png": (png8, "8-bit PNG"),
+        "colour.png": (colour16, "16-bit PNG with 3 channel"),
         "cut.png": (png16[:-40], "damaged|truncated"),
         "text.png": (b"depth", "PNG"),
         "negative.npy": (npy_bytes(-metres()), "negative depths"),

@@ -82,7 +82,7 @@ Focal = Annotated[
     typer.Option(
         "--focal",
         metavar="PX",
-        help="With --depth, the focal length in pixels; the width of the frames by default.",
+        help="With --depth, the focal length in pixels; the longer side of the frames by default.",
         rich_help_panel=DATA,
     ),
 ]

@@ -147,9 +147,14 @@ class DepthCorruption(Corruption):
         """Call `draw_scene` for a sample with depth.
 
         Raises:
-            UsageError: the sample has no depth.
+            UsageError: the sample has no depth, or `depth` is not a `SceneDepth`.
             DataError: the depth maps and the frames differ in size.
         """
+        if not isinstance(depth, SceneDepth | None):
+            raise UsageError(
+                f"{self.name}: depth is {type(depth).__name__}; give a robustflow.SceneDepth, which has the maps of "
+                "both frames and the camera"
+            )
         if depth is not None and depth.maps[0].shape != shape:
             height, width = depth.maps[0].shape
             raise DataError(

@@ -32,8 +32,8 @@ class OwnDepth:
     Args:
         folder: path of the folder with the maps.
         dataset: the dataset, whose frames must be files.
-        focal: focal length, in pixels; by default the width of the frames, which corresponds to a horizontal field of
-            view of 53 degrees.
+        focal: focal length, in pixels; by default the longer side of the frames, along which the field of view is then
+            53 degrees.
 
     Raises:
         UsageError: the folder does not exist, or the focal length is not positive.
@@ -50,7 +50,7 @@ class OwnDepth:
     def depth(self, sample: Sample) -> SceneDepth:
         """See `Depths.depth`. The principal point is the centre of the frame; the camera motion is unknown."""
         height, width = sample.shape
-        focal = float(width) if self._focal is None else float(self._focal)
+        focal = float(max(width, height)) if self._focal is None else float(self._focal)
         first, second = (_read(path) for path in self._maps(sample.key))
         camera = Camera((focal, focal), ((width - 1) / 2, (height - 1) / 2))
         return scene_depth(first, second, camera, self._folder, sample)

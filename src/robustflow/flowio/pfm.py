@@ -52,6 +52,6 @@ def scale_of(path: Path, text: bytes) -> float:
     except ValueError:
         scale = 0.0
     if abs(scale) != 1.0:
-        # Readers disagree on whether to multiply values by the magnitude; flow is always stored with magnitude 1.
+        # Readers disagree on whether to multiply values by the magnitude.
         raise DataError(f"{path}: scale {text.decode()} in the header is not supported; write 1.0 or -1.0")
     return scale

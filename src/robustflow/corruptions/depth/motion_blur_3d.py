@@ -26,6 +26,8 @@ _BITS = 16
 _ROUND = 1 << (_BITS - 4)
 _FARTHEST = 2.0**14
 """Fractional bits of fixed-point positions, rounding offset for 1/8 px, and maximum displacement in pixels."""
+_NEAREST = np.float32(1e-6)
+"""Smallest depth in metres; closer points are treated as if they were at this depth."""
 _TILE = 16
 """Tile size in pixels; the nearest surface is stored per tile."""
 _SAME = np.float32(0.9)
@@ -75,7 +77,7 @@ class MotionBlur3d(DepthCorruption):
         lens = np.array(state.camera.intrinsics(index), np.float64)
         # a point at depth Z on the ray (x, y, 1) moves by Z (turn @ ray + translation / Z)
         turn = state.path.rotation - np.eye(3)
-        inverse = np.float32(1) / np.ascontiguousarray(state.depth[index])
+        inverse = np.float32(1) / np.maximum(np.ascontiguousarray(state.depth[index]), _NEAREST)
         near = np.zeros((-(-frame.shape[0] // _TILE), -(-frame.shape[1] // _TILE)), np.float32)
         _spread_near(inverse, lens, turn, state.path.translation, state.share, near)
         out = np.empty_like(frame)

@@ -32,8 +32,7 @@ _LENS_DIAMETER, _FOCUS = 0.002, 10.0
 _PIXEL = 1.0
 """Radius in pixels to which the lens and the pixel spread a point that is in focus."""
 _SMALLEST = 6e-4
-"""Particles with a smaller diameter, as a fraction of the image width, form the veil; 0.75 px at a width of 1242 px.
-"""
+"""Particles with a smaller diameter, as a fraction of the image's longer side, form the veil; 0.75 px of 1242 px."""
 _MARGIN = 0.05
 """Margin around the image, as a fraction of the longer side, in which particles are sampled because their streaks may
 extend into the image.
@@ -85,14 +84,14 @@ class Particles(NamedTuple):
 def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], camera: Camera) -> Particles:
     """Sample the particles for a pair; the random key of particle i is a hash of i.
 
-    Only particles whose diameter in the image is at least 0.06 % of the image width are sampled.
+    Only particles whose diameter in the image is at least 0.06 % of the image's longer side are sampled.
 
     Raises:
         UsageError: there are too many particles because the focal length is too long for the frame size.
     """
     height, width = shape
     margin = _MARGIN * max(shape)
-    reach = camera.focal[0] * 1e-3 / (_SMALLEST * width)
+    reach = camera.focal[0] * 1e-3 / (_SMALLEST * max(shape))
     lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
     spread = (width + 2 * margin) * (height + 2 * margin) / (lenses[:, 0] * lenses[:, 1])
     # particles are sampled up to the distance reach * D, so the integral over space and sizes is that of
@@ -102,7 +101,7 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     if not counts.max() < _MOST:
         raise UsageError(
             f"the camera would see {counts.max():.3g} particles: its focal length of {camera.focal[0]:g} px is not "
-            f"plausible for a frame width of {width} px; check the intrinsics"
+            f"plausible for a frame of {width}x{height} px; check the intrinsics"
         )
     motion = motion_of(camera) or STILL
     wind = _wind(rng.spawn("wind"), fall.wind)
@@ -115,18 +114,18 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), lenses, motion)
 
 
-def veil_of(sizes: Sizes, width: int, camera: Camera) -> tuple[float, float]:
+def veil_of(sizes: Sizes, shape: tuple[int, int], camera: Camera) -> tuple[float, float]:
     """Return (extinction coefficient in 1/m, start distance in metres) for particles too small to draw individually.
 
     The coefficient is twice the total cross-section per volume, since particles are much larger than the wavelength.
     The start distance is where a particle with the cross-section-weighted mean diameter, 3 / slope, becomes too small.
 
     >>> rain = Sizes(8000.0, 1.5588, 6.0)  # 100 mm/h
-    >>> [round(value, 4) for value in veil_of(rain, 1242, Camera((721.0, 721.0), (609.0, 172.0)))]
+    >>> [round(value, 4) for value in veil_of(rain, (375, 1242), Camera((721.0, 721.0), (609.0, 172.0)))]
     [0.0066, 1.8621]
     """
     cubed = sizes.slope * sizes.slope * sizes.slope
-    start = camera.focal[0] * 1e-3 / (_SMALLEST * width) * 3 / sizes.slope
+    start = camera.focal[0] * 1e-3 / (_SMALLEST * max(shape)) * 3 / sizes.slope
     return 1e-6 * 3.141592653589793 * sizes.density / cubed, max(start, NEAREST)
 
 

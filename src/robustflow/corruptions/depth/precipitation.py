@@ -45,7 +45,7 @@ class Precipitation(DepthCorruption):
         """Sample the particles."""
         sizes, shape = self.sizes(self.parameter(severity)), depth.maps[0].shape
         particles = draw_particles(rng, sizes, self.fall, shape, depth.camera)
-        return PrecipitationState(particles, depth.maps, veil_of(sizes, shape[1], depth.camera))
+        return PrecipitationState(particles, depth.maps, veil_of(sizes, shape, depth.camera))
 
     def apply(self, frame: Frame, state: PrecipitationState, index: int) -> Frame:
         """Add the particles and the veil to frame `index`, 0 or 1."""
