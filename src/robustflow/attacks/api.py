@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..models.loading import load_model
 from ..sample import Flow, Frame, Mask, Sample
 from ..severity import check_severity
 from .base import Attack
+from .evaluation import in_lockstep
 from .images import frames_of
 from .loss import Loss
 from .own import OwnAttack, is_own, register_attack, with_target_registered
@@ -141,33 +143,8 @@ def attack(
     grey = chosen.budget(level) if budget is None else budget
     pair = Pair((frame1, frame2), grey, flow, valid, key, seed, level)
     clean_flow = predict_checked(loaded, pair.frames, key, "clean", 0)
-    return attack_pair(chosen, loaded, pair, clean_flow, first_warnings(loaded, pair.frames, key, clean_flow))
-
-
-def attack_of_sample(
-    attack: Attack,
-    model: AnyModel,
-    sample: Sample,
-    clean_flow: Flow,
-    severity: int,
-    seed: int,
-    warnings: frozenset[str] = frozenset(),
-) -> Attacked:
-    """Attack a sample whose clean flow is known.
-
-    Args:
-        attack: the attack with its options.
-        model: a loaded model.
-        sample: a sample with or without ground truth; its key selects the random stream.
-        clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
-        severity: severity 1 to 5.
-        seed: seed of the random choices.
-        warnings: keys of `WARNINGS` that already apply to the model.
-
-    Raises:
-        ModelError: see `attack`.
-    """
-    return attack_pair(attack, model, pair_of_sample(attack, sample, severity, seed), clean_flow, warnings)
+    warnings = first_warnings(loaded, pair.frames, key, clean_flow)
+    return attack_pairs(chosen, loaded, [(pair, clean_flow)], warnings)[0]
 
 
 def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
@@ -186,16 +163,19 @@ def first_warnings(model: FlowModel, frames: tuple[Frame, Frame], key: str, firs
     return frozenset() if np.array_equal(first, again, equal_nan=True) else frozenset({"answers_differ"})
 
 
-def attack_pair(
-    attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, warnings: frozenset[str] = frozenset()
-) -> Attacked:
-    """Attack a pair whose clean flow is known.
+def attack_pairs(
+    attack: Attack,
+    model: AnyModel,
+    pairs: Sequence[tuple[Pair, Flow]],
+    warnings: frozenset[str] = frozenset(),
+) -> list[Attacked]:
+    """Attack pairs whose clean flows are known. The pairs are attacked in lockstep, so a model that supports batches
+    evaluates them together; see `evaluation`.
 
     Args:
         attack: the attack with its options.
         model: a loaded model with `predict`.
-        pair: the frames and the budget.
-        clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
+        pairs: each pair with its budget, and the model's flow of the clean frames, float32 (H, W, 2), pixels.
         warnings: keys of `WARNINGS` that already apply to the model.
 
     Raises:
@@ -203,6 +183,10 @@ def attack_pair(
         ModelError: see `attack`.
     """
     attack.check(model)
+    return in_lockstep([partial(_attack_pair, attack, model, *each, warnings) for each in pairs])
+
+
+def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, warnings: frozenset[str]) -> Attacked:
     problem = attack.problem(model, pair, clean_flow)
     ball, loss = problem.ball, problem.loss
     images = problem.checked(attack.run(problem, pair.stream(attack.name)), attack.name)

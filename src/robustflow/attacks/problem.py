@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError, UsageError
-from ..models.base import AnyModel, Differentiable, FlowModel, model_identity, naming_errors, predict_checked
+from ..models.base import AnyModel, Differentiable, model_identity
 from ..random.rng import Rng
 from ..sample import Flow, Frame, Mask
 from .ball import Ball
+from .evaluation import Evaluation, evaluate
 from .images import Images, frames_of, images_of
 from .loss import Loss
-
-_RETURNED = "the model's method differentiable returned"
-_EXPECTED = "expected a tensor (1, 2, H, W) computed from the images inside PyTorch's graph"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +100,13 @@ class Problem:
     def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
         """Compute the score of 8-bit frames, for attacks that need no gradient."""
         self.evaluations += 1
-        assert isinstance(self.model, FlowModel)
-        flow = predict_checked(self.model, frames, self.pair.key, "an attacked pair", 0)
+        flow = evaluate(Evaluation(self.model, self.pair.key, frames=frames)).flow
         return self.note(images_of(*frames), self.loss.of(flow))
 
     def flow(self, images: Images) -> Flow:
         """Predict the flow of images that are not rounded to grey levels, float32 (H, W, 2)."""
         self.evaluations += 1
-        flow, _ = self._called(images, gradient=False)
-        return _as_flow(flow)
+        return evaluate(Evaluation(self.model, self.pair.key, images=images)).flow
 
     def slope(self, images: Images) -> tuple[float, Images]:
         """Compute the score of images, recorded as by `score`, and its gradient, with CosPGD's weight if the loss has
@@ -123,45 +119,17 @@ class Problem:
     def loss_and_gradient(self, images: Images) -> tuple[float, Flow, Images]:
         """Compute the loss, the flow (H, W, 2), and the gradient of the loss with respect to the images; not
         recorded."""
-        import torch
-
         self.evaluations += 1
         self.gradients += 1
-        flow, tensor = self._called(images, gradient=True)
-        there = _as_flow(flow)
-        loss, slopes = self.loss.slope(there)
-        above = torch.from_numpy(np.ascontiguousarray(slopes.transpose(2, 0, 1)))[None].to(flow)
-        with self.reproducible(), naming_errors(self._where):
-            (pulled,) = torch.autograd.grad(flow, tensor, above, allow_unused=True)
-        if pulled is None:
-            raise ModelError(f"{_RETURNED} a flow that does not follow from the images; {_EXPECTED}")
-        gradient: Images = pulled.cpu().numpy()
+        answer = evaluate(Evaluation(self.model, self.pair.key, images=images, loss=self.loss))
+        gradient = answer.gradient
+        assert gradient is not None
         if not np.isfinite(gradient).all():
             self.troubles.add("gradient_not_finite")
             gradient = np.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
         if not gradient.any():
             self.troubles.add("gradient_zero")
-        return loss, there, gradient
-
-    def _called(self, images: Images, gradient: bool) -> tuple[Any, Any]:
-        """Compute the model's flow of images with PyTorch; return the flow and the images as tensors."""
-        import torch
-
-        assert isinstance(self.model, Differentiable)
-        tensor = torch.from_numpy(images.copy()).requires_grad_(gradient)
-        with self.reproducible(), torch.set_grad_enabled(gradient), naming_errors(self._where):
-            flow = self.model.differentiable(tensor[:1], tensor[1:])
-        expected = (1, 2, *images.shape[2:])
-        if not isinstance(flow, torch.Tensor):
-            raise ModelError(f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
-        if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
-            what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
-            raise ModelError(f"{_RETURNED} {what}; {_EXPECTED}, here {expected}")
-        return flow, tensor
-
-    @property
-    def _where(self) -> str:
-        return f"sample '{self.pair.key}', an attacked pair, in its method differentiable"
+        return answer.value, answer.flow, gradient
 
     def reproducible(self) -> Any:
         """A context in which PyTorch's results are reproducible, whatever the number of threads outside."""
@@ -210,7 +178,3 @@ def refuse_without_gradient(model: AnyModel, attack: str) -> None:
             "only asks for flows, install the extra torch if it is tiny, or give the model a method "
             "differentiable(images1, images2)"
         )
-
-
-def _as_flow(flow: Any) -> Flow:
-    return np.ascontiguousarray(flow.detach().float().cpu().numpy()[0].transpose(1, 2, 0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -17,6 +18,7 @@ from ..models.base import AnyModel
 from ..random.rng import Rng
 from ..sample import Flow
 from .base import Attack
+from .evaluation import in_lockstep
 from .images import Images
 from .problem import Pair, Problem, refuse_without_gradient
 
@@ -90,7 +92,7 @@ class Trained(Attack):
         if self.train:
             refuse_without_gradient(model, self.name)
 
-    def learn(self, model: AnyModel, pairs: Sequence[tuple[Pair, Flow]], rng: Rng) -> Pattern:
+    def learn(self, model: AnyModel, pairs: Sequence[tuple[Pair, Flow]], rng: Rng, batch_size: int = 1) -> Pattern:
         """Train the pattern by gradient ascent with momentum on the mean score of all samples, with a decaying step
         size.
 
@@ -101,21 +103,27 @@ class Trained(Attack):
             model: a model with gradients.
             pairs: pairs with the model's flow of the clean frames, all with the same budget.
             rng: the generator of the first pattern and of the places.
+            batch_size: number of pairs in one call of a model that supports batches.
         """
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
         pattern = self.first(problems, rng)
         best, highest, mean = pattern, -np.inf, np.zeros_like(pattern)
         for step in range(self.steps + (not self.moves)):
             score, pull = 0.0, np.zeros_like(pattern)
-            for number, problem in enumerate(problems):
-                here, gradient = problem.slope(self.placed(problem, pattern, rng.spawn(step, number)))
-                score += here
-                pull += self.pulled(problem, gradient, pattern, rng.spawn(step, number))
+            for start in range(0, len(problems), batch_size):
+                chunk = list(enumerate(problems))[start : start + batch_size]
+                tasks = [partial(self._slope, each, pattern, rng.spawn(step, number)) for number, each in chunk]
+                for (number, problem), (here, gradient) in zip(chunk, in_lockstep(tasks), strict=True):
+                    score += here
+                    pull += self.pulled(problem, gradient, pattern, rng.spawn(step, number))
             if score > highest:
                 best, highest = pattern, score
             mean = _MOMENTUM * mean + pull / max(float(np.abs(pull).mean()), _SMALLEST)
             pattern = self.stepped(problems[0], pattern, mean, 2 * (1 - step / self.steps) / self.steps)
         return pattern if self.moves else best
+
+    def _slope(self, problem: Problem, pattern: Pattern, rng: Rng) -> tuple[float, Images]:
+        return problem.slope(self.placed(problem, pattern, rng))
 
     def pattern(self, problem: Problem) -> Pattern | None:
         """Return the pattern for a pair, from the file or from training; None if there is neither.

@@ -125,7 +125,8 @@ def run(
         int,
         typer.Option(
             "--batch-size",
-            help="Number of corrupted pairs of a sample predicted in one call, for models that support batches.",
+            help="Number of corrupted pairs of a sample predicted, or of pairs attacked, in one call, for models that "
+            "support batches.",
             rich_help_panel=HOW,
         ),
     ] = 1,

@@ -78,18 +78,19 @@ class Differentiable(Protocol):
     """A model whose flow is differentiable with respect to its frames, as white-box attacks require.
 
     Padding, scaling and colour conversion happen inside the model, so a perturbation applies to the frame as stored on
-    disk.
+    disk. A model with the attribute `batched_gradients = True` receives N pairs in one call when a run attacks in
+    batches; without it, N is always 1.
     """
 
     def differentiable(self, images1: Any, images2: Any) -> Any:
-        """Return the flow of a pair as part of PyTorch's graph, on the device of the images or of the model.
+        """Return the flow of each pair as part of PyTorch's graph, on the device of the images or of the model.
 
         Args:
-            images1: first image, RGB in 0..1, float32 tensor (1, 3, H, W).
-            images2: second image, same format as `images1`.
+            images1: first images, RGB in 0..1, float32 tensor (N, 3, H, W).
+            images2: second images, same format as `images1`.
 
         Returns:
-            The flow (u right, v down) in pixels, tensor (1, 2, H, W).
+            The flows (u right, v down) in pixels, tensor (N, 2, H, W).
         """
         ...
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..attacks.api import attack_of_sample, first_warnings
+from ..attacks.api import attack_pairs, first_warnings, pair_of_sample
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
 from ..attacks.trained import Trained
@@ -16,7 +16,7 @@ from ..benchmarks import Benchmark
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
-from ..models.base import AnyModel, FlowModel, describe_cell, predict_checked
+from ..models.base import AnyModel, FlowModel, describe_cell, describe_cells, predict_checked
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow, Sample
 from .attack_training import attacks_in_run, training_digest
@@ -53,27 +53,30 @@ class AttackStage:
         self._on_predict = on_predict
         self._warnings: frozenset[str] | None = None
 
-    def attack(self, sample: Sample, clean: Flow, cell: Cell) -> Attacked:
-        """Return the attacked pair of a sample, as computed by `robustflow.attack` with the run's seed and the sample's
-        key.
+    def attack(self, targets: Sequence[tuple[Sample, Flow, Cell]]) -> list[Attacked]:
+        """Return the attacked pairs of cells of one attack, as computed by `robustflow.attack` with the run's seed and
+        the sample's key.
 
         Args:
-            sample: sample with its clean frames and its ground truth.
-            clean: flow between the clean frames, float32 (H, W, 2), in pixels.
-            cell: cell to compute, (sample key, attack, severity).
+            targets: for each cell (sample key, attack, severity), its sample with clean frames and ground truth, the
+                flow between the clean frames, float32 (H, W, 2), in pixels, and the cell.
 
         Raises:
             ModelError: the attack needs gradients, but the model does not provide any.
         """
-        _, name, severity = cell
+        cells = [cell for _, _, cell in targets]
+        name = cells[0][1]
         with timed(self._seconds, "attack"):
             if self._warnings is None:
-                self._warnings = self._warnings_of_model(sample)
-            self._on_predict(describe_cell(*cell))
+                self._warnings = self._warnings_of_model(targets[0][0])
+            attack = self._attacks[name]
+            pairs = [
+                (pair_of_sample(attack, sample, severity, self._options.seed), clean)
+                for sample, clean, (_, _, severity) in targets
+            ]
+            self._on_predict(describe_cells(cells))
             with timed(self._seconds, f"attack {name}"):
-                attacked = attack_of_sample(
-                    self._attacks[name], self._model, sample, clean, severity, self._options.seed, self._warnings
-                )
+                attacked = attack_pairs(attack, self._model, pairs, self._warnings)
             self._on_predict(None)
         return attacked
 

@@ -63,9 +63,9 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
     return digest_of_value([list(keys), digests])
 
 
-def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit]) -> Learned:
+def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit], batch_size: int) -> Learned:
     """Return the trained perturbations that the given units need. Each is read from the run folder and verified by its
-    digest, or trained now and stored there.
+    digest, or trained now, in batches of `batch_size` pairs, and stored there.
 
     Raises:
         DataError: a sample cannot be read.
@@ -80,7 +80,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
             continue
         pattern = learned_pattern(folder, plan, name, severity)
         if pattern is None:
-            pattern = _trained(trained[name], plan, model, severity)
+            pattern = _trained(trained[name], plan, model, severity, batch_size)
             path = folder.pattern_path(name, severity)
             path.parent.mkdir(exist_ok=True)
             write_clean(path, pattern, _made_of(plan, name, severity))
@@ -97,10 +97,11 @@ def _made_of(plan: Plan, name: str, severity: int) -> str:
     return f"{plan.digest()} {name} {severity}"
 
 
-def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int) -> Pattern:
+def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
     options, benchmark = plan.options, plan.benchmark
     pairs = []
     for key in training_keys(attack, benchmark, options.seed):
         pair = pair_of_sample(attack, benchmark.dataset.load(key), severity, options.seed)
         pairs.append((pair, predict_checked(model, pair.frames, key, "clean", 0)))  # type: ignore[arg-type]
-    return attack.learn(model, pairs, Rng.of(options.seed, "attack training", attack.name, severity))
+    rng = Rng.of(options.seed, "attack training", attack.name, severity)
+    return attack.learn(model, pairs, rng, batch_size)

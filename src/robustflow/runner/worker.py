@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..attacks.result import Attacked
 from ..datasets.base import Dataset
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel
@@ -47,7 +49,8 @@ class Worker:
         clean_path: function from a sample's key to the file in which its clean flow is stored between units.
         on_predict: callback, called with a description before each prediction and with None after it; the processes
             engine uses it to enforce the timeout.
-        batch_size: number of severities of a unit predicted in one call, if the model supports batches.
+        batch_size: number of severities of a unit predicted, or of pairs attacked, in one call, if the model supports
+            batches.
         kept: clean rows measured earlier, by sample (see `clean_row_check`); for these samples, changed frames, ground
             truth or predictions raise an error.
     """
@@ -68,6 +71,7 @@ class Worker:
         self._attacks = AttackStage(model, options, self.seconds, on_predict)
         self._measure = MeasureStage(options, clean_path, kept or {}, self.seconds)
         self._batch_size = batch_size
+        self.batches_attacks = batch_size > 1 and getattr(model, "batched_gradients", False) is True
         self._last: tuple[Loaded, Answer] | None = None
 
     def run(self, unit: Unit) -> list[dict[str, Any]]:
@@ -76,7 +80,7 @@ class Worker:
         if unit.corruption == CLEAN:
             return [self._row(loaded, clean, clean, loaded.sample.frames, (unit.key, CLEAN, 0))]
         if unit.corruption in self._attacks.names:
-            return [self._attacked(loaded, clean, cell).row for cell in unit.cells]
+            return self.run_attack([unit])[0]
         rows = []
         for start in range(0, len(unit.cells), self._batch_size):
             cells = unit.cells[start : start + self._batch_size]
@@ -89,11 +93,19 @@ class Worker:
                 rows.append(self._row(loaded, clean, flow, frames, cell))
         return rows
 
+    def run_attack(self, units: Sequence[Unit]) -> list[list[dict[str, Any]]]:
+        """Return the rows of units of one attack; cells of different samples can share a batch."""
+        targets = [(*self._load(unit.key), cell) for unit in units for cell in unit.cells]
+        starts = range(0, len(targets), self._batch_size)
+        views = chain.from_iterable(self._attacked(targets[start : start + self._batch_size]) for start in starts)
+        rows = (view.row for view in views)
+        return [list(islice(rows, len(unit.cells))) for unit in units]
+
     def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
         """Compute one cell and return its frames, flows and row."""
         loaded, clean = self._load(key)
         if corruption in self._attacks.names:
-            return self._attacked(loaded, clean, (key, corruption, severity))
+            return self._attacked([(loaded, clean, (key, corruption, severity))])[0]
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
         (flow,) = self._model.predict([self._frames.request(loaded.sample, cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
@@ -123,12 +135,15 @@ class Worker:
             self._last = (loaded, clean)
         return self._last
 
-    def _attacked(self, loaded: Loaded, clean: Answer, cell: Cell) -> View:
-        attacked = self._attacks.attack(loaded.sample, flow_of(clean), cell)
+    def _attacked(self, targets: Sequence[tuple[Loaded, Answer, Cell]]) -> list[View]:
+        attacked = self._attacks.attack([(loaded.sample, flow_of(clean), cell) for loaded, clean, cell in targets])
+        return [self._view(*each) for each in zip(attacked, targets, strict=True)]
+
+    def _view(self, attacked: Attacked, target: tuple[Loaded, Answer, Cell]) -> View:
+        loaded, clean, cell = target
         row = self._row(loaded, clean, attacked.flow, attacked.frames, cell)
-        return View(
-            loaded.sample, attacked.frames, attacked.flow, flow_of(clean), row | attack_columns(attacked, loaded.sample)
-        )
+        columns = attack_columns(attacked, loaded.sample)
+        return View(loaded.sample, attacked.frames, attacked.flow, flow_of(clean), row | columns)
 
     def _row(
         self, loaded: Loaded, clean: Answer, flow: Answer, frames: tuple[Frame, ...], cell: Cell

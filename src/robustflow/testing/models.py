@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..attacks.images import images_of
 from ..errors import ModelError
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowModel, given_name
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable, FlowModel, given_name
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
 from ..models.construct import as_model
 from ..models.window import window_of
@@ -128,9 +129,9 @@ def check_model(model: Any, seed: int = 0) -> str:
 
     The flow must be a finite float array (H, W, 2). The same frames must result in the same flow, even after
     predictions on different frames and in any order. The model must not modify its input frames. Batched predictions
-    must match the flows of single pairs to within 1e-4 px. `predict_with_confidence` must return the same flow as
-    `predict`, and on every call the same confidence, (H, W) without NaN. A multi-frame model receives a clip with the
-    frames of its window.
+    must match the flows of single pairs to within 1e-4 px; the same applies to `differentiable` if the model has
+    `batched_gradients`. `predict_with_confidence` must return the same flow as `predict`, and on every call the same
+    confidence, (H, W) without NaN. A multi-frame model receives a clip with the frames of its window.
 
     Args:
         model: the model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch
@@ -159,6 +160,8 @@ def check_model(model: Any, seed: int = 0) -> str:
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
+        if isinstance(made, Differentiable) and getattr(made, "batched_gradients", False) is True:
+            _check_batched_gradients(made, clips, where)
         if isinstance(made, ConfidentModel):
             _check_confidence(made, clips, first, where)
     return given_name(model) or getattr(model, "__name__", None) or type(model).__name__
@@ -205,6 +208,20 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
                 f"the model {where} returns a different flow in a batch than for single pairs: "
                 "process the pairs of a batch independently, or do not implement predict_batch"
             )
+
+
+def _check_batched_gradients(model: Differentiable, clips: list[list[Frame]], where: str) -> None:
+    import torch
+
+    pairs = torch.from_numpy(np.stack([images_of(*clip[:2]) for clip in clips]))
+    with torch.no_grad():
+        together = model.differentiable(pairs[:, 0].contiguous(), pairs[:, 1].contiguous())
+        alone = torch.cat([model.differentiable(pair[:1], pair[1:]) for pair in pairs])
+    if together.shape != alone.shape or (together - alone).abs().max() > BATCH_TOLERANCE:
+        raise ModelError(
+            f"the model's method differentiable {where} returns a different flow in a batch than for single pairs: "
+            "keep the pairs of a batch apart, or leave out batched_gradients"
+        )
 
 
 def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flow, where: str) -> None:

@@ -77,6 +77,11 @@ class NetworkModel(PairNetwork):
     def _together(self) -> bool:
         return self.device.type != "cpu"
 
+    @property
+    def batched_gradients(self) -> bool:
+        """Whether attacks evaluate several pairs in one call, as in `predict_batch`."""
+        return self._together
+
     def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
         """Compute the flow as described in `Differentiable`.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 
 from ...runs.plan import Unit
 from ...threads import one_opencv_thread
@@ -10,12 +10,34 @@ from .base import Engine, FinishedUnit, Job, take_seconds
 
 
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
-    """Compute the units in sequence."""
+    """Compute the units in sequence; units of the same attack in groups, if the model attacks pairs in batches."""
     worker = job.worker()
+    attacks = job.options.attacks if worker.batches_attacks else ()
     with one_opencv_thread():
-        for unit in units:
-            rows = worker.run(unit)
-            yield FinishedUnit(unit, rows, take_seconds(worker))
+        for group in _grouped(units, attacks, job.batch_size):
+            rows = worker.run_attack(group) if len(group) > 1 else [worker.run(group[0])]
+            for unit, of_unit in zip(group, rows, strict=True):
+                yield FinishedUnit(unit, of_unit, take_seconds(worker))
+
+
+def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iterator[list[Unit]]:
+    """Group the units of each attack so that a group has at least `cells` cells; other units are alone and keep their
+    order.
+
+    >>> units = [Unit(key, name, (1, 3)) for key in "ab" for name in ("fog", "pgd")]
+    >>> [[unit.key for unit in group] for group in _grouped(units, ["pgd"], 4)]
+    [['a'], ['b'], ['a', 'b']]
+    """
+    waiting: dict[str, list[Unit]] = {}
+    for unit in units:
+        if unit.corruption not in attacks:
+            yield [unit]
+            continue
+        group = waiting.setdefault(unit.corruption, [])
+        group.append(unit)
+        if sum(len(each.cells) for each in group) >= cells:
+            yield waiting.pop(unit.corruption)
+    yield from waiting.values()
 
 
 SERIAL = Engine(lambda units: "serial", serial)

@@ -1,0 +1,247 @@
+"""Evaluate a model for attacks, and run several attacks in lockstep so that their evaluations share calls of the model.
+
+An attack computes one pair and knows nothing of other attacks. In lockstep each attack has a thread, but only one
+thread runs at a time: it pauses when it needs the model, and continues with the answer. What an attack computes depends
+only on the answers. A model on the CPU evaluates each pair separately, so attacks in lockstep give the same bytes as
+attacks in sequence; a model with `batched_gradients` evaluates pairs of equal size in one call.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from ..errors import ModelError
+from ..models.base import (
+    AnyModel,
+    BatchedFlowModel,
+    Differentiable,
+    FlowModel,
+    describe_cells,
+    naming_errors,
+    predict_batch_checked,
+    predict_checked,
+)
+from ..sample import Flow, Frame
+from .images import Images
+from .loss import Loss
+
+_Result = TypeVar("_Result")
+
+_PATIENCE = 5.0
+"""Seconds to wait for a thread that is interrupted while it runs."""
+
+_RETURNED = "the model's method differentiable returned"
+_EXPECTED = "expected a tensor (N, 2, H, W) computed from the images inside PyTorch's graph"
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A flow that an attack needs: of 8-bit frames, or of images with or without the gradient of a loss.
+
+    Args:
+        model: the model.
+        key: name of the sample, for error messages.
+        frames: 8-bit frames, RGB uint8 (H, W, 3) each, for `predict`; None for images.
+        images: images for `differentiable`.
+        loss: the loss whose gradient is computed; None for no gradient.
+    """
+
+    model: AnyModel
+    key: str
+    frames: tuple[Frame, Frame] | None = None
+    images: Images | None = None
+    loss: Loss | None = None
+
+    @property
+    def cell(self) -> tuple[str, str, int]:
+        """The cell in error messages."""
+        return self.key, "an attacked pair", 0
+
+    @property
+    def group(self) -> tuple[Any, ...]:
+        """Evaluations of the same group may share a call of the model."""
+        alone = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
+        shapes = [each.shape for each in (*(self.frames or ()), self.images) if each is not None]
+        return id(self.model), self.images is None, self.loss is None, *shapes, *alone
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer to an evaluation.
+
+    Attributes:
+        flow: float32 (H, W, 2), pixels.
+        value: the loss of the flow; NaN if no gradient was requested.
+        gradient: the gradient of the loss with respect to the images; None if it was not requested.
+    """
+
+    flow: Flow
+    value: float = float("nan")
+    gradient: Images | None = None
+
+
+def evaluate(asked: Evaluation) -> Answer:
+    """Evaluate a model: immediately, or inside `in_lockstep` together with the other attacks."""
+    thread = threading.current_thread()
+    return thread.ask(asked) if isinstance(thread, _Lane) else _answers([asked])[0]
+
+
+def in_lockstep(tasks: Sequence[Callable[[], _Result]]) -> list[_Result]:
+    """Call functions that use `evaluate`, all at the same time, and return their results in order.
+
+    An exception in a function, or in an evaluation that it does not handle, ends all functions and is raised.
+    """
+    if len(tasks) == 1:
+        return [tasks[0]()]
+    lanes = [_Lane(task) for task in tasks]
+    with _settings():
+        try:
+            for lane in lanes:
+                lane.resume(None)
+            while waiting := [lane for lane in lanes if lane.asked is not None]:
+                groups: dict[tuple[Any, ...], list[_Lane[_Result]]] = {}
+                for lane in waiting:
+                    groups.setdefault(lane.asked.group, []).append(lane)  # type: ignore[union-attr]
+                for group in groups.values():
+                    _answer(group)
+        finally:
+            for lane in lanes:
+                lane.stop()
+    return [lane.result for lane in lanes]
+
+
+def _answer(group: Sequence[_Lane[Any]]) -> None:
+    try:
+        answers: Sequence[Answer | Exception] = _answers([lane.asked for lane in group if lane.asked is not None])
+    except Exception as error:  # raised where the attack asked, as without lockstep
+        answers = [error] * len(group)
+    for lane, answer in zip(group, answers, strict=True):
+        lane.resume(answer)
+
+
+def _settings() -> Any:
+    """A context with PyTorch's settings for all evaluations, because an attack in lockstep that changes and restores
+    settings must not affect the others."""
+    if "torch" not in sys.modules:
+        return nullcontext()
+    from ..models.torch.reproducible import reproducible
+
+    return reproducible()
+
+
+class _Stopped(BaseException):
+    """Ends the thread of an attack whose result is no longer needed."""
+
+
+class _Lane(threading.Thread, Generic[_Result]):
+    """The thread of one attack.
+
+    Attributes:
+        asked: the evaluation for which it waits; None if it has ended.
+        result: what the function returned.
+    """
+
+    result: _Result
+
+    def __init__(self, task: Callable[[], _Result]) -> None:
+        super().__init__(daemon=True)
+        self.asked: Evaluation | None = None
+        self._task, self._context = task, contextvars.copy_context()
+        self._answer: Answer | Exception | None = None
+        self._error: BaseException | None = None
+        self._stopped = False
+        self._go, self._paused = threading.Semaphore(0), threading.Semaphore(0)
+        self.start()
+
+    def run(self) -> None:
+        """Run the function when `resume` is first called."""
+        self._go.acquire()
+        try:
+            if not self._stopped:
+                self.result = self._context.run(self._task)
+        except BaseException as error:
+            self._error = error
+        self._paused.release()
+
+    def ask(self, evaluation: Evaluation) -> Answer:
+        """Pause until the evaluation is answered; called by the thread itself."""
+        self.asked = evaluation
+        self._paused.release()
+        self._go.acquire()
+        if self._stopped:
+            raise _Stopped
+        if isinstance(self._answer, Exception):
+            raise self._answer
+        assert self._answer is not None
+        return self._answer
+
+    def resume(self, answer: Answer | Exception | None) -> None:
+        """Let the thread run until it pauses or ends, and raise the exception that ended it."""
+        self._answer, self.asked = answer, None
+        self._go.release()
+        self._paused.acquire()
+        if self._error is not None:
+            raise self._error
+
+    def stop(self) -> None:
+        """End the thread at its next pause."""
+        self._stopped = True
+        self._go.release()
+        self.join(_PATIENCE)
+
+
+def _answers(asked: Sequence[Evaluation]) -> list[Answer]:
+    """Answer evaluations of one group in one call of the model."""
+    model = asked[0].model
+    if asked[0].frames is None:
+        return _differentiated(asked)
+    cells, pairs = [one.cell for one in asked], [one.frames for one in asked if one.frames is not None]
+    assert isinstance(model, FlowModel)
+    if len(asked) > 1 and isinstance(model, BatchedFlowModel):
+        return list(map(Answer, predict_batch_checked(model, pairs, cells)))
+    return [Answer(predict_checked(model, pair, *cell)) for pair, cell in zip(pairs, cells, strict=True)]
+
+
+def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
+    """Compute flows, and gradients if requested, with PyTorch."""
+    import torch
+
+    from ..models.torch.reproducible import reproducible
+
+    model, gradient = asked[0].model, asked[0].loss is not None
+    assert isinstance(model, Differentiable)
+    where = f"{describe_cells([one.cell for one in asked])}, in its method differentiable"
+    images = torch.from_numpy(np.stack([one.images for one in asked if one.images is not None]))
+    images.requires_grad_(gradient)
+    with reproducible(getattr(model, "threads", 1)), naming_errors(where):
+        with torch.set_grad_enabled(gradient):
+            flow = model.differentiable(images[:, 0].contiguous(), images[:, 1].contiguous())
+        _check(flow, (len(asked), 2, *images.shape[3:]), gradient)
+        flows = np.ascontiguousarray(flow.detach().float().cpu().numpy().transpose(0, 2, 3, 1))
+        if not gradient:
+            return list(map(Answer, flows))
+        slopes = [one.loss.slope(there) for one, there in zip(asked, flows, strict=True) if one.loss is not None]
+        above = np.ascontiguousarray(np.stack([slope for _, slope in slopes]).transpose(0, 3, 1, 2))
+        (pulled,) = torch.autograd.grad(flow, images, torch.from_numpy(above).to(flow), allow_unused=True)
+    if pulled is None:
+        raise ModelError(f"{_RETURNED} a flow that does not follow from the images; {_EXPECTED}")
+    gradients = pulled.cpu().numpy()
+    return [Answer(there, value, slope) for there, (value, _), slope in zip(flows, slopes, gradients, strict=True)]
+
+
+def _check(flow: Any, expected: tuple[int, ...], gradient: bool) -> None:
+    import torch
+
+    if not isinstance(flow, torch.Tensor):
+        raise ModelError(f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
+    if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
+        what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
+        raise ModelError(f"{_RETURNED} {what}; {_EXPECTED}, here {expected}")
