@@ -11,10 +11,10 @@ import pytest
 
 import robustflow as rf
 from robustflow.corruptions import corrupt, load_corruption
+from robustflow.corruptions.blur import reference_stack
 from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
 from robustflow.errors import AssetError, DataError, RunError, UsageError
 from robustflow.images.io import read_image
-from robustflow.psf import reference_stack
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 

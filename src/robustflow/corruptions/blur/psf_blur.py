@@ -12,11 +12,11 @@ import numpy as np
 from ...errors import UsageError
 from ...psf.blur import blur
 from ...psf.psf_field import PsfField
-from ...psf.reference_stack import reference_field
 from ...psf.shipped import shipped_field
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
+from .reference_stack import reference_field
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
 """Environment variable for the folder with the reference code's PSF stacks, used if `psf_dir` is None."""

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..atomic import make_folder, write_bytes
-from ..cache import cache_folder
-from ..errors import AssetError, DataError
-from ..extras import require
-from ..sealed import sealed_bytes, unsealed_bytes
-from .psf_field import SHAPE, PsfField
+from ...atomic import make_folder, write_bytes
+from ...cache import cache_folder
+from ...errors import AssetError, DataError
+from ...extras import require
+from ...psf.psf_field import SHAPE, PsfField
+from ...sealed import sealed_bytes, unsealed_bytes
 
 LARGEST = 16 * 2**20
 """Maximum file size in bytes; a stack has 2.9 million."""
