@@ -84,7 +84,7 @@ def test_compare_takes_runs_folders_and_nothing_else(result):
     expected = rf.compare(result, result).frame
     assert rf.compare(result.path, str(result.path)).frame.equals(expected)
     assert result.compare(result.path).frame.equals(expected)
-    with pytest.raises(UsageError, match="takes runs, or their folders or records; got DataFrame"):
+    with pytest.raises(UsageError, match="expects runs, or paths of their folders or records; got DataFrame"):
         rf.compare(result, result.rows)
 
 

@@ -316,7 +316,7 @@ def test_runs_alone(runs):
     assert {"epe", "cre", "rcre", "cost", "means", "anatomy"} <= names
     with pytest.raises(UsageError, match="gopro"):
         tables_of(runs, published=False, wanted=["gopro-rcre"])
-    with pytest.raises(UsageError, match="name at least one"):
+    with pytest.raises(UsageError, match="give at least one"):
         tables_of([], published=True, wanted=["means"])
     with pytest.raises(UsageError, match="did you mean 'means'"):
         tables_of(runs, published=True, wanted=["meanss"])

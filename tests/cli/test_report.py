@@ -217,7 +217,7 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
         ("report nowhere", 1, "manifest.json"),
         ("report --published --format pdf", 2, "terminal, markdown"),
         ("report --published --table epes", 2, "did you mean 'epe'"),
-        ("report --published --table means", 2, "name at least one"),
+        ("report --published --table means", 2, "give at least one"),
         ("report --published -t cost -o nowhere/cost.tex", 1, "cannot write"),
         ("audit nowhere.csv", 1, "nowhere.csv"),
         ("audit .", 1, "manifest.json"),

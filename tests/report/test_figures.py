@@ -205,7 +205,7 @@ def test_no_statistic_of_fewer_than_five_models():
 
 def test_a_single_bar_is_no_figure():
     alone = parse_results(_CELLS, "made.csv", "made")
-    with pytest.raises(UsageError, match="single bar"):
+    with pytest.raises(UsageError, match="only one bar"):
         crer_by_family(alone)
 
 

@@ -191,7 +191,7 @@ def test_spread_over_draws_is_that_of_the_flows_of_each_seed(kind, clip_folder, 
     assert drawn.summary.spread > 0
     assert "the flow's standard deviation over 3 draws is" in phantom_motion(drawn)
     assert runs[0].summary.spread is None
-    title = "Deviation over draws (px) by severity"
+    title = "Standard deviation over draws (px) by severity"
     assert [title in render_site(run_content(run)) for run in (drawn, runs[0])] == [True, False]
     if kind is Pairs:
         forged = drawn.rows.with_columns(spread_sum=pl.col("spread_sum") * 1.1)

@@ -242,11 +242,11 @@ def test_means_without_intervals_say_why(base):
         (table,) = tables_of(runs, published=False, wanted=["means"])
         return table.title, table.remarks[0]
 
-    why = "4 images, or sequences where pairs share one."
+    why = "4 images (or sequences, if pairs belong to sequences)."
     assert remark_of(3) == ("Means", f"No intervals: they need at least {why}")
     title, remark = remark_of(6)
     assert title == "Means with intervals"
-    assert remark.endswith("or over sequences where pairs share one.")
+    assert remark.endswith("or over sequences if pairs belong to sequences.")
     assert remark_of(3, 6)[1] == f"{remark} Means without an interval are over fewer than {why}"
 
 

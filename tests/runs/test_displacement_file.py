@@ -150,7 +150,7 @@ def test_no_axis_goes_far_beyond_all_pixels():
 def test_what_cannot_be_drawn():
     empty = pl.DataFrame({"low": [0.0], "high": [math.inf], "share": [0.0]})
     full = empty.with_columns(share=pl.Series([1.0]))
-    with pytest.raises(UsageError, match="no displacement to draw"):
+    with pytest.raises(UsageError, match="no displacements to draw"):
         displacement_figure({"a": empty})
     with pytest.raises(UsageError, match="9 histograms"):
         displacement_figure(dict.fromkeys("abcdefghi", full))

@@ -1,3 +1,3 @@
-"""Reports made from result rows; nothing here loads models or images."""
+"""Reports of results as tables, figures, galleries and pages."""
 
 from __future__ import annotations

@@ -42,12 +42,12 @@ def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, see
             if name == group.runs[-1][1]:
                 columns_of = zip(*(values[member] for _, member in group.runs), strict=True)
                 lines.append(Line.of(group.label, map(spread_text, columns_of), group.note))
-    needed = f"{fewest_clusters(level)} images, or sequences where pairs share one"
+    needed = f"{fewest_clusters(level)} images (or sequences, if pairs belong to sequences)"
     remark = f"No intervals: they need at least {needed}."
     if any(known):
         remark = (
-            f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share "
-            "one."
+            f"[{100 * level:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "
+            "to sequences."
         ) + ("" if all(known) else f" Means without an interval are over fewer than {needed}.")
     title = "Means with intervals" if any(known) else "Means"
     return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,))

@@ -112,8 +112,8 @@ def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Tabl
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
-    """Make every figure that the runs, and the published results if requested, allow. Runs on the same frames share a
-    figure; runs that are not ranked appear only in figures with one curve per run."""
+    """Draw every figure that is possible with the runs and, if requested, the published results. Runs on the same
+    frames share a figure; runs that are not ranked appear only in figures with one curve per run."""
     from .figures import all_figures, displacement_figure
     from .figures.displacement_histogram import MOST_LINES
 
@@ -126,7 +126,7 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
 
 def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     if not runs:
-        raise UsageError(f"the table '{table}' is made from runs: name at least one run")
+        raise UsageError(f"the table '{table}' requires runs: give at least one run")
     return runs
 
 
@@ -140,8 +140,8 @@ def _uncoupled(runs: Sequence[Run]) -> Table:
 
 
 def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[ModelResult]], Table]) -> list[Table]:
-    """Make one table for each set of comparable results with enough models. Its title names the set and the runs
-    omitted because they are not ranked. Raise an error if no set has enough models."""
+    """Make one table for each set of comparable results with enough models. Its title names the set, and a remark lists
+    the runs omitted because they are not ranked. Raise an error if no set has enough models."""
     tables: list[Table] = []
     reason = UsageError("there are no results")
     for frames, lines in by_frames(results).items():
@@ -162,7 +162,7 @@ def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[Mode
 
 
 def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
-    """Make a table of statements about models in general, with a remark that names the omitted runs."""
+    """Add a remark that lists the omitted runs to a table of statements about models in general."""
     reasons = "; ".join(f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded)
     if not reasons:
         return table

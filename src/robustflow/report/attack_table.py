@@ -51,11 +51,11 @@ _CURVES = (
     "Mean error by budget in grey levels (0 to 255), with 95 % intervals over pairs or groups of pairs. Budget 0 is "
     "the clean frames. Without ground truth, the error is the distance from the clean flow."
 )
-_WARNED = "a pair has a warning, see the table of attacks"
+_WARNED = "at least one pair has a warning; see the table of attacks"
 PREDICTION = "Does robustness to corruptions predict robustness to attacks?"
 
 ATTACK_TABLES = ("attacks", "security", "corruptions-and-attacks")
-"""Tables that `attack_tables` can make."""
+"""Names of the tables that `attack_tables` can make."""
 
 
 def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
@@ -75,13 +75,13 @@ def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
         tables = [table] if table is not None else []
     if not tables:
         needed = "two runs with attacks and corruptions" if name == ATTACK_TABLES[-1] else "a run with attacks"
-        raise UsageError(f"the table '{name}' needs {needed}: give --attacks to run")
+        raise UsageError(f"the table '{name}' needs {needed}: pass --attacks to robustflow run")
     return tables
 
 
 def attack_table(run: Run) -> Table | None:
-    """Tabulate every attack of a run at every severity; return None if the run has no attacks. Warnings become notes of
-    their lines. No value is marked as best."""
+    """Tabulate every attack of a run at every severity; return None if the run has no attacks. Warnings are shown as
+    notes on their lines. No value is marked as best."""
     scores = attack_scores(run)
     if not scores:
         return None
@@ -98,7 +98,7 @@ def attack_table(run: Run) -> Table | None:
 
 
 def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
-    """State the budget at which each attack doubles the error."""
+    """Return a sentence with the budget at which each attack doubles the error."""
     norms = {score.attack: score.norm for score in scores}
     known = {name: budget_at_double(scores, name, clean) for name in norms}
     each = [
@@ -150,8 +150,8 @@ def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
 
 
 def prediction_table(runs: Sequence[Run]) -> Table | None:
-    """Tabulate the rank correlation over models between each attack and the corruptions. Return None if fewer than two
-    runs have both.
+    """Tabulate, for each attack, the rank correlation over models between attack and corruptions. Return None if fewer
+    than two runs have both.
 
     Raises:
         RunError: the runs have no frames in common.

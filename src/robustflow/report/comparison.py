@@ -30,8 +30,8 @@ _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "h
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A comparison of two runs over the same frames. Differences are first minus second: below 0 if the first run has
-    the lower value.
+    """A comparison of two runs on the same frames. Differences are first minus second, so they are negative if the
+    first run has the lower value.
 
     Attributes:
         names: names of the two runs.
@@ -45,7 +45,7 @@ class Comparison:
 
     @property
     def metric(self) -> str:
-        """The metric of the headline: "cre", or "rcre" without ground truth."""
+        """The headline metric: "cre", or "rcre" without ground truth."""
         return "cre" if "cre" in set(self.frame["metric"]) else "rcre"
 
     @property
@@ -75,8 +75,8 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """State what can be concluded about the average of the headline metric, or about its first corruption if there
-        is no average."""
+        """State what can be concluded about the average of the headline metric or, if there is no average, about the
+        first corruption."""
         return self._sentence(self.metric)
 
     def _sentence(self, metric: str) -> str:
@@ -158,13 +158,13 @@ def _cells(row: dict[str, Any], level: float) -> tuple[TableCell, ...]:
 
 
 AnyRun = Run | str | Path
-"""A run, its folder, or its record."""
+"""A run, or the path of its folder or record."""
 
 
 def compare(
     first: AnyRun, second: AnyRun, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
 ) -> Comparison:
-    """Test whether two runs over the same frames differ, with paired tests over images, intervals and corrected
+    """Test whether two runs on the same frames differ, using paired tests over images with intervals and corrected
     p-values.
 
     Args:
@@ -200,4 +200,4 @@ def _opened(run: AnyRun) -> Run:
         return run
     if isinstance(run, str | Path):
         return load_any_run(run)
-    raise UsageError(f"compare takes runs, or their folders or records; got {type(run).__name__}")
+    raise UsageError(f"compare expects runs, or paths of their folders or records; got {type(run).__name__}")

@@ -1,4 +1,4 @@
-"""Table of how well a model's confidence predicts its errors."""
+"""Table that shows how well a model's confidence predicts its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The leaderboard: one `Table` per benchmark, from which a page shows a selection of columns and lines."""
+"""The leaderboard: one table per benchmark, of which a page shows a selection of columns and lines."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ class BoardColumn(Column):
 @dataclass(frozen=True, kw_only=True)
 class Board(Table):
     """The leaderboard of a benchmark: one section per set of frames, with lines in the order of `by_error`. The remarks
-    explain the marks.
+    explain the formatting of the cells.
 
     Attributes:
         benchmark: name of the benchmark; `title` is the displayed name.
-        columns: all columns; columns that are in no view come last.
+        columns: all columns; columns that do not belong to any view come last.
         views, metrics, settings: selectable options as (value, label) pairs; settings also have an explanation.
         start: index of the initial sort column.
     """
@@ -136,8 +136,9 @@ def by_error(line: ModelResult) -> tuple[bool, bool, float, str]:
 
 
 def _cells(results: Sequence[ModelResult]) -> dict[ModelResult, dict[ValueKey, TableCell]]:
-    """Build the cells of each line with their marks. As in the paper, knowledge-driven methods have no marks. Numbers
-    that the paper does not print and imported lines, whose frames cannot be verified, have none either."""
+    """Build the cells of each line and mark the best ones. As in the paper, knowledge-driven methods are never marked.
+    Numbers that the paper does not print are not marked either, nor are imported lines, whose frames cannot be
+    verified."""
     ranks = printed_cost_ranks(results)
     own_ranks = run_ranks([line for line in results if line.frames != PAPER])
     values, compared, derived = {}, [], {}
@@ -270,8 +271,8 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
         yield "In italics: CREr that the paper does not print, computed from the values in the same line."
     if any(line.intervals for line in cells):
         yield (
-            "In brackets: 95 % confidence intervals of runs, by a bootstrap over images (over sequences where pairs "
-            "share one)."
+            "In brackets: 95 % confidence intervals of runs, from a bootstrap over images (over sequences if pairs "
+            "belong to sequences)."
         )
     elif any(line.run is not None for line in cells):
         yield "No confidence intervals: too few images or sequences."

@@ -1,4 +1,4 @@
-"""Notebook output of a run: a small table and a figure, and further figures by name."""
+"""Notebook output of a run: a small table and a figure, and additional figures by name."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def result_html(run: Run) -> str:
     except UsageError:
         return fragment  # without ground truth there is no CREr
     picture = b64encode(figure_bytes(figure, "png")).decode()
-    about = 'alt="CREr by class of corruption" style="max-width: 32em"'
+    about = 'alt="CREr by corruption class" style="max-width: 32em"'
     return f'{fragment}<img {about} src="data:image/png;base64,{picture}">'
 
 
@@ -54,7 +54,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     """Draw a figure of one or more runs.
 
     Args:
-        runs: runs that measured the same conditions. "severity" draws the conditions they have in common, and
+        runs: runs that measured the same conditions. "severity" draws only the conditions that they have in common, and
             "displacement" accepts runs on any frames.
         kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by corruption class),
             "accuracy" (clean EPE against CRE), "relations" (clean EPE, EPE, CRE and RCRE against each other), or
@@ -87,7 +87,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         return figures.severity_curves(common_to(dict(zip(names, runs, strict=True))).rows, metric)
     if words := differences(dict(zip(names, runs, strict=True))):
         raise UsageError(
-            f"these runs measured different conditions and cannot be drawn together ({words}); plot each alone"
+            f"these runs measured different conditions and cannot be drawn together ({words}); plot them separately"
         )
     results = run_results(runs)
     return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)

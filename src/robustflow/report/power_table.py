@@ -1,4 +1,4 @@
-"""Table of the number of pairs that a comparison needs."""
+"""Table of the number of pairs required for a comparison."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         "pairs assume as many pairs per group as here. They are estimated from the variance of these runs and can be "
         "far off with few groups."
     )
-    return Table("power", "Pairs that a comparison needs", columns, tuple(sections), (about,), "Comparison")
+    return Table("power", "Pairs required for a comparison", columns, tuple(sections), (about,), "Comparison")
 
 
 def _count(number: int | None) -> str:

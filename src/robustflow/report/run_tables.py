@@ -1,4 +1,4 @@
-"""Terminal tables of finished runs: means by corruption, a single metric, and several runs together."""
+"""Terminal tables of finished runs: means by corruption, a single metric, and overall means of several runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of several runs: a ranking with ties, the spread over seeds, and the order under different conditions."""
+"""Tables for several runs: a ranking with ties, the spread over seeds, and the order under different conditions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
         for row in standings.iter_rows(named=True)
     )
     remark = (
-        "possible ranks: ranks consistent with the significant differences to the other models (paired tests, "
+        "possible ranks: ranks consistent with the significant differences from the other models (paired tests, "
         "corrected for all pairs); models whose ranges overlap may be tied."
     )
     columns = (Column(metric_label(metric)), Column("rank"), Column("possible ranks"))
@@ -26,8 +26,8 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
 
 
 def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = "") -> Table:
-    """Tabulate the variance of one model's score by source, from `analysis.uncertainty.variance_split`; `remark` names
-    omitted data."""
+    """Tabulate the variance of one model's score by source, from `analysis.uncertainty.variance_split`; `remark`
+    describes omitted data."""
     lines = tuple(
         Line.of(
             row["source"],
@@ -53,7 +53,7 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
 
 
 def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> Table:
-    """Tabulate the order of models under each condition, from `analysis.uncertainty.rank_stability`; `remark` names
+    """Tabulate the order of models under each condition, from `analysis.uncertainty.rank_stability`; `remark` describes
     omitted data."""
     sections = []
     for condition in stability["condition"].unique(maintain_order=True):

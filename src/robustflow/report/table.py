@@ -49,7 +49,7 @@ class TableCell:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a table: one model.
+    """A line of a table, which shows one model.
 
     Attributes:
         label: name of the model.
@@ -67,7 +67,7 @@ class Line:
 
     @classmethod
     def of(cls, label: str, texts: Iterable[str], note: str = "") -> Line:
-        """Make a line of texts without marks."""
+        """Make a line from texts, without marking any."""
         return cls(label, tuple(map(TableCell, texts)), note)
 
     @classmethod
@@ -94,7 +94,7 @@ class Table:
 
     Attributes:
         name: a name in `tables.TABLES`, or the name of the table's source.
-        title: title in words.
+        title: title of the table, for display.
         columns: all columns except the first, which contains the line labels.
         sections: sections in the paper's order.
         remarks: sentences below the table.
@@ -132,7 +132,7 @@ class Table:
 
 
 def with_exclusion(note: str, reason: str) -> str:
-    """Return the note of a line, including why its model is not ranked.
+    """Return the note on a line, including the reason if its model is not ranked.
 
     >>> with_exclusion("3 pairs", "its weights are random")
     '3 pairs; not ranked: its weights are random'

@@ -105,7 +105,7 @@ _SHARE = "Coverage: share of the pixels with ground truth that the model predict
 
 
 def _measured_on(benchmarks: Iterable[str]) -> str:
-    """Name the benchmarks of the results in words, the paper's first."""
+    """Return the names of the results' benchmarks as text, with the paper's benchmarks first."""
     unique = dict.fromkeys(benchmarks)
     facts = {name: benchmark_facts(name) for name in unique}
     order = sorted(unique, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
@@ -113,7 +113,7 @@ def _measured_on(benchmarks: Iterable[str]) -> str:
 
 
 def settings_in_order(settings: Iterable[str]) -> list[str]:
-    """Return the distinct settings, the paper's first."""
+    """Return the distinct settings, with the paper's settings first."""
     known = set(settings)
     return [name for name in SETTING_LABELS if name in known] + sorted(known - set(SETTING_LABELS))
 
@@ -129,7 +129,7 @@ def _column(key: str, metric: str) -> Column:
 def _lines(
     chosen: Mapping[ModelResult, Mapping[str, Value]], keys: Sequence[str], seeds: Sequence[SeedGroup]
 ) -> tuple[Line, ...]:
-    """Build the lines of one setting; knowledge-driven models have no marks."""
+    """Build the lines for one setting; knowledge-driven models are not marked."""
     texts = {line: {of: value.text for of, value in values.items()} for line, values in chosen.items()}
     compared = [
         Compared(line.frames, {} if line.setting == "knowledge" else shown, bool(line.excluded))
@@ -153,6 +153,6 @@ def _over_seeds(
     chosen: Mapping[ModelResult, Mapping[str, Value]],
     keys: Sequence[str],
 ) -> Line:
-    """Build a line of means over runs that differ only in the seed."""
+    """Build a line with means over runs that differ only in the seed."""
     numbers = ([chosen[one][key].number if key in chosen[one] else None for one in results] for key in keys)
     return Line.of(group.label, map(spread_text, numbers), with_exclusion(group.note, results[0].excluded))

@@ -77,6 +77,6 @@ def _numbers(run: Run, measured: Uncoupled) -> tuple[float | None, ...]:
 def _sentence(coupling: Coupling) -> str:
     cre, ratio = ("cannot be computed" if v is None else f"{v:+.2f}" for v in (coupling.cre, coupling.log_ratio))
     return (
-        f"Over {coupling.models} models on the same frames the rank correlation with the clean EPE is {cre} for CRE "
+        f"Over {coupling.models} models on the same frames, the rank correlation with the clean EPE is {cre} for CRE "
         f"and {ratio} for the log ratio."
     )

@@ -8,7 +8,7 @@ from typing import Literal
 from ..errors import unknown_name
 
 ColumnChoice = Literal["epe", "cre", "rcre", "crer", "means", "families"]
-"""Kind of comparison: a metric under each corruption, overall means, or CREr by family of corruptions."""
+"""Kind of comparison: a metric under each corruption, overall means, or CREr by corruption family."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Artefact:
     Attributes:
         name: name such as "tab2" or "fig4", numbered as in the paper and its appendix.
         title: title of the table or figure.
-        benchmark: name of the benchmark; "" if nothing is measured.
+        benchmark: name of the benchmark; "" if the table or figure contains no measurements.
         columns: the kind of comparison.
         table: name in `robustflow.report.tables`; "" for a figure.
         figure: name in `robustflow.report.figures`; "" for a table.
@@ -40,18 +40,18 @@ _ALL = (
     Artefact("tab2", "EPE on KITTI-FC", "kitti-fc", "epe", table="epe"),
     Artefact(
         "tab3",
-        "CREr beside computing cost",
+        "CREr and computing cost",
         "kitti-fc",
         "crer",
         table="cost",
-        instead="its parameters and FLOPs beside ours: robustflow profile --paper",
+        instead="its parameters and FLOPs next to ours: robustflow profile --paper",
     ),
     Artefact("tab4", "RCRE on GoPro-FC", "gopro-fc", "rcre", table="gopro-rcre"),
     Artefact("tab5", "Training of the supervised OOD models", instead="robustflow list recipes"),
     Artefact("tab6", "Training of the supervised ID models", instead="robustflow list recipes"),
     Artefact("tab7", "CRE on KITTI-FC", "kitti-fc", "cre", table="cre"),
     Artefact("tab8", "RCRE on KITTI-FC", "kitti-fc", "rcre", table="rcre"),
-    Artefact("fig1", "The benchmarks, as a drawing", instead="a drawing of what docs/design explains"),
+    Artefact("fig1", "The benchmarks, as a drawing", instead="a drawing; docs/design explains its content"),
     Artefact(
         "fig2",
         "The 24 corruptions at severity 5",
@@ -60,11 +60,11 @@ _ALL = (
     Artefact(
         "fig3",
         "How CRE and RCRE are computed, as a drawing",
-        instead="robustflow examples RUN draws frames, flows and errors of pairs of a run",
+        instead="robustflow examples RUN draws frames, flows and errors for pairs of a run",
     ),
     Artefact("fig4", "Clean EPE, CRE and CREr on KITTI-FC", "kitti-fc", "means", figure="clean_against_cre"),
-    Artefact("fig5", "CREr by class of corruption", "kitti-fc", "families", figure="crer_by_family"),
-    Artefact("fig6", "SAM's segmentation of the frames", instead="no command: no flow is measured in it"),
+    Artefact("fig5", "CREr by corruption class", "kitti-fc", "families", figure="crer_by_family"),
+    Artefact("fig6", "SAM's segmentation of the frames", instead="no command, as it contains no flow measurements"),
     Artefact("fig7", "The PSFs of psf_blur", instead="robustflow optics sheet"),
     Artefact("fig8", "Distribution of flow magnitudes", instead="robustflow displacement"),
     Artefact("fig9", "Scatter plots of clean EPE, EPE, CRE and RCRE", "kitti-fc", "means", figure="relations"),
@@ -78,7 +78,7 @@ def artefact_of(name: str) -> Artefact:
     """Return a table or figure by name.
 
     Raises:
-        UsageError: the paper has no table or figure of this name.
+        UsageError: the paper has no table or figure with this name.
 
     >>> artefact_of("tab2").title
     'EPE on KITTI-FC'

@@ -1,4 +1,4 @@
-"""Evaluate the available variants, each in a folder named after its weights, so that an interrupted call can be
+"""Evaluate the available variants, each in a folder named after its weights, so that an interrupted evaluation can be
 resumed."""
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ def measure_variants(
     device: str | None = None,
     **options: Any,
 ) -> Iterator[tuple[Runnable, Result] | Missing]:
-    """Evaluate the available variants, or resume their evaluation, in the order of `choices`; missing variants keep
-    their position.
+    """Evaluate the available variants, or resume their evaluation, in the order of `choices`.
+
+    The result also contains the missing variants, in the same order.
 
     Random weights replace a method in both settings and are evaluated once. A variant that fails counts as missing,
     with the reason; the remaining variants still run.

@@ -1,4 +1,4 @@
-"""Find out which of the paper's variants can be run here and with which weights, and what the remaining ones need."""
+"""Determine which of the paper's variants can be run here, with which weights, and what the remaining ones require."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Runnable:
 
     @property
     def random(self) -> bool:
-        """Return whether the weights are random, in which case the results say nothing about the method."""
+        """Return whether the weights are random, in which case the results are not informative about the method."""
         return dict(self.spec.options).get("checkpoint") == RANDOM
 
 
@@ -88,7 +88,7 @@ def _chosen(variant: Variant, benchmark: str, weights: Sequence[FoundWeights], r
         return _runnable(variant, of_catalogue[nearest.sha256], stand_in)
     if random:
         spec = ModelSpec(variant.model, (("checkpoint", RANDOM),))
-        return Runnable(variant, spec, "RANDOM WEIGHTS: this says nothing about the method", f"{variant.model}-random")
+        return Runnable(variant, spec, "RANDOM WEIGHTS: not informative about the method", f"{variant.model}-random")
     return Missing(variant, _reason(variant, benchmark, weights), _remedy(variant, benchmark))
 
 
@@ -114,7 +114,7 @@ def _distance(entry: CheckpointEntry) -> int:
 def _reason(variant: Variant, benchmark: str, weights: Sequence[FoundWeights]) -> str:
     altered = [file for file in weights if file.altered is not None and file.altered.model == variant.model]
     if altered:
-        return f"{altered[0].path} has the wrong hash for a file of this name; download it again"
+        return f"{altered[0].path} has the wrong hash for a file with this name; download it again"
     others = {
         setting_of(training_of_entry(file.entry), benchmark): file.path.name
         for file in weights

@@ -1,4 +1,4 @@
-"""Compare our values with the published ones, as lines of a table and as a file."""
+"""Compare our values with the published ones, in a table and in a file."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
 
 
 def paper_alone(artefact: Artefact, variant: Variant) -> SideBySide:
-    """Return a variant with only the paper's values."""
+    """Return a comparison that contains only the paper's values."""
     return SideBySide(variant, _published(artefact, variant, _of_paper(artefact)), {})
 
 

@@ -10,7 +10,7 @@ from ..errors import UsageError, unknown_name
 from ..models.catalog import methods
 
 _RUN_AS = {"DIS": "dis_rgb"}
-"""The paper's method names that denote a different model in this package: the paper ran the authors' DIS on colour
+"""Methods whose name in the paper refers to a different model in this package: the paper ran the authors' DIS on colour
 images (docs/dis-rgb.md)."""
 
 
@@ -63,7 +63,9 @@ def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[
     for name in wanted:
         method, model = _named(name, every)
         if chosen.get(method, model) != model:
-            raise UsageError(f"{method} can be run as one model at a time; name one of {chosen[method]} and {model}")
+            raise UsageError(
+                f"{method} can be run as only one model at a time; choose either {chosen[method]} or {model}"
+            )
         chosen[method] = model
     return [Variant(v.method, v.setting, chosen[v.method]) for v in every if v.method in chosen]
 

@@ -60,7 +60,7 @@ def _files(folders: Sequence[Path]) -> Iterator[Path]:
     for folder in folders:
         folder = folder.expanduser()
         if not folder.is_dir():
-            raise DataError(f"{folder}: no such folder; name the one that holds the checkpoints")
+            raise DataError(f"{folder}: no such folder; give the folder that contains the checkpoints")
         yield from sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
 
 
@@ -68,6 +68,4 @@ def _sha256(path: Path) -> str:
     try:
         return sha256_of_file(path)
     except OSError as error:
-        raise DataError(
-            f"{path}: cannot be read ({error.strerror}); move it out of the folder of checkpoints"
-        ) from error
+        raise DataError(f"{path} cannot be read ({error.strerror}); move it out of the checkpoint folder") from error

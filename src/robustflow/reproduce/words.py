@@ -37,9 +37,9 @@ def summary_sentence(choices: Sequence[Runnable | Missing]) -> str:
 def data_hint(artefact: Artefact) -> str:
     """Return a sentence that explains how to reproduce a table or figure."""
     return (
-        f"To measure it again: robustflow reproduce {artefact.name} --data FOLDER "
-        f"({benchmark_facts(artefact.benchmark).data}) --checkpoints FOLDER; --dry-run says which of the models can be "
-        "run, and where the others' weights are."
+        f"To reproduce it, run: robustflow reproduce {artefact.name} --data FOLDER "
+        f"({benchmark_facts(artefact.benchmark).data}) --checkpoints FOLDER; --dry-run lists the models that can be "
+        "run, and where to get weights for the others."
     )
 
 

@@ -96,7 +96,7 @@ def test_no_winner_where_the_difference_is_none(many_images):
     assert len(said) == 1
     assert "A and Bb share the lead (CRE " in said[0]
     said = headline(whole_content([many_images("A"), many_images("Bb", 1.22, seed=1)], published=False))
-    assert re.search(r"none can be called the most robust: the lead of .* \(CRE .*\) may be chance\.", said[0])
+    assert re.search(r"none can be called the most robust: the lead of .* \(CRE .*\) may be due to chance\.", said[0])
     assert "No difference in average CRE between " in said[1]
 
 
@@ -120,7 +120,7 @@ def test_corruption_does_not_always_raise_the_error(many_images, factor, says):
 def test_one_run_is_compared_with_nothing(many_images, small_run):
     said = headline(whole_content([many_images("A")], published=False))
     assert len(said) == 1
-    assert "more than chance" in said[0]
+    assert "px: significant" in said[0]
     assert "too few images" in headline(run_content(small_run))[0]
 
 
@@ -169,8 +169,12 @@ def test_no_results_at_all_say_so():
 @pytest.mark.parametrize(
     ("metric", "values", "says"),
     [
-        ("cre", (1, 3), "by CRE the worst is Fog (+3.00 px); the mildest is Contrast (+1.00 px)."),
-        ("rcre", (1, 3, 2), "by RCRE the worst are Fog (3.00 px), Snow (2.00 px); the mildest is Contrast (1.00 px)."),
+        ("cre", (1, 3), "by CRE, the worst corruption is Fog (+3.00 px); the mildest is Contrast (+1.00 px)."),
+        (
+            "rcre",
+            (1, 3, 2),
+            "by RCRE, the worst corruptions are Fog (3.00 px), Snow (2.00 px); the mildest is Contrast (1.00 px).",
+        ),
     ],
 )
 def test_the_mildest_corruption_is_none_of_the_worst(metric, values, says):

@@ -68,7 +68,7 @@ def test_links_are_not_followed(copied, tmp_path):
     target = copied.path / "examples" / "clean.jpg"
     target.unlink()
     target.symlink_to(secret)
-    with pytest.raises(DataError, match="is a link"):
+    with pytest.raises(DataError, match="is a symbolic link"):
         run_examples(copied)
 
 

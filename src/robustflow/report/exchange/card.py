@@ -70,7 +70,7 @@ def _markdown(facts: RunFacts) -> str:
         *(f"> **Warning.** {escape(warning)}\n" for warning in facts.warnings),
         *_table(facts.means),
         "",
-        "To verify this file, pack the run, or use its record, and compare the file with the export of the record.",
+        "To verify this file, pack the run (or use an existing record) and compare the file with the record's export.",
         "",
         "```bash",
         *_CHECK,

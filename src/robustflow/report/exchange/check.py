@@ -19,7 +19,7 @@ _HUB_DATASET = re.compile(rb'^    id: ("[^"\n]{3,200}")$', re.MULTILINE)
 
 
 def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
-    """Check that each file equals the export of the record's run, byte for byte; return a sentence with the file count.
+    """Check that each file matches an export of the record, byte for byte; return a sentence with the number of files.
 
     Raises:
         RunError: a file differs; the message names its first differing line.
@@ -36,7 +36,7 @@ def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
 def _check(path: Path, run: Run) -> None:
     try:
         if path.stat().st_size > _LARGEST:
-            raise DataError(f"{path} is too large to be an exported file; give one that 'robustflow export' wrote")
+            raise DataError(f"{path} is too large to be an exported file; give a file written by 'robustflow export'")
         data = path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror or error}") from error
@@ -54,9 +54,13 @@ def _check(path: Path, run: Run) -> None:
     nearest = max((each.split(b"\n") for each in made), key=lambda lines: _alike(lines, given))
     number = next((n for n, pair in enumerate(zip(nearest, given, strict=False)) if pair[0] != pair[1]), None)
     if number is None:
-        raise RunError(f"{path} has {len(given)} lines, but the record gives {len(nearest)}: export it again")
+        raise RunError(
+            f"{path} has {len(given)} lines, but an export of the record has {len(nearest)}: export it again"
+        )
     written, expected = (plain(lines[number].decode(errors="replace"), 80) for lines in (given, nearest))
-    raise RunError(f"{path}, line {number + 1}: '{written}', but the record gives '{expected}': export it again")
+    raise RunError(
+        f"{path}, line {number + 1}: '{written}', but an export of the record has '{expected}': export it again"
+    )
 
 
 def _alike(lines: Sequence[bytes], given: Sequence[bytes]) -> int:

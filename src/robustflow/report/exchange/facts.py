@@ -59,7 +59,7 @@ class RunFacts:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Caveats that a reader must know before comparing the numbers."""
+        """Caveats that a reader needs to know before comparing the numbers."""
         run, summary, out = self.run, self.run.summary, []
         if run.setting not in ("OOD", "knowledge"):
             setting = run_setting(run)
@@ -83,7 +83,7 @@ class RunFacts:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Return the model's identity without texts that contain a path on this machine."""
+        """Return the model's identity without fields that contain a path on this machine."""
         given = self.run.manifest.identity.model.settings
         return {plain(name): plain(str(value)) for name, value in given.items() if not holds_path(str(value))}
 
@@ -106,7 +106,7 @@ class RunFacts:
 
     @property
     def finished(self) -> datetime | None:
-        """Return the time the run finished, in UTC; None if its manifest does not contain it."""
+        """Return the time at which the run finished, in UTC; None if its manifest does not contain it."""
         try:
             return datetime.fromisoformat(self.run.manifest.finished or "").astimezone(UTC)
         except (ValueError, OverflowError):

@@ -1,4 +1,4 @@
-"""Hugging Face evaluation results: `.eval_results/*.yaml` in a model's repository, shown on its page."""
+"""Hugging Face evaluation results: `.eval_results/*.yaml` in a model's repository, which the Hub shows on its page."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def all_figures(results: Sequence[ModelResult]) -> dict[str, Figure]:
 def figures_by_sample_set(
     results: Iterable[ModelResult], looks: Looks | None = None
 ) -> dict[str, dict[str, MarkedFigure]]:
-    """Map each sample set of benchmarks with ground truth to its figures of results, by name."""
+    """Draw the figures of results, by name, for each sample set of a benchmark with ground truth."""
     figures: dict[str, dict[str, MarkedFigure]] = {}
     for frames, part in by_frames(line for line in results if benchmark_facts(line.benchmark).has_flow).items():
         figures[frames] = {}
@@ -81,7 +81,7 @@ def figures_by_sample_set(
 
 
 def _by_setting(results: Sequence[ModelResult]) -> bool:
-    """Return whether to draw one panel per setting: for the paper's values, and if a model was measured in two
+    """Return whether to draw one panel per setting, as for the paper's values and for a model measured in two
     settings."""
     models = {(line.setting, line.name) for line in results}
     return of_paper(results) or len({name for _, name in models}) < len(models)

@@ -20,7 +20,7 @@ from .marks import MarkedFigure
 from .styles import GRID
 
 LEAST_PX = 1.0
-"""Minimum span of an error axis, in pixels, so that a difference of 0.1 pixels does not look large."""
+"""Minimum span of an error axis, in pixels, so that a difference of 0.1 px does not look large."""
 
 _NAME_SIZE = 7.5
 _NAMES_AT_ANY_COST = 40
@@ -86,7 +86,7 @@ def fair_limits(
 def whiskers(
     panel: Axes, x: float, y: float, across: IntervalEnds | None, up: IntervalEnds | None, colour: str
 ) -> bool:
-    """Draw the intervals of a point; return whether it has any."""
+    """Draw the intervals of a point as whiskers; return whether it has any."""
     if across is not None:
         panel.plot(across, (y, y), color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
     if up is not None:
@@ -122,7 +122,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
     centres = np.array(dots)
-    placed = np.empty((len(points), 4))  # x0, y0, x1, y1 of each shown name
+    placed = np.empty((len(points), 4))  # x0, y0, x1, y1 of each name drawn so far
     shown = 0
     texts = []
     for (x, y, label), dot, radius in zip(points, dots, radii or [4.0] * len(points), strict=True):

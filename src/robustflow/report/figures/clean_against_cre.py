@@ -1,4 +1,4 @@
-"""The paper's figure of clean EPE, CRE and CREr: one bubble per model, its area CREr."""
+"""The paper's figure of clean EPE, CRE and CREr: one bubble per model, whose area is CREr."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def clean_against_cre(
     if len(panels) > 1:
         panels.pop("knowledge", None)
     if not panels:
-        raise UsageError("no clean and average EPE to draw: this figure needs runs with ground truth")
+        raise UsageError("there is no clean and average EPE to draw: this figure needs runs with ground truth")
     figure, axes = panel_figure(len(panels))
     drawn = [one for models in panels.values() for one in models]
     scale = min(_AREA, _LARGEST / max(*(cre / clean for _, clean, cre in drawn), 1.0))

@@ -62,11 +62,13 @@ def crer_by_family(
         models = REPRESENTATIVE if published else tuple(line.name for line in crer)
     shown = [model for model in dict.fromkeys(models) if any(line.name == model for line in crer)][: len(MODEL_STYLES)]
     if not shown:
-        raise UsageError("no CREr to draw: none of these models has a clean EPE")
+        raise UsageError("there is no CREr to draw: none of these models has a clean EPE")
     lines = [line for model in shown for line in crer if line.name == model]
     families = [family for family in MEMBERS if any(family in crer[line] for line in lines)]
     if len(lines) * len(families) < 2:
-        raise UsageError("one corruption class and one model give a single bar: measure more, or read the table")
+        raise UsageError(
+            "one corruption class and one model give only one bar: add corruptions or models, or use the table"
+        )
     if published:
         styles = looks.of(results)
     else:
@@ -85,7 +87,7 @@ def crer_by_family(
             reached += _bars(figure, panel, drawn, families, crer, styles, by_setting)
             panel.set_title(name_text(model), fontsize=10)
         axes, legend = axes[: len(shown)], []
-        figure.caption = "CREr of each corruption class, all models on one axis."
+        figure.caption = "CREr of each corruption class, with all models on one axis."
         if {"OOD", "ID"} <= {line.setting for line in lines}:
             figure.caption += " The height of an outlined bar above the filled one is the cost of fine-tuning."
     else:

@@ -19,8 +19,8 @@ MOST_LINES = 8
 _DASHES: tuple[tuple[str, str], ...] = tuple(
     (colour, dash) for colour in (BLACK, "#666666") for dash in ("-", "--", ":", "-.")
 )
-"""Dash patterns of the lines. Colours identify models in the other figures, but the lines of this figure are
-benchmarks."""
+"""Dash patterns of the lines. Colours are reserved for models in the other figures, but the lines of this figure
+represent benchmarks."""
 
 
 @default_style()
@@ -39,7 +39,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
         raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {MOST_LINES}")
     tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
     if not tables:
-        raise UsageError("no displacement to draw: no pixel in these tables has a flow")
+        raise UsageError("there are no displacements to draw: no pixel in these tables has a flow")
     figure, (axes,) = new_figure(6.4, 3.6)
     right = 0.0
     for drawn, (label, table) in enumerate(tables.items()):

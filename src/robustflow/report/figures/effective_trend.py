@@ -1,4 +1,4 @@
-"""Figure of effective robustness: corrupted against clean EPE, with the trend through all models of a setting."""
+"""Figure of effective robustness: corrupted against clean EPE, with the trend over all models in a setting."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
     if figure.get_layout_engine() is not None:
-        # compute the layout once: every draw would shift it slightly and change the bytes
+        # compute the layout only once, because every draw would shift it slightly and change the bytes
         settle_layout(figure)
         figure.set_layout_engine(None)  # not "none", which draws everything twice to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]

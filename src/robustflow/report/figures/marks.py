@@ -1,4 +1,4 @@
-"""Meaning of each mark in a figure, which lets a page label the mark and link to its model."""
+"""Meaning of each mark in a figure, so that a page can label the mark and link it to its model."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Mark:
 
 
 class MarkedFigure(Figure):
-    """A figure with the meaning of its marks.
+    """A figure together with the meaning of its marks.
 
     Attributes:
         marks: marks of each artist in drawing order, by the artist's id in the SVG.

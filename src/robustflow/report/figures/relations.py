@@ -1,4 +1,4 @@
-"""The paper's figure of the relations between clean EPE, corrupted EPE, CRE and RCRE, with correlations."""
+"""The paper's figure of how clean EPE, corrupted EPE, CRE and RCRE are related, with correlations."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _OF = {
 
 @default_style()
 def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
-    """Plot four panels with a point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE. A
-    quantity has the same axis in every panel.
+    """Plot four panels with one point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE. A
+    quantity has the same axis range in every panel.
 
     Pearson's r and Spearman's rho are shown for each setting with at least `LEAST_MODELS` models. As in the paper's
     discussion, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no others;
@@ -99,5 +99,5 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
 def _correlation(points: list[dict[str, float]], x: str, y: str) -> str:
     xs, ys = (np.array([point[name] for point in points]) for name in (x, y))
     if np.ptp(xs) == 0 or np.ptp(ys) == 0:
-        return "no correlation: a value is the same for all models"
+        return "no correlation: one variable is the same for all models"
     return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}, {len(xs)} models"

@@ -1,4 +1,4 @@
-"""Security curves: error by attack budget, with a panel for each norm."""
+"""Security curves: error by attack budget, with one panel per norm."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
         UsageError: there are no points.
     """
     if not points:
-        raise UsageError("a run without attacks has no security curves: run with --attacks")
+        raise UsageError("this run has no attacks and so no security curves: run it with --attacks")
     styles = model_styles(point.attack for point in points)
     norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
     figure, axes = new_figure(4.4 * len(norms), 3.4, 1, len(norms))

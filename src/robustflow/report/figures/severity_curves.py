@@ -1,4 +1,4 @@
-"""Curves of a metric by severity, with a panel per corruption, a line per run, and confidence bands."""
+"""Curves of a metric by severity, with one panel per corruption, one line per run, and confidence bands."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def severity_curves(
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
-    figure.set_layout_engine(None)  # equal panels need no layout engine, which is slow
+    figure.set_layout_engine(None)  # panels of equal size do not need a layout engine, which is slow
     for extra in axes[len(shown) :]:
         extra.remove()
     banded = False
@@ -86,7 +86,7 @@ def severity_curves(
                 )
         panel.set_title(
             name_text(long_label(corruption)), fontsize=8.5, y=1
-        )  # otherwise measured by the layout, as are labels
+        )  # otherwise included in the layout, as are labels
         panel.xaxis.set_label_coords(0.5, 0)
         panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)
@@ -122,8 +122,8 @@ def _legend(figure: MarkedFigure) -> int:
 
 @default_style()
 def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool = False) -> None:
-    """Give all panels a vertical axis that fits the curves of all or, with `apart`, of each panel alone. Each axis
-    starts at 0 unless a value is negative, and spans at least `least`."""
+    """Set the limits of the vertical axes from the curves of all panels or, with `apart`, of each panel separately.
+    Each axis starts at 0 unless a value is negative, and spans at least `least`."""
     together = [end for axes in figure.axes for end in axes.dataLim.intervaly]
     for axes in figure.axes:
         axes.set_ylim(fair_limits(axes.dataLim.intervaly if apart else together, least, zero=True))

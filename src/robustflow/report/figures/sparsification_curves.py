@@ -1,5 +1,5 @@
-"""Sparsification curves: the error after removing the least confident pixels, with a panel per family and a line per
-severity."""
+"""Sparsification curves: the error after removing the least confident pixels, with one panel per family and one line
+per severity."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> Mark
     drawn = [score for score in scores if score.severity is not None and score.by_confidence]
     families = list(dict.fromkeys(score.family for score in drawn))
     if not families:
-        raise UsageError("no sparsification curve: the run measured no confidence against ground truth")
+        raise UsageError("there is no sparsification curve: the run has no confidence or no ground truth")
     columns = min(_COLUMNS, len(families))
     rows = -(-len(families) // columns)
     figure, axes = new_figure(2.6 * columns, 2.3 * rows + 0.3, rows, columns)

@@ -57,7 +57,7 @@ MODEL_STYLES = (
 one page."""
 
 OTHER = Style("#666666")
-"""Style of models for which `MODEL_STYLES` has no style left, in figures that print names next to the points."""
+"""Style of the models that exceed the number of `MODEL_STYLES`, in figures that print names next to the points."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def kind_of(model: str) -> str:
 
 
 def model_styles(models: Iterable[str]) -> dict[str, Style]:
-    """Assign a style to each model in order; models for which no style is left get `OTHER`.
+    """Assign a style to each model in order; models beyond the number of styles get `OTHER`.
 
     >>> list(model_styles(["DIS", "Mine"]).values())
     [Style(colour='#E69F00', marker='o'), Style(colour='#6A3D9A', marker='s')]

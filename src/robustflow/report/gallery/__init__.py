@@ -1,1 +1,1 @@
-"""Galleries of corruptions as pictures, a figure, or an HTML page."""
+"""Galleries of corruptions: a figure or an HTML page."""

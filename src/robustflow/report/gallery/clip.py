@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ...datasets.video import Video
 
 LONGEST_PART = 96
-"""Number of encoded frames; the effect of H.264 and bit errors depends on earlier frames."""
+"""Maximum number of encoded frames; the effect of H.264 and bit errors on a frame depends on earlier frames."""
 
 SHOWN = 10
 MOST_SHOWN = 24
@@ -47,12 +47,12 @@ class ClipCell:
 
 
 class ClipPart:
-    """Select a part of a video or of a folder of frames, and the frames to show: those from `start`, or from the
-    middle.
+    """Part of a video or of a folder of frames, with the frames to show: the first ones from `start`, or those in the
+    middle of the clip.
 
     Args:
-        path: video file, folder of pictures, or folder of such folders (the first one is used).
-        start, stop: frame numbers, or for a video times such as "12.5s"; `stop` is exclusive.
+        path: video file, folder of images, or folder of image folders (the first one is used).
+        start, stop: frame numbers or, for a video, times such as "12.5s"; `stop` is exclusive.
         shown: number of frames to show, 2 to `MOST_SHOWN`; fewer if the part is shorter.
 
     Raises:
@@ -75,7 +75,7 @@ class ClipPart:
         self.first_number = (int(keys[0]) if digits else 0) + self.shown[0]
 
     def frames(self, numbers: range | None = None) -> Iterator[Frame]:
-        """Yield the RGB frames, uint8 (H, W, 3), of the whole part or of a range of it."""
+        """Yield the RGB frames, uint8 (H, W, 3), of the entire part or of a range of it."""
         for number in range(self.count) if numbers is None else numbers:
             if number < len(self._keys):
                 yield self._data.load(self._keys[number]).frames[0]
@@ -102,7 +102,7 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
                 raise UsageError(_NEEDS_MORE)
             if len(parts) > 1 and set(parts) & set(CLIP):
                 raise UsageError(
-                    f"'{name}' cannot be shown: corruptions of whole clips cannot be stacked in the gallery"
+                    f"'{name}' cannot be shown: corruptions of entire clips cannot be stacked in the gallery"
                 )
             if scale != "paper" and set(parts) & set(CLIP):
                 raise UsageError(f"{name} has no {scale} severities; leave out --severity-scale")
@@ -122,7 +122,8 @@ def clip_cells(
     key: str = "",
     scale: str = "paper",
 ) -> Iterator[ClipCell]:
-    """Yield the cells, corruption by corruption. Memory use is limited to the shown frames and the frames of one cell.
+    """Yield the cells, one corruption after another. Only the shown frames and the frames of one cell are kept in
+    memory.
 
     Args:
         part: part of the clip.
@@ -130,7 +131,7 @@ def clip_cells(
         severities: severities, 1 to 5.
         corruptions: corruptions from `chosen_corruptions`.
         folder: empty folder for the encoded clip.
-        seed, key: seed and key of the random draws; the frames equal those from `corrupt_clip`.
+        seed, key: seed and key of the random draws; the frames are equal to those from `corrupt_clip`.
         scale: severity scale, "paper" or "calibrated".
     """
     similarity = Ssim(shown[0])

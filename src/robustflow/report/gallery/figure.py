@@ -20,7 +20,7 @@ _DPI = 160
 
 @default_style()
 def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, form: str) -> bytes:
-    """Draw the clean frame and one picture per cell, in rows of three (wide frames) to five.
+    """Draw the clean frame and one picture per cell, with three (for wide frames) to five pictures per row.
 
     Args:
         clean: clean frame, RGB uint8 (H, W, 3).

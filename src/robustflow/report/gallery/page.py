@@ -15,10 +15,10 @@ from .clip import ClipCell
 from .pictures import CorruptedPicture
 
 WIDEST = 480
-"""Maximum picture width in pixels; a hundred pictures take a few megabytes."""
+"""Maximum picture width in pixels; the hundred pictures of a page take a few megabytes."""
 
 WIDEST_OF_CLIP = 288
-"""Maximum picture width in pixels for a clip, whose page contains a thousand pictures."""
+"""Maximum picture width in pixels for a clip, whose page contains about a thousand pictures."""
 
 _QUALITY, _QUALITY_OF_CLIP = 80, 50
 ABSENT = "not on this scale"
@@ -38,7 +38,7 @@ def render_page(clean: Frame, cells: Sequence[CorruptedPicture], severity: int, 
     """
     severities = sorted({cell.severity for cell in cells})
     if severity not in severities:
-        raise UsageError(f"there is nothing to show at severity {severity}: give cells of that severity")
+        raise UsageError(f"there is nothing to show at severity {severity}: provide cells for it")
     pictures = (
         (cell.name, cell.severity, [] if cell.frame is None else [cell.frame], _caption(cell)) for cell in cells
     )
@@ -65,7 +65,7 @@ def clip_slider(
     title: str,
     first_frame: int,
 ) -> Slider:
-    """Make the slider of a clip's page; `cells` may be a generator, consumed one cell at a time.
+    """Make the slider for the page of a clip; `cells` may be a generator, which is consumed one cell at a time.
 
     Args:
         clean: shown frames, RGB uint8 (H, W, 3).
@@ -90,7 +90,7 @@ def clip_slider(
 
 
 def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
-    """Return the page with a slider, and sentences below its title."""
+    """Return a page with a slider, and with remarks below its title."""
     return (
         _environment()
         .get_template("gallery.html")

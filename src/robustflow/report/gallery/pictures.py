@@ -1,4 +1,4 @@
-"""Pictures of a gallery: one frame of a pair under each corruption at each severity."""
+"""Pictures for a gallery: one frame of a pair under each corruption at each severity."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ def gallery(
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
     depth: SceneDepth | None = None,
 ) -> Iterator[CorruptedPicture]:
-    """Yield the cells, corruption by corruption.
+    """Yield the cells, one corruption after another.
 
     Args:
         frame1, frame2: frames of equal size, RGB uint8 (H, W, 3).
         severities: severities, 1 to 5.
         corruptions: names of corruptions or stacks; all image-pair corruptions by default.
-        seed, key: seed and key of the random draws; the frames equal those from `corrupt`.
+        seed, key: seed and key of the random draws; the frames are equal to those from `corrupt`.
         scale: severity scale, "paper" or "calibrated".
         classes: user-defined corruption classes, see `load_corruption`.
         depth: depth of the pair, for corruptions that need it; shown as the first cell.
@@ -88,8 +88,8 @@ def gallery(
 def _changed(
     pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str, depth: SceneDepth | None
 ) -> tuple[Frame, int]:
-    """Return the first frame that the corruption changed, since some corruptions change only one, or else the first
-    frame."""
+    """Return the first frame that the corruption changed, because some corruptions change only one of them; frame 1 if
+    neither changed."""
     unchanged = pair[0]
     for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key, depth=depth)):
         if not np.array_equal(frame, pair[index]):

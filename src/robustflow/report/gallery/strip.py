@@ -1,4 +1,4 @@
-"""Overview pictures of a model: frame, flow and errors under each corruption, and under each attack."""
+"""Overview pictures for a model: frame, flow and errors under each corruption or attack."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _Cells = dict[tuple[int, int], tuple[str, Frame]]
 
 @dataclass(frozen=True)
 class StripColumn:
-    """A column of the picture: one condition.
+    """A column of the picture, which shows one condition.
 
     Attributes:
         title: "clean", or the name of the corruption.
@@ -71,16 +71,16 @@ def strip_columns(
 
 @default_style()
 def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> bytes:
-    """Draw a WebP picture of three rows: frames, flows on a common colour scale, and end-point errors.
+    """Draw a WebP picture with three rows: frames, flows on a common colour scale, and end-point errors.
 
     Args:
         sample: clean pair. Errors are relative to its ground truth or, without ground truth, to the flow of the first
             column. For a static pair, the errors are phantom motion.
         columns: columns, with the clean one first.
-        model: its name, for the captions.
+        model: name of the model, for the captions.
 
     Returns:
-        The file's bytes, the same for the same arguments.
+        The bytes of the file; equal arguments give equal bytes.
     """
     truth, valid = (columns[0].flow, None) if sample.flow is None else (sample.flow, sample.valid)
     radius = flow_radius(truth, valid)
@@ -105,16 +105,16 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
 
 @default_style()
 def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> bytes:
-    """Draw a WebP picture with a row per attack: attacked frame 1, its change magnified around grey, and the flow
-    before and after.
+    """Draw a WebP picture with one row per attack: attacked frame 1, its change magnified around mid-grey, and the flow
+    before and after the attack.
 
     Args:
         clean: clean frame 1, RGB uint8 (H, W, 3).
         attacked: results of the attacks on the pair.
-        model: its name, for the captions.
+        model: name of the model, for the captions.
 
     Returns:
-        The file's bytes, the same for the same arguments.
+        The bytes of the file; equal arguments give equal bytes.
     """
     cells: _Cells = {}
     for row, one in enumerate(attacked):
@@ -131,7 +131,7 @@ def draw_attacks(clean: Frame, attacked: Sequence[Attacked], model: str) -> byte
 
 
 def magnified(clean: Frame, attacked: Frame) -> tuple[Frame, float]:
-    """Return the change of a frame, magnified around mid-grey, and the magnification; plain grey and 1 if nothing
+    """Return the change of a frame, magnified around mid-grey, and the magnification; uniform grey and 1 if nothing
     changed.
 
     >>> picture, factor = magnified(np.zeros((1, 2, 3), np.uint8), np.array([[[4, 0, 2], [0, 0, 0]]], np.uint8))

@@ -1,4 +1,4 @@
-"""Numbered footnotes; identical notes share a number."""
+"""Numbered footnotes, where identical notes share a number."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ..table import Table
 
 
 def numbered_notes(table: Table) -> dict[str, int]:
-    """Map each note to a number, starting from 1, in the order of the lines.
+    """Map each note to a number, starting at 1, in the order of the lines.
 
     >>> from robustflow.report.table import Line, Section
     >>> lines = (Line("a", (), "3 pairs"), Line("b", ()), Line("c", (), "3 pairs"))

@@ -18,7 +18,7 @@ from .footnotes import note_text, numbered_notes
 _PROSE = r"p{0.5\linewidth}"
 _PROSE_LETTERS, _PAGE_LINES = 38, 60
 """Characters per line of a prose column, and lines per page, in LaTeX's article class, which has the smallest text
-area."""
+area of the standard classes."""
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -122,7 +122,7 @@ def _float(table: Table, name: str) -> str:
 
 
 def escape(text: str) -> str:
-    """Escape text for LaTeX, keeping double hyphens as they are.
+    """Escape text for LaTeX, leaving double hyphens unchanged.
 
     >>> print(escape("50% of A_1 \\\\input{x}"))
     50\\% of A\\_1 \\textbackslash{}input\\{x\\}
@@ -137,7 +137,7 @@ def _letter(c: str) -> str:
 
 
 def _cell(cell: TableCell, shaded: bool) -> str:
-    # Typeset the sign of a number as a minus, and a hyphen in a name as a hyphen.
+    # Typeset the sign of a number as a minus sign, but leave hyphens in names unchanged.
     text = f"${cell.text}$" if cell.text[:1] == "-" and cell.text[1:].replace(".", "").isdigit() else escape(cell.text)
     if not cell.best:
         return text

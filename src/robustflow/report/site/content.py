@@ -37,13 +37,13 @@ class Content:
 
     Attributes:
         title: title of the page.
-        lines: lines of the runs, then of the files, then of the paper.
+        lines: lines from the runs, followed by those from the files and those from the paper.
         pages: id of the model's page for each line.
         group_titles: heading for each sample set.
         alone: whether the page is about its runs, and the paper's results are shown only for comparison, without
             figures, observations or audit.
-        of_paper: whether the averages of runs include only the paper's corruptions, for comparison with the published
-            averages.
+        of_paper: whether the averages of runs are restricted to the paper's corruptions, for comparison with the
+            published averages.
     """
 
     title: str
@@ -60,18 +60,18 @@ class Content:
 
     @cached_property
     def boards(self) -> list[Board]:
-        """Leaderboard of each benchmark."""
+        """The leaderboards, one per benchmark."""
         return boards_of(self.lines, self.group_titles)
 
     @cached_property
     def cells(self) -> dict[ModelResult, dict[ValueKey, TableCell]]:
-        """Cells of each line of the leaderboards."""
+        """The cells of each line in the leaderboards."""
         lines = ((board, line) for board in self.boards for line in board.lines)
         return {line.result: board.cells_of(line) for board, line in lines if line.result}
 
     @property
     def focus(self) -> list[ModelResult]:
-        """Lines that the page is about."""
+        """The lines that the page is about."""
         return [line for line in self.lines if not (self.alone and line.frames == PAPER)]
 
 
@@ -98,7 +98,7 @@ def whole_content(
         only_own: whether the page is about the runs and files, and shows the paper's results only for comparison.
 
     Raises:
-        DataError: a value appears twice, in two files or in a file and the paper's results.
+        DataError: the same value appears in two files, or in a file and in the paper's results.
         UsageError: there are no results.
     """
     return _content("Robustness of optical flow", runs, files, published, alone=only_own)

@@ -1,7 +1,7 @@
 """JSON data of a page, from which its script builds the leaderboard rows, the model pages and the downloads.
 
-Markup of a row is many times larger than its numbers, and most rows and pages are never viewed. Untrusted text is
-passed as data and becomes text in the browser, never markup.
+The markup of a row is many times larger than its data, and most rows and model pages are never viewed. Untrusted text
+is passed as data and becomes text in the browser, never markup.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def _board(board: Board, page_of: Mapping[ModelResult, str]) -> dict[str, Any]:
 
 
 def _keys(board: Board) -> list[ValueKey]:
-    """Order the columns: columns of a download first, then the costs and the means over corruption classes, which can
-    be computed from other columns."""
+    """Order the columns: those included in downloads first, then the costs and the means over corruption classes, which
+    can be computed from other columns."""
     present = {column.key for column in board.columns}
     corruptions = {corruption for _, corruption in present}
     order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
@@ -74,7 +74,7 @@ def _is_number(metric: str, corruption: str) -> bool:
 def _line(
     result: ModelResult, cells: Mapping[ValueKey, TableCell], place: Mapping[ValueKey, int], title: str, page: str
 ) -> dict[str, Any]:
-    """Return only the fields that exist: most lines have no intervals, and many have no note."""
+    """Return the data of a line without empty fields: most lines have no intervals, and many have no note."""
     values: list[str | int] = [0] * len(place)
     for key, cell in cells.items():
         values[place[key]] = cell.text
@@ -85,7 +85,7 @@ def _line(
         "page": page,
         "frames": plain(result.frames, 200),
         "note": note,
-        # text below the name: differences that the heading does not state, and why the model is not ranked
+        # text below the name: differences not mentioned in the heading, and why the model is not ranked
         "remark": with_exclusion(plain(note, 80) if note not in title else "", plain(result.excluded, 300)),
         "excluded": bool(result.excluded),
         "values": values,

@@ -1,4 +1,4 @@
-"""Slider of the embedded pair, for pages whose runs have no pictures; drawn once and cached for the user."""
+"""Slider that shows the embedded pair, for pages whose runs have no pictures; drawn once and cached per user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Example pictures from a run's folder, or of the embedded pair, ready to be embedded in a page.
+"""Example pictures from a run's folder, or of the embedded pair, for inclusion in a page.
 
 The folder is untrusted: its list is validated, file names must be plain names, and pictures are decoded and re-encoded
 so that only pixels reach the page.
@@ -32,8 +32,8 @@ _SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
 _QUALITY = 62
 
 MOST_RUNS = 12
-"""Maximum number of runs whose panels a page shows, since each run adds a third of a megabyte. With more runs, the page
-shows the first ones."""
+"""Maximum number of runs whose panels a page shows, because each run adds a third of a megabyte. With more runs, only
+the panels of the first ones are shown."""
 
 _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=500)]
@@ -68,7 +68,7 @@ class _ExampleList(Untrusted):
 
 @dataclass(frozen=True)
 class Examples:
-    """Pictures of a page: a slider, and the panels of each run."""
+    """Pictures for a page: a slider, and the panels of each run."""
 
     slider: Slider
     panels: Mapping[ModelResult, list[PanelPicture]] = field(default_factory=dict)
@@ -91,7 +91,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     """Read the pictures from a run's folder; None if it has none.
 
     Raises:
-        DataError: the list or a picture is corrupt, too large, or has unexpected content.
+        DataError: the list or a picture is corrupt, is too large, or has unexpected content.
     """
     folder = run.path / FOLDER
     if not (folder / EXAMPLES_FILE).is_file():
@@ -100,7 +100,9 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     try:
         shown = _ExampleList.model_validate_json(data)
     except ValidationError as error:
-        raise DataError(f"{folder / EXAMPLES_FILE}: {first_misfit(error)}; delete the folder, or run again") from error
+        raise DataError(
+            f"{folder / EXAMPLES_FILE}: {first_misfit(error)}; delete the folder, or run the command again"
+        ) from error
     clean = _read(folder / shown.slider.clean)
     pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in shown.slider.pictures)
     slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
@@ -140,9 +142,9 @@ def _panel(folder: Path, panel: _PanelEntry) -> PanelPicture:
 
 def _read(path: Path) -> Frame:
     if path.is_symlink():
-        raise DataError(f"{path} is a link; example pictures must be files in their folder")
+        raise DataError(f"{path} is a symbolic link; example pictures must be regular files")
     if path.is_file() and path.stat().st_size > _LARGEST_PICTURE:
-        raise DataError(f"{path}: larger than {_LARGEST_PICTURE >> 20} MiB; example pictures are small")
+        raise DataError(f"{path} is larger than {_LARGEST_PICTURE >> 20} MiB; example pictures are much smaller")
     return read_image(path)
 
 
@@ -151,7 +153,7 @@ def _bytes(path: Path, largest: int) -> bytes:
         with open(path, "rb") as file:
             data = file.read(largest + 1)
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+        raise DataError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
     if len(data) > largest:
-        raise DataError(f"{path}: larger than {largest >> 20} MiB; not a list of example pictures")
+        raise DataError(f"{path} is larger than {largest >> 20} MiB, so it is not a list of example pictures")
     return data

@@ -38,7 +38,7 @@ def run_facts(run: Run) -> Facts:
         ("Severity scale", frames.severity_scale or "paper"),
         ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),
         ("Seed", str(frames.seed)),
-        ("Variant of the corruptions", frames.variant),
+        ("Corruption variant", frames.variant),
         ("Cost", _cost(run)),
         ("Run", manifest.identity_digest),
         ("Packages", ", ".join(f"{name} {version}" for name, version in manifest.environment.packages.items())),

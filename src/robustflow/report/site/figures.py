@@ -31,7 +31,7 @@ from .svg import inline_svg, key_markup
 
 _TITLES = {
     "clean_against_cre": "Accuracy against robustness",
-    "crer_by_family": "Relative robustness by class of corruption",
+    "crer_by_family": "Relative robustness by corruption class",
     "relations": "Relations between the metrics",
     "effective_trend": "Effective robustness",
     "severity_curves": "Severity curves",
@@ -138,7 +138,7 @@ def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str,
     try:
         curves = severity_curves({name: of_frames[name].rows for name in runs}, styles=styles, legend=looks.legend)
     except UsageError:
-        pass  # runs without any valid pixel have no curve
+        pass  # runs without valid pixels have no curve
     else:
         fewer = len(runs) < len(of_frames)
         note = f"The {len(runs)} of {len(of_frames)} runs with the lowest error are drawn. " if fewer else ""

@@ -46,7 +46,7 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
         elif is_still(of):
             sentences += [*_phantom(lines), PHANTOM]
         elif len(lines) == 1:
-            sentences += _alone(lines[0]) + _not_ranked(lines, "No sign of robustness")
+            sentences += _alone(lines[0]) + _not_ranked(lines, "Not evidence of robustness")
         else:
             sentences += _of_own(lines, content)
     if published and not content.alone:
@@ -109,13 +109,13 @@ def _alone(line: ModelResult) -> list[str]:
     interval = line.intervals.get(("cre", AVERAGE))
     if interval is None:
         return [f"{sentence}. There are too few images or values for a confidence interval."]
-    significant = "more than chance" if interval[0] > 0 or interval[1] < 0 else "not more than chance"
+    significant = "significant" if interval[0] > 0 or interval[1] < 0 else "not significant"
     return [f"{sentence}; 95 % interval of the CRE {interval[0]:.2f} to {interval[1]:.2f} px: {significant}."]
 
 
 def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
-    """Return a sentence about the smallest increase in error among the ranked models, its significance, and the
-    accuracy."""
+    """Return sentences about the ranked model whose error increases least, whether its lead is significant, and which
+    model is most accurate."""
     left_out = _not_ranked(lines, "Not ranked")
     sound = ranked(lines)
     leaders = _ranked(sound)
@@ -129,9 +129,9 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
     sure, evidence = _difference(key[0], order, content)
     first, other = (f"{plain(line.name)} ({_shown(line, key)})" for line in (best, second))
     if sure:
-        sentence = f"{start}{_LEAST[key[0]]} under corruption for {first}, before {other}"
+        sentence = f"{start}{_LEAST[key[0]]} under corruption for {first}, followed by {other}"
     else:
-        sentence = f"{start}none can be called the most robust: the lead of {first} over {other} may be chance"
+        sentence = f"{start}none can be called the most robust: the lead of {first} over {other} may be due to chance"
     moved, less = (line.number(*_MOVED) for line in (best, second))
     if key != _MOVED and moved is not None and less is not None and moved - less >= 0.005:
         sentence += f"; the flow of {plain(second.name)} changes less (RCRE {less:.2f} against {moved:.2f} px)"
@@ -160,8 +160,8 @@ def _not_ranked(lines: Sequence[ModelResult], start: str) -> list[str]:
 
 
 def _difference(metric: str, order: Sequence[ModelResult], content: Content) -> tuple[bool, list[str]]:
-    """Return whether the lead of the best model over the second is significant, and a sentence about it. The test is
-    corrected for all pairs of the best `MOST_COMPARED` models, because the two were selected from them."""
+    """Return whether the lead of the best model over the second-best is significant, with a sentence about it. The test
+    is corrected for all pairs of the best `MOST_COMPARED` models, because the two were selected from these."""
     lines = order[:MOST_COMPARED]
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
     measured = {line.name: rows(line.run) for line in lines if line.run is not None}

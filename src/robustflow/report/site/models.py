@@ -1,4 +1,4 @@
-"""Page of a model: its numbers under every corruption, facts about the run, and a breakdown of its error."""
+"""The page of a model: its numbers under every corruption, facts about the run, and a breakdown of its error."""
 
 from __future__ import annotations
 
@@ -120,9 +120,11 @@ def _sentences(line: ModelResult) -> tuple[str, ...]:
         sign = "+" if metric == "cre" else ""
         named = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
         worst = named[:-1][:3]
-        are = "is" if len(worst) == 1 else "are"
+        are = "corruption is" if len(worst) == 1 else "corruptions are"
         where = f"{benchmark_label(line.benchmark)}, {setting_words(line.setting)}"
-        return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {named[-1]}.",)
+        return (
+            f"{where}: by {METRIC_LABELS[metric]}, the worst {are} {', '.join(worst)}; the mildest is {named[-1]}.",
+        )
     return ()
 
 
@@ -145,7 +147,7 @@ def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
         lines.append(Line(plain(long_label(row["corruption"])), tuple(cells)))
     columns = [Column(label, strongest=top) for label in (*levels, "mean")]
     columns += [Column("slope")] if slopes else []
-    label = "Deviation over draws (px)" if metric == "spread" else metric_label(metric)
+    label = "Standard deviation over draws (px)" if metric == "spread" else metric_label(metric)
     return _table(f"{label} by severity", columns, lines)
 
 
@@ -165,8 +167,8 @@ def _table(title: str, columns: Sequence[Column], lines: Sequence[Line]) -> Tabl
 
 
 def _anatomy(run: Run) -> Table | None:
-    """Return the regions and families of the anatomy table; slopes are omitted because the severity tables show
-    them."""
+    """Return the parts of the anatomy table about regions and families. Slopes are omitted because the severity tables
+    show them."""
     whole = anatomy_table([run])
     lines = [line for line in whole.lines if any(cell.text != DASH for cell in line.cells[:2])]
     if not lines:

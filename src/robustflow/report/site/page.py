@@ -1,4 +1,4 @@
-"""Write a page as HTML. The templates escape everything that comes from a file."""
+"""Render a page as HTML. The templates escape everything that comes from a file."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
 
 
 def _attacks(lines: Sequence[ModelResult]) -> list[tuple[str, Table, PageFigure | None]]:
-    """Return name, table and security curves of each run with attacks."""
+    """Return the name, the table and the security curves of each run with attacks."""
     tables = [(line.name, line.run, attack_table(line.run)) for line in lines if line.run]
     return [(name, table, attack_figure(at, run)) for at, (name, run, table) in enumerate(tables) if table is not None]
 

@@ -143,7 +143,7 @@ def _panel_boxes(figure: MarkedFigure) -> list[Bbox]:
 
 
 _RIM = 2.0
-"""margin in pixels around a panel, because text may be wider in the browser than measured"""
+"""margin around a panel in pixels, because text may be wider in the browser than measured here"""
 
 
 def mark_text(mark: Mark) -> str:
@@ -251,7 +251,7 @@ _ITEM = Markup('<li><svg class="glyph" viewBox="-6 -6 12 12" aria-hidden="true">
 
 
 def key_markup(key: Sequence[tuple[str, Style, bool]]) -> Markup:
-    """Return the key, given as (label, style, whether the marker is filled), as an HTML list; "" for an empty key.
+    """Return a figure's key, given as (label, style, whether the marker is filled), as an HTML list; "" if it is empty.
 
     >>> print(key_markup([]))
     <BLANKLINE>

@@ -10,7 +10,7 @@ REPORT = "report.html"
 
 
 def write_report(run: Run) -> None:
-    """Write `report.html` with the existing examples into a run's folder, unless it is up to date.
+    """Write `report.html`, with any existing example pictures, to a run's folder unless it is up to date.
 
     Args:
         run: run to report.

@@ -13,9 +13,9 @@ from .pictures import Shot, Slider
 
 
 def slider_markup(slider: Slider) -> Markup:
-    """Return the slider's element, with its pictures as data. All text is escaped.
+    """Return the slider's HTML element, which contains its pictures as data. All text is escaped.
 
-    The initial pictures are in the markup itself, so they are visible without scripts.
+    The initial pictures are part of the markup, so they are visible without scripts.
     """
     figures = []
     for index, (name, shots) in enumerate(slider.corruptions):
@@ -45,8 +45,8 @@ def _first(slider: Slider, shots: tuple[Shot, ...]) -> Shot | None:
 
 
 def _data(slider: Slider) -> dict[str, Any]:
-    """Return the data for the script. Pictures that are already in the markup are null, so that each is embedded only
-    once."""
+    """Return the data for the script. Pictures that are already part of the markup are null, so that no picture is
+    embedded twice."""
     corruptions = []
     for name, shots in slider.corruptions:
         first = _first(slider, shots)

@@ -1,4 +1,4 @@
-"""Pictures of a slider: frames as `data:` URLs, small enough for hundreds of them in one page."""
+"""Pictures for a slider: frames as `data:` URLs, small enough that one page can contain hundreds of them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Slider:
         width, height: size of every picture, in pixels.
         clean: a `data:` URL for each clean frame; with more than one, the page has a frame control.
         corruptions: corruptions as (label, shots by ascending severity); a severity without a shot shows `absent`.
-        severities: severities of the severity control.
+        severities: severities offered by the severity control.
         start: initial severity; the nearest one is used if it is missing.
         together: whether to show all corruptions initially instead of the first one.
         absent: text shown for a severity without a picture.
@@ -62,11 +62,11 @@ def make_slider(
     absent: str = "This severity was not run.",
     first_frame: int = 0,
 ) -> Slider:
-    """Make a slider from frames; `pictures` may be a generator, consumed one corrupted clip at a time.
+    """Make a slider from frames; `pictures` may be a generator, which is consumed one corrupted clip at a time.
 
     Args:
         title, severities, start, together, absent, first_frame: see `Slider`.
-        clean: one or more clean frames of equal size, RGB uint8 (H, W, 3).
+        clean: at least one clean frame, all of equal size, RGB uint8 (H, W, 3).
         pictures: tuples of corruption, severity, as many frames as in `clean`, and caption, in the order of the
             corruption menu. With an empty list of frames, the corruption is listed and its severity shows `absent`.
         widest: maximum picture width, in pixels.

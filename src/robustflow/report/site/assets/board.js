@@ -85,8 +85,8 @@ function cellKey(line, index, text) {
   return Number.isNaN(number) ? null : number;
 }
 
-// Sort within a group only: lines of different groups were measured on different frames. Missing values come last, and
-// after them models that are not ranked.
+// Sort within a group only: lines of different groups were measured on different frames. Missing values come last,
+// followed by models that are not ranked.
 function sortLines(board) {
   const { sort, down } = board;
   const text = board.head[sort].dataset.kind === "text";

@@ -72,7 +72,7 @@ window.robustflow.modelPage = (id, primary) => {
     parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...page.panels.map((panel, index) => panelOf(panel, id, index))));
   }
   const facts = page.facts.map(([label, text]) => make("div", {}, make("dt", {}, label), make("dd", {}, text)));
-  parts.push(make("h3", {}, "What this is"), make("dl", { class: "facts" }, ...facts));
+  parts.push(make("h3", {}, "About this result"), make("dl", { class: "facts" }, ...facts));
   const attributes = { class: "model", id: `model-${id}`, "data-page": id, "data-primary": primary, "aria-labelledby": `title-${id}` };
   return make("article", attributes, ...parts);
 };

@@ -1,7 +1,7 @@
 "use strict";
 // Meaning of the URL fragment: `model=ID` is a model's page (with `panel=N` at one of its pictures), `key=value&...`
-// the state of the leaderboard, anything else an ordinary anchor. A change of the leaderboard replaces the address;
-// opening a model adds to the history.
+// the state of the leaderboard, anything else an ordinary anchor. Changes to the leaderboard replace the current history
+// entry; opening a model adds a new one.
 const overview = document.querySelectorAll("[data-overview]");
 const { data, modelPage } = window.robustflow;
 const primary = document.getElementById("primary");
