@@ -144,7 +144,7 @@ def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkey
     monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts but finds nothing
     fetch = f"from robustflow.corruptions.weather import frost_assets as f; f._download(f.Path({str(tmp_path)!r}))"
     done = place.python("-P", "-c", fetch)
-    assert "pip could not fetch" in done.stderr
+    assert "pip could not download" in done.stderr
     assert place.what_ran() == []
 
 

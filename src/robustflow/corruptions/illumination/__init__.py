@@ -1,1 +1,1 @@
-"""Corruptions of the family "illumination", which change V in HSV (paper, appendix "Illumination corruptions")."""
+"""The "illumination" family of corruptions: changes of V in HSV (paper, appendix "Illumination corruptions")."""

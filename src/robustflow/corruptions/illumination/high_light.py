@@ -9,10 +9,10 @@ from ..kernels.value_table import Table, look_up, shift_table
 
 
 class HighLight(Corruption):
-    """Brightens frames: V' = V + c on [0, 1]; `severities` are c (paper, "High-Light"; `brightness` in the reference
-    code).
+    """Brightens frames: V' = V + c on [0, 1]; a severity is c (paper, "High-Light").
 
-    `variant="reference"` truncates grey levels, as the reference code does here and nowhere else in the family.
+    The reference code calls this corruption `brightness` and truncates grey levels, unlike in the rest of this family;
+    `variant="reference"` does so, too.
     """
 
     name = "high_light"

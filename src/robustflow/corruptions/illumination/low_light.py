@@ -9,7 +9,7 @@ from ..kernels.value_table import Table, look_up, shift_table
 
 
 class LowLight(Corruption):
-    """Darkens frames: V' = V - c on [0, 1]; `severities` are c (paper, "Low-Light")."""
+    """Darkens frames: V' = V - c on [0, 1]; a severity is c (paper, "Low-Light")."""
 
     name = "low_light"
     family = "illumination"

@@ -13,7 +13,7 @@ from ..kernels.value_table import Table, gain_table, look_up
 
 
 class LightState(NamedTuple):
-    """The value table, and whether to expose frames with even or odd index."""
+    """The value table, and whether to overexpose frames with even or odd indices."""
 
     table: Table
     exposed: int
@@ -22,8 +22,8 @@ class LightState(NamedTuple):
 class OverExposure(Corruption):
     """Applies V' = V 2**ev to one of two successive frames, chosen at random (paper, "Over Exposure").
 
-    `severities` are ev. The paper says "one image", which is chosen at random, as in the reference code. In a clip
-    every second frame is overexposed.
+    A severity is ev. The paper says "one image"; it is chosen at random, as in the reference code. In a clip, every
+    second frame is overexposed.
     """
 
     name = "over_exposure"
@@ -32,9 +32,9 @@ class OverExposure(Corruption):
     paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        """Draw the frame to expose; the state also contains the table."""
+        """Choose the frame to change at random; the state also contains the value table."""
         return LightState(gain_table(2.0 ** self.parameter(severity)), rng.integer(0, 2))
 
     def apply(self, frame: Frame, state: LightState, index: int) -> Frame:
-        """Expose one frame, or copy it."""
+        """Change the exposure of one frame, or copy it."""
         return look_up(frame, state.table) if index % 2 == state.exposed else np.array(frame, order="C")

@@ -1,1 +1,1 @@
-"""Compiled loops and filters that corruptions share."""
+"""Compiled loops and filters shared by several corruptions."""

@@ -1,10 +1,11 @@
-"""Draw from a discrete distribution with one table lookup: Walker's alias method on integers.
+"""Sample from a discrete distribution with one table lookup: Walker's alias method on integers.
 
-A table has 2**b columns of equal height with at most two outcomes per column. The top b bits of a 32-bit random word
+A table has 2**b columns of equal height with at most two outcomes per column. The top b bits of a 32-bit random number
 select the column, and the next bits select one of its outcomes. Probabilities are integer counts that sum to the number
 of (column, height) positions, so the table is bit-identical on every machine.
 
-An entry packs (height of the primary outcome, alias outcome, primary outcome) from the highest to the lowest bits.
+Each entry contains the height of the primary outcome (highest bits), the alias outcome and the primary outcome (lowest
+bits).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 
 def height_bits(value_bits: int) -> int:
-    """Return the bits left for the height in a 32-bit entry that contains two outcomes of `value_bits` each."""
+    """Return the number of bits left for the height in a 32-bit entry with two outcomes of `value_bits` bits each."""
     return 32 - 2 * value_bits
 
 
@@ -26,8 +27,9 @@ def alias_table(counts: Sequence[int], column_bits: int, value_bits: int) -> npt
     """Build the table, uint32 (2**column_bits,), in which outcome `i` occupies counts[i] positions.
 
     Args:
-        counts: at most 2**column_bits non-negative integers with the sum 2**(column_bits + height_bits(value_bits)).
-        column_bits, value_bits: number of bits of a column index and of an outcome; outcomes are 0 .. len(counts) - 1.
+        counts: at most 2**column_bits non-negative integers whose sum is 2**(column_bits + height_bits(value_bits)).
+        column_bits: number of bits of a column index.
+        value_bits: number of bits of an outcome; the outcomes are 0 to len(counts) - 1.
 
     >>> table = alias_table([3 << 30, 1 << 30], column_bits=2, value_bits=1)
     >>> table.size, int(table[0]) & 1
@@ -55,8 +57,9 @@ def alias_table(counts: Sequence[int], column_bits: int, value_bits: int) -> npt
 
 
 def counts_from_cdf(cdf: Sequence[Decimal], total: int) -> list[int]:
-    """Return integer counts whose cumulative sums are total * cdf, rounded to the nearest integer; the last cdf value
-    is 1.
+    """Return integer counts whose cumulative sums are total * cdf, rounded to the nearest integer.
+
+    The last value of `cdf` must be 1.
     """
     edges = [0, *(round(total * p) for p in cdf[:-1]), total]
     return [after - before for before, after in pairwise(edges)]
@@ -81,7 +84,7 @@ def normal_cdf(x: Decimal) -> Decimal:
 
 
 def poisson_cdf(mean: Decimal, outcomes: int) -> list[Decimal]:
-    """Return P(Poisson(mean) <= k) for k = 0 .. outcomes - 1, identical on every machine.
+    """Return P(Poisson(mean) <= k) for k = 0 to outcomes - 1, identical on every machine.
 
     >>> [str(round(p, 6)) for p in poisson_cdf(Decimal(2), 3)]
     ['0.135335', '0.406006', '0.676676']

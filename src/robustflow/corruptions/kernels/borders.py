@@ -7,7 +7,7 @@ from ...compiled import njit
 
 @njit(cache=True, nogil=True)
 def mirrored(i: int, n: int) -> int:
-    """Mirror index `i` on an axis of length `n` about the end pixels, without repeating them.
+    """Mirror index `i` on an axis of length `n` at the end pixels, without repeating them.
 
     >>> [mirrored(i, 3) for i in range(-3, 6)]
     [1, 2, 1, 0, 1, 2, 1, 0, 1]

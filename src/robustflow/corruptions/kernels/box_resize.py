@@ -1,8 +1,8 @@
 """Downscale with a box filter and upscale with nearest neighbour, bit-identical to Pillow.
 
 A box filter weights its n pixels equally, so an output pixel is (sum * round(2**22 / n) + 2**21) >> 22. Columns are
-downscaled first, then rows, with 8-bit intermediate values (as in Pillow 10; Pillow 13 starts with the rows of tall
-images, which may differ by one grey level).
+downscaled first, then rows, with 8-bit intermediate values (as in Pillow 10; for tall images, Pillow 13 starts with the
+rows, and results may differ by one grey level).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _HALF = 1 << 21
 
 
 class _AxisResize(NamedTuple):
-    """Index tables for downscaling one axis from `size` to `small` pixels and upscaling it again."""
+    """Index tables for downscaling an axis from `size` to `small` pixels and upscaling it again."""
 
     first: npt.NDArray[np.int64]  # (small,) first pixel under the box
     covered: npt.NDArray[np.int64]  # (small,) number of pixels under the box
@@ -63,7 +63,8 @@ def pixelated(frame: Frame, factor: float) -> Frame:
 
 @njit(cache=True, nogil=True)
 def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any) -> None:
-    """Compute box sums of every width at every position, in a loop that vectorises, then pick the needed ones."""
+    """Compute box sums of every required width at every position in a loop that vectorises, then select the required
+    sums."""
     width = source.shape[1]
     sums = np.empty(width, np.uint32)
     means = np.empty((weights.size, width), np.uint8)

@@ -1,7 +1,7 @@
 """Compute the distance to the nearest edge in integer arithmetic.
 
-OpenCV's `distanceTransform` may use Intel IPP, and then the last bits of the floats differ, which later rounding turns
-into whole grey levels. The weights are those of OpenCV's 5 x 5 mask: 1, 1.4 and 2.1969.
+OpenCV's `distanceTransform` may use Intel IPP, which changes the last bits of the floats; after rounding, the results
+can differ by a grey level. The weights are those of OpenCV's 5 x 5 mask: 1, 1.4 and 2.1969.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
     [[20000, 20000, 10000, 0]]
     """
     distance = np.where(edges > 0, 0, limit * _STRAIGHT).astype(np.int32)
-    for _ in range(2):  # from the upper left, then from the lower right
+    for _ in range(2):  # first from the upper left, then from the lower right
         _sweep(distance, limit * _STRAIGHT)
-        distance = np.ascontiguousarray(distance[::-1, ::-1])  # a single layout, so that the loops are compiled once
+        distance = np.ascontiguousarray(distance[::-1, ::-1])  # one layout, so that the loops are compiled only once
     return distance
 
 
 def mean_distance(distance: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
-    """Compute the mean over each 3 x 3 neighbourhood in pixels, rounded down: uint8 (H, W). Borders are mirrored."""
+    """Compute the mean distance in each 3 x 3 neighbourhood in pixels, rounded down: uint8 (H, W). Borders are
+    mirrored."""
     out = np.empty(distance.shape, np.uint8)
     _mean(distance, out)
     return out

@@ -1,8 +1,8 @@
 """Convolve with an anti-aliased disk in time proportional to the radius instead of the area.
 
-First the image is summed exactly over the flat disk, using differences of integer running sums along the rows; then the
-sum is blurred along both axes. The rim (see disk_kernel.py) is added as rows before the blur along the row, and as
-columns after it.
+The image is first summed exactly over a uniform disk, using differences of integer running sums along the rows; then
+the result is blurred along both axes. The rim (see disk_kernel.py) consists of row segments, which are added before the
+horizontal blur, and column segments, which are added after it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .separable import FLOOR
 
 _U = np.uint64  # unsigned indices avoid numba's check for negative indices
 _STRIP = 640
-"""Number of columns processed at a time, chosen so that the rows read by a sum stay in the L1 cache."""
+"""Number of columns processed at a time, chosen so that all rows needed for a sum fit in the L1 cache."""
 
 
 def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
@@ -41,9 +41,9 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
 
 @njit(cache=True, nogil=True)
 def _running_sums(row: Any, start: int, sums: Any) -> None:
-    """Compute the running sums of each channel from column `start` on, mirroring columns outside the row.
+    """Compute the running sums of each channel, starting at column `start`; columns outside the row are mirrored.
 
-    sums[3 * (j + 1) + c] - sums[3 * i + c] is the sum of channel c over columns start + i, ..., start + j.
+    sums[3 * (j + 1) + c] - sums[3 * i + c] is the sum of channel c over columns start + i to start + j.
     """
     width = row.size // 3
     r = g = b = np.int32(0)
@@ -60,9 +60,7 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
-    """Add a row segment. Whole rows and a start index are passed, because numba compiles slices more slowly than this
-    loop.
-    """
+    """Add a row segment, given by a row and a start index because numba compiles slices more slowly than this loop."""
     for i in range(_U(total.size)):
         total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
 
@@ -77,7 +75,7 @@ def _add_four_segments(total: Any, a: Any, b: Any, l0: Any, r0: Any, c: Any, d: 
 
 @njit(cache=True, nogil=True)
 def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
-    """Sum over the flat disk around row `y`; total[0] is centred on column `middle` of the running sums."""
+    """Sum over the uniform disk around row `y`; total[0] is centred on column `middle` of the running sums."""
     window = len(ring)
     for i in range(total.size):
         total[i] = 0
@@ -141,12 +139,11 @@ def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, columns: Any, total: Any) -> None:
-    """Compute the rim; `columns[h]` is a buffer for the running sums over rows y - h, ..., y + h, and `columns[-1]`
-    stays zero.
-    """
+    """Compute the rim; `columns[h]` is a buffer for the running sums over rows y - h to y + h, and `columns[-1]` is
+    zero."""
     window = len(ring)
     row, first_sums = ring[y % window], columns[0]
-    for i in range(row.size):  # assigning slices would compile error messages, which takes three seconds
+    for i in range(row.size):  # slice assignment would add three seconds of compile time for its error messages
         first_sums[i] = row[i]
     for h in range(1, len(columns) - 1):
         _add_three(columns[h - 1], ring[(y - h) % window], ring[(y + h) % window], columns[h])
@@ -176,7 +173,7 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
 
 @njit(cache=True, nogil=True)
 def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
-    """Blur vertically: apply `taps` to rows y - g, ..., y + g of a ring buffer."""
+    """Blur vertically: apply `taps` to rows y - g to y + g of a ring buffer."""
     window = len(rows)
     row = rows[y % window]
     for i in range(out.size):
@@ -199,7 +196,8 @@ def _convolve(
     offset: Any,
     out: Any,
 ) -> None:
-    """Compute the strip `out` of columns, starting at column `x0` of `source`; the rim needs `tallest` rows of sums."""
+    """Compute a strip `out` of columns that starts at column `x0` of `source`; the rim requires `tallest` rows of
+    sums."""
     height, n = out.shape
     g = len(taps) - 1
     reach = len(widths) - 1 + g

@@ -1,10 +1,10 @@
-"""Blur with flat disks whose radius depends on depth, layer by layer from the nearest to the farthest.
+"""Blur with uniform disks whose radius depends on depth, layer by layer from the nearest to the farthest.
 
-Each layer and its mask are blurred separately with the running sums of disk.py. A layer that covers a fraction of a
-pixel hides the same fraction of the layers behind it, and the visible colours are normalised by their coverage: a sharp
-foreground does not bleed into a blurred background, and a blurred foreground spreads over a sharp background.
-Background that is hidden in the frame but shows through a blurred foreground is filled with the mirror image of the
-pixels beside the foreground (excluding the edge pixel, where colours mix), as far inside as the blur reaches.
+Each layer and its mask are blurred separately, using the running sums in disk.py. A layer that covers a fraction of a
+pixel hides the same fraction of the layers behind it, and the visible colours are normalised by their coverage. So a
+sharp foreground does not bleed into a blurred background, whereas a blurred foreground spreads over a sharp background.
+Background that is hidden in the frame but visible through a blurred foreground is filled in by mirroring the pixels
+next to the foreground (except for the edge pixel, where colours mix) as far inwards as the blur extends.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from .borders import mirrored
 from .disk_kernel import disk_parts
 
 _ROWS, _COLUMNS = 32, 128
-"""Number of pixels processed at a time, chosen so that their running sums stay in the L2 cache."""
+"""Number of pixels processed at a time, chosen so that their running sums fit in the L2 cache."""
 _BLOCK = 16
-"""Side of the blocks, in pixels, for which the set of layers is stored."""
+"""Block size in pixels; the set of layers is stored per block."""
 _U = np.uint64  # unsigned indices avoid numba's check for negative indices
 
 Layers = npt.NDArray[np.uint8]
@@ -31,7 +31,7 @@ Layers = npt.NDArray[np.uint8]
 
 
 def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
-    """Blur each layer with a flat disk and composite the layers from front to back; borders are mirrored.
+    """Blur each layer with a uniform disk and composite the layers from front to back; borders are mirrored.
 
     Args:
         frame: image to blur, RGB uint8 (H, W, 3).
@@ -62,10 +62,10 @@ def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
 
 @njit(cache=True, nogil=True)
 def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
-    """Extend the background under nearer pixels, from four directions, up to the reach of their blur.
+    """Extend the background behind nearer pixels from four directions, up to the radius of their blur.
 
-    `source` is set to the position in the frame whose colour and layer lie behind a pixel, from the direction with the
-    smallest `distance`.
+    For each pixel, `source` becomes the position in the frame that provides the colour and layer behind it, using the
+    direction with the smallest `distance`.
     """
     height, width = layers.shape
     pixels = layers.reshape(-1)
@@ -86,7 +86,8 @@ def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
-    """Fill pixels from the last background pixel on, which has `behind` pixels before it and `ahead` after it."""
+    """Fill the pixels after the last background pixel, which has `behind` pixels before it and `ahead` pixels after
+    it."""
     depth = pixels[edge]
     for far in range(1, ahead + 1):
         at = edge + far * step
@@ -111,7 +112,7 @@ def _collect(layers: Any, source: Any, present: Any) -> None:
 
 
 def _present(layers: Layers, source: npt.NDArray[np.int32], count: int) -> npt.NDArray[np.uint32]:
-    """Return bit masks of the layers in, or behind, each block of pixels."""
+    """Return bit masks of the layers that occur in or behind each block of pixels."""
     height, width = layers.shape
     present = np.zeros((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint32)
     _collect(layers, source, present)
@@ -120,7 +121,7 @@ def _present(layers: Layers, source: npt.NDArray[np.int32], count: int) -> npt.N
 
 @njit(cache=True, nogil=True)
 def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, height: int, width: int) -> Any:
-    """Whether a layer may occur in rows y0 ... y1 - 1, columns x0 ... x1 - 1."""
+    """Return whether a layer may occur in rows y0 to y1 - 1 and columns x0 to x1 - 1."""
     bit = np.uint32(1) << np.uint32(layer)
     for v in range(max(y0, 0) // _BLOCK, (min(y1, height) - 1) // _BLOCK + 1):
         for u in range(max(x0, 0) // _BLOCK, (min(x1, width) - 1) // _BLOCK + 1):
@@ -131,9 +132,7 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
 
 @njit(cache=True, nogil=True)
 def _layer_sums(frame: Any, layers: Any, source: Any, layer: int, y: int, x0: int, sums: Any) -> None:
-    """Compute the running sums of a layer's colours and mask from column `x0` of row `y` on; (4, n + 1), starting at
-    zero.
-    """
+    """Compute the running sums of a layer's colours and mask in row `y`, starting at column `x0`: (4, n + 1)."""
     width = layers.shape[1]
     pixels, numbers = frame.reshape(-1), layers.reshape(-1)
     row = y * width
@@ -173,7 +172,7 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
         for i in range(line.size):
             line[i] = 0
         for dy in range(-reach, reach + 1):
-            if sums[y + dy, 3, last] == 0:  # none of the layer in this row
+            if sums[y + dy, 3, last] == 0:  # the layer does not occur in this row
                 continue
             half = widths[abs(dy)]
             _add_segment(line, sums[y + dy, channel], _U(reach - half), _U(reach + half + 1))
@@ -181,7 +180,7 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
-    """Add a layer behind the previous ones; return whether any pixel is still partly uncovered."""
+    """Add a layer behind the previous ones; return whether any pixel is not yet fully covered."""
     covers, open_ = total[3], np.float32(0)
     for channel in range(3):
         line, colour = total[channel], colours[channel]
@@ -197,7 +196,7 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 def _put_sharp_behind(
     frame: Any, layers: Any, source: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """Add a layer like `_put_behind`, but without blur."""
+    """Add a layer without blur behind the previous ones, like `_put_behind`."""
     width = layers.shape[1]
     pixels, numbers, places = frame.reshape(-1), layers.reshape(-1), source.reshape(-1)
     left = False
@@ -247,7 +246,7 @@ def _blur(frame: Any, layers: Any, source: Any, present: Any, reach: Any, widths
                     if _is_near(present, k, y, y + 1, x0 - r, x0 + columns + r, height, width):
                         _layer_sums(frame, layers, source, k, y, x0 - r, sums[j])
                     else:
-                        sums[j, 3, n - 1] = 0  # which `_sum_row` leaves out
+                        sums[j, 3, n - 1] = 0  # tells `_sum_row` that the row is empty
                 left = False
                 for j in range(rows):
                     _sum_row(sums, j + r, r, widths[k], total)

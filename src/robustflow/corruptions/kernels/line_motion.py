@@ -1,10 +1,10 @@
-"""Blur along a straight line with a sparse kernel that has one tap per pixel of the line.
+"""Blur along a straight line with a sparse kernel that has one tap per pixel on the line.
 
-The taps are the line's points rounded to pixels, as in the reference code. Their weights are half of a Gaussian that
-starts at the pixel itself, so the kernel is one-sided. Borders repeat the edge.
+The taps are points on the line, rounded to pixels as in the reference code. Their weights are one half of a Gaussian
+that starts at the pixel itself, so the kernel is one-sided. Edge pixels are repeated beyond the border.
 
-Weights are 16-bit integers and pixels 16-bit fractions, so the sum is identical on every machine; each tap loses less
-than 1/256 of a grey level to truncation, and the mean loss is added back.
+Weights are 16-bit integers and pixels are 16-bit fractions, so the sum is identical on every machine. Truncation
+reduces each tap by less than 1/256 of a grey level, and the mean loss is added back.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
     """
     steps = np.arange(2 * radius + 1)
     down, right = math.sin(math.radians(angle)), math.cos(math.radians(angle))
-    # a point halfway between two pixels is rounded down; the offset hides the last bit of sin and cos
+    # points halfway between two pixels are rounded down; the offset hides differences in the last bit of sin and cos
     offsets = np.ceil(steps[:, None] * np.array([down, right]) - 0.5 - 1e-9).astype(np.int64)
     profile = np.exp(-(steps**2) / (2 * sigma**2))
-    # differences of the rounded running sum: each weight and the total are exact to one unit
+    # differences of rounded running sums, so each weight and the total are accurate to one unit
     running = np.rint(np.cumsum(profile) / profile.sum() * 65535)
     return LineKernel(offsets, np.diff(running, prepend=0).astype(np.uint16))
 
@@ -59,14 +59,14 @@ def move_plane(plane: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray
 
 
 def _moved(rows: npt.NDArray[np.uint16], step: int, kernel: LineKernel) -> npt.NDArray[np.uint8]:
-    """Blur rows of pixels, in 1/256 grey levels; horizontal neighbours within a channel are `step` values apart."""
+    """Blur rows of pixels in 1/256 grey levels; horizontal neighbours within a channel are `step` values apart."""
     out = np.empty(rows.shape, np.uint8)
     _move(rows, step, kernel.offsets, *_extent(kernel), kernel.weights, out)
     return out
 
 
 def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
-    """Return the extent of the taps: up and left (0 or negative), down and right."""
+    """Return the extent of the taps upwards and to the left (0 or negative), and downwards and to the right."""
     (up, left), (down, right) = kernel.offsets.min(axis=0).tolist(), kernel.offsets.max(axis=0).tolist()
     return min(0, up), max(0, down), min(0, left), max(0, right)
 

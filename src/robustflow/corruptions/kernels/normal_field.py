@@ -1,4 +1,4 @@
-"""Generate fields of normal noise, to be blurred afterwards, with one table lookup per sample."""
+"""Generate fields of Gaussian noise with one table lookup per sample."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ...random.normal import normals_from_bits
 from ...random.rng import Rng, hash64
 
 UNIT = 2.0**-12
-"""Quantisation step of a field: normal samples are rounded to multiples of 1/4096."""
+"""Quantisation step of a field; samples are rounded to multiples of 1/4096."""
 
 
 def normal_field(rng: Rng, height: int, width: int) -> npt.NDArray[np.int16]:
     """Generate independent standard normal samples, int16 (height, width) in units of `UNIT`.
 
-    Sixteen random bits select one of 65536 equally likely quantiles, so the tails end at 4.3 standard deviations.
+    16 random bits select one of 65536 equally likely quantiles, so the values are within 4.3 standard deviations.
 
     >>> field = normal_field(Rng.of("demo"), 100, 100) * UNIT
     >>> bool(abs(field.mean()) < 0.05), bool(abs(field.std() - 1) < 0.05)

@@ -1,9 +1,9 @@
-"""Generate a plasma fractal with the diamond-square method, used as the fog map.
+"""Generate a plasma fractal for use as a fog map, with the diamond-square algorithm.
 
 A square torus with 2**k points per side starts as a single zero and is doubled k times; each new point is the mean of
-its four neighbours plus uniform noise of amplitude 10000 / decay**(2 * level). The noise is a hash of the point's
-position, so any part can be refined separately: the whole torus is computed up to 512 x 512, and beyond that only the
-visible corner.
+its four neighbours plus uniform noise with an amplitude of 10000 / decay**(2 * level). The noise is a hash of the
+point's position, so any part can be refined separately: the full torus is computed up to 512 x 512, and beyond that
+only the visible corner.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ _AMPLITUDE = 100.0
 def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArray[np.float32]:
     """Return the top left corner, float32 (height, width) in [0, 1], of the smallest plasma map that contains it.
 
-    The map is normalised by its minimum and maximum over the whole torus, as in the reference code; for larger maps, by
-    those of the 512 x 512 points and the corner. The remaining points have an amplitude below 0.2 % of the range.
+    The map is normalised with the minimum and maximum of the full torus, as in the reference code. For maps larger than
+    512 x 512, the 512 x 512 points and the corner are used; the remaining points would add less than 0.2 % of the
+    range.
 
     >>> corner = plasma_corner(Rng.of("demo"), 40, 70, 2.0)
     >>> corner.shape, bool(corner.min() >= 0), bool(corner.max() <= 1)
@@ -39,7 +40,7 @@ def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArra
     low, high = grid.min(), grid.max()
     if len(grid) < size:
         rows, columns = _reach(height, size // len(grid)), _reach(width, size // len(grid))
-        start = -2  # two points before the corner on every level: doubling consumes one and doubles the other
+        start = -2  # two extra points before the corner at every level: doubling consumes one and doubles the other
         corner = np.take(grid, range(start, start + rows), 0, mode="wrap")
         corner = np.take(corner, range(start, start + columns), 1, mode="wrap")
         points = len(grid)
@@ -58,9 +59,7 @@ def _noise(rng: Rng, level: int, decay: float) -> tuple[np.uint64, np.float32]:
 
 
 def _reach(length: int, factor: int) -> int:
-    """Return the number of points needed along one axis so that `length` points remain beyond the margin after
-    upscaling by `factor`.
-    """
+    """Return the number of points needed for `length` points and the margin after upscaling by `factor`."""
     points = length + 2
     while factor > 1:
         points = -(-points // 2) + 2
@@ -70,15 +69,15 @@ def _reach(length: int, factor: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _wibble(bits: Any, amplitude: Any) -> Any:
-    """Convert the lowest sixteen bits to a uniform number in +-amplitude."""
+    """Convert the lowest 16 bits to a uniformly distributed number in +-amplitude."""
     return amplitude * (np.float32(np.int32(bits & np.uint64(0xFFFF))) * np.float32(2.0**-15) - np.float32(1))
 
 
 @njit(cache=True, nogil=True)
 def _double(coarse: Any, start: int, points: int, key: Any, amplitude: Any) -> Any:
-    """Refine a part of a torus with `points`**2 points; the part starts at row and column `start`.
+    """Refine part of a torus with `points`**2 points, starting at row and column `start`.
 
-    (R, C) points become (2R - 4, 2C - 4), because the outermost ring is only used as neighbours.
+    (R, C) points become (2R - 4, 2C - 4) because points in the outermost ring are used only as neighbours.
     """
     rows, columns = coarse.shape
     fine = np.empty((2 * rows - 4, 2 * columns - 4), np.float32)

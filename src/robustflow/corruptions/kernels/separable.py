@@ -1,10 +1,10 @@
 """Filter with a Gaussian in strict float32, with identical bytes on every machine.
 
-SciPy's filter works in float64 on whole images; OpenCV's uint8 version uses 8-bit coefficients (errors of up to two
-grey levels), and its float version depends on the processor. Here every output row is filtered vertically from the
-source and then horizontally, in a fixed order of additions, so no intermediate image is needed and one row at a time
-stays in the cache. As in scikit-image's `gaussian`, borders repeat the edge pixel (`nearest`) and the kernel is
-truncated at four standard deviations.
+SciPy's filter processes entire images in float64. OpenCV's uint8 version uses 8-bit coefficients (errors of up to two
+grey levels), and the result of its float version depends on the processor. Here, every output row is filtered
+vertically from the source and then horizontally, with additions in a fixed order, so no intermediate image is needed,
+and the row stays in the cache. As in scikit-image's `gaussian`, edge pixels are repeated beyond the border (`nearest`),
+and the kernel is cut off at four standard deviations.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ Plane = npt.NDArray[np.float32]
 """A channel, float32 (H, W)."""
 
 FLOOR = -0.499
-"""Value of `offset` that makes rounding truncate, like a conversion to uint8. It is slightly above -0.5 so that
-numerical noise of a few 1e-5 (a white area summing to 254.99998) does not cost a grey level.
+"""Value of `offset` that turns rounding into truncation, like a conversion to uint8. It is slightly above -0.5 so that
+rounding errors of a few 1e-5 (e.g. 254.99998 in a white area) do not reduce the result by a grey level.
 """
 
 
 @lru_cache(maxsize=64)
 def gaussian_weights(sigma: float, truncate: float = 4.0) -> npt.NDArray[np.float32]:
-    """Return half of a normalised Gaussian kernel, starting at the centre: float32 (r + 1,), r = int(truncate * sigma +
-    0.5).
+    """Return one half of a normalised Gaussian kernel, starting at the centre.
+
+    The result is float32 (r + 1,) with r = int(truncate * sigma + 0.5).
 
     >>> half = gaussian_weights(1.0)
     >>> len(half), round(float(half[0] + 2 * half[1:].sum()), 6)
@@ -51,7 +52,7 @@ def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
     Args:
         frame: image, uint8 (H, W, C).
         sigma: standard deviation in pixels.
-        offset: offset in grey levels, added before rounding half to even; `FLOOR` truncates.
+        offset: offset in grey levels, added before rounding half to even; use `FLOOR` to truncate.
     """
     height, width, channels = frame.shape
     blurred = _blurred(contiguous(frame).reshape(height, width * channels), channels, sigma)
@@ -68,7 +69,7 @@ def gaussian_plane(plane: npt.NDArray[Any], sigma: float) -> Plane:
 def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
     """Blur rows of pixels; horizontal neighbours within a channel are `step` values apart."""
     out = np.empty(rows.shape, np.float32)
-    # Always float32 and with the step as an argument, so that the loops are compiled only once.
+    # Always use float32 and pass the step as an argument, so that the loops are compiled only once.
     _blur_to_float(np.ascontiguousarray(rows, np.float32), step, gaussian_weights(sigma), out)
     return out
 
@@ -81,7 +82,7 @@ def _add_pair(total: Any, a: Any, b: Any, w: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2: Any, a3: Any, b3: Any, w: Any) -> None:
-    """Add four taps per pass over `total`, which needs a quarter of the loads and stores."""
+    """Add four taps per pass over `total`, which requires a quarter of the loads and stores."""
     w0, w1, w2, w3 = w[0], w[1], w[2], w[3]
     for i in range(total.size):
         first = w0 * (a0[i] + b0[i]) + w1 * (a1[i] + b1[i])
@@ -119,8 +120,9 @@ def _down_columns(source: Any, y: int, weights: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _along_row(padded: Any, step: int, weights: Any, out: Any) -> None:
-    """Filter a padded row; neighbours within a channel are `step` values apart, and the padding is (weights.size - 1) *
-    step values.
+    """Filter a padded row.
+
+    Neighbours within a channel are `step` values apart, and the padding is (weights.size - 1) * step values.
     """
     n = out.size
     middle = (weights.size - 1) * step

@@ -1,7 +1,7 @@
-"""Generate uniform noise blurred by a wide Gaussian, in time independent of the Gaussian's width.
+"""Generate uniform noise blurred with a wide Gaussian, in time independent of the Gaussian's width.
 
-A field blurred with standard deviation s varies slowly, so it is computed only at every (s / 2.5)-th row and column and
-interpolated cubically in between, with an error of about half a percent of the field's standard deviation.
+A field blurred with standard deviation s varies slowly, so it is computed only at every (s / 2.5)-th row and column,
+with cubic interpolation in between; the error is about 0.5 % of the field's standard deviation.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .borders import mirrored_with_edge
 _SAMPLES_PER_SIGMA = 2.5
 _TRUNCATE = 3.0
 _FULL = 32767
-"""Sum of the integer weights along a row; multiplied by 16-bit noise it stays below 2**30."""
+"""Sum of the integer weights along a row; its product with 16-bit noise stays below 2**30."""
 
 
 class SmoothField(NamedTuple):
@@ -31,15 +31,15 @@ class SmoothField(NamedTuple):
 
 
 def smooth_field(rng: Rng, shape: tuple[int, int], sigmas: tuple[float, float], amplitude: float) -> SmoothField:
-    """Generate uniform white noise in +-amplitude, blurred by a Gaussian truncated at three standard deviations.
+    """Generate uniform white noise in +-amplitude, blurred with a Gaussian cut off at three standard deviations.
+
+    Borders mirror the noise and repeat the edge sample.
 
     Args:
-        rng: random stream of the field.
-        shape: size (H, W) of the field, in pixels.
-        sigmas: standard deviation of the Gaussian in rows and in columns, in pixels.
+        rng: random stream for the field.
+        shape: size (H, W) of the field in pixels.
+        sigmas: vertical and horizontal standard deviation of the Gaussian in pixels.
         amplitude: amplitude of the noise before blurring.
-
-    Borders mirror the noise with the edge sample repeated.
     """
     height, width = shape
     steps = max(1, int(sigmas[0] / _SAMPLES_PER_SIGMA)), max(1, int(sigmas[1] / _SAMPLES_PER_SIGMA))
@@ -109,7 +109,7 @@ def _blur_down(rows: Any, step: int, weights: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _cubic(t: Any) -> Any:
-    """Return the weights of the samples at -1, 0, 1, 2 for cubic interpolation at t in [0, 1)."""
+    """Return the weights of the samples at -1, 0, 1 and 2 for cubic interpolation at t in [0, 1)."""
     one, two = np.float32(1), np.float32(2)
     a, b, c = t + one, t - one, t - two
     sixth, half = np.float32(1 / 6), np.float32(0.5)

@@ -1,7 +1,7 @@
 """Change V in HSV with a lookup table.
 
-Hue and saturation are unchanged, so every channel is scaled by V'/V with V = max(R, G, B). The whole corruption is a
-table of 256 x 256 bytes, indexed by V and the channel's value, and computed once in float64.
+Hue and saturation are unchanged, so every channel is scaled by V'/V with V = max(R, G, B). The corruption is a single
+table of 256 x 256 bytes, which is indexed by V and the channel's value and computed once in float64.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def look_up(frame: Frame, table: Table) -> Frame:
 
 @lru_cache(maxsize=32)
 def shift_table(shift: float, floor: bool = False) -> Table:
-    """Return the table for V' = V + shift, in grey levels."""
+    """Return the table for V' = V + shift; `shift` is in grey levels."""
     return value_table(np.arange(256.0) + shift, floor)
 
 
@@ -40,11 +40,10 @@ def gain_table(factor: float) -> Table:
 
 
 def value_table(new_value: npt.NDArray[np.float64], floor: bool = False) -> Table:
-    """Return the new value of a channel for V = 0 .. 255 (rows) and the channel's old value (columns), uint8 (256,
-    256).
+    """Return a table of new channel values for each V (rows) and old channel value (columns), uint8 (256, 256).
 
-    `new_value` is V' in grey levels for V = 0 .. 255, float64 (256,), and is clipped to [0, 255]. Black has no hue and
-    becomes grey with value V'. Channel values above V do not occur.
+    `new_value` is V' in grey levels for V = 0 to 255, float64 (256,), and is clipped to [0, 255]. Black has no hue and
+    becomes grey with the value V'. Channel values above V do not occur.
 
     >>> table = value_table(np.arange(256.0) + 51.0)
     >>> int(table[102, 102]), int(table[102, 50]), int(table[0, 0])

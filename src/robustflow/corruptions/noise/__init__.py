@@ -1,1 +1,1 @@
-"""Corruptions of the family "noise", independent in each frame (paper, appendix "Noise corruptions")."""
+"""The "noise" family of corruptions, independent in each frame (paper, appendix "Noise corruptions")."""

@@ -18,10 +18,10 @@ from .noise import BLOCK, Noise
 
 
 class GaussianNoise(Noise):
-    """Adds Gaussian noise, I + c n with n ~ N(0, 1) per sample on [0, 1]; `severities` are c (paper, "Gaussian Noise").
+    """Adds Gaussian noise, I + c n with n ~ N(0, 1) per sample on [0, 1]; a severity is c (paper, "Gaussian Noise").
 
-    The noise is drawn as an integer number of grey levels from the rounded normal distribution, with probabilities
-    exact in units of 2**-23; values beyond +-255 saturate every sample and are merged. `variant="reference"` truncates
+    The noise is an integer number of grey levels sampled from a rounded normal distribution, whose probabilities are
+    multiples of 2**-23; it is clipped to +-255, which already saturates any sample. `variant="reference"` truncates
     grey levels instead of rounding, as the reference code does.
     """
 
@@ -29,14 +29,14 @@ class GaussianNoise(Noise):
     paper_severities = (0.08, 0.12, 0.18, 0.26, 0.38)
 
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
-        """See `Noise.add`."""
+        """Write `source` plus Gaussian noise to `out`; see `Noise.add`."""
         table = gaussian_table(parameter, self.variant == "reference")
         _add_noise(source.reshape(-1), table, key, out.reshape(-1))
 
 
 @lru_cache(maxsize=16)
 def gaussian_table(scale: float, floor: bool = False) -> npt.NDArray[np.uint32]:
-    """Return the alias table, uint32 (512,), of round(255 * scale * n) + 255 with n ~ N(0, 1), clipped to 0 .. 510."""
+    """Return the alias table, uint32 (512,), for round(255 * scale * n) + 255 with n ~ N(0, 1), clipped to [0, 510]."""
     total = 1 << (9 + height_bits(9))
     deviation = Decimal(repr(scale)) * 255
     offset = Decimal(0) if floor else Decimal("0.5")

@@ -13,11 +13,11 @@ from .noise import BLOCK, Noise
 
 
 class ImpulseNoise(Noise):
-    """Sets a fraction of the samples to 0 or 255 with equal probability; `severities` are the fraction (paper, "Impulse
-    Noise").
+    """Sets a fraction of the samples to 0 or 255 with equal probability (paper, "Impulse Noise").
 
-    The paper replaces whole pixels, the reference code each channel independently. The default follows the code;
-    `variant="paper"` replaces all three channels of a pixel together. The fraction is exact to 2**-16.
+    A severity is the fraction, which is rounded to a multiple of 2**-16. The paper replaces entire pixels, whereas the
+    reference code replaces each channel independently. The default follows the code; `variant="paper"` replaces all
+    three channels of a pixel together.
     """
 
     name = "impulse_noise"

@@ -1,7 +1,7 @@
-"""Define the base class of the noise corruptions: amount of noise and one random stream per frame.
+"""Base class for noise corruptions, with one random stream per frame.
 
-Sample s of a frame (row-major, channels last) depends only on lane s of the frame's hash words: 32-bit lanes for
-Gaussian and shot noise, 16-bit lanes for impulse noise. So any part of a frame can be computed separately, and only
+Sample s of a frame (row-major, channels last) depends only on lane s of the frame's hash values: 32-bit lanes for
+Gaussian and shot noise, and 16-bit lanes for impulse noise. So any part of a frame can be computed separately, and only
 integers are compared.
 """
 
@@ -17,23 +17,23 @@ from ...sample import Frame
 from ..base import Corruption
 
 BLOCK = 256
-"""Number of hash words computed at a time, chosen so that they stay in the L1 cache and the loop vectorises."""
+"""Number of hash values computed at a time, chosen so that they fit in the L1 cache and the loop vectorises."""
 
 
 @dataclass(frozen=True)
 class NoiseState:
-    """State of a pair: the amount of noise, and the stream from which the streams of its frames are spawned."""
+    """State for a pair: the amount of noise and the parent of both frames' random streams."""
 
     parameter: float
     stream: Rng
 
     def key(self, index: int) -> np.uint64:
-        """Return the key of frame `index`."""
+        """Return the key of the random stream for frame `index`."""
         return np.uint64(self.stream.spawn("frame", index).key)
 
 
 class Noise(Corruption):
-    """The base class of Gaussian, impulse and shot noise."""
+    """Base class for Gaussian, impulse and shot noise."""
 
     family = "noise"
 
@@ -50,11 +50,11 @@ class Noise(Corruption):
 
     @abstractmethod
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
-        """Write `source` with noise into `out`, both contiguous.
+        """Write `source` with noise to `out`; both arrays are contiguous.
 
         Args:
             source: clean frame, uint8 (H, W, 3).
-            parameter: amount of noise, a value of `severities`.
-            key: key of the frame's random stream.
-            out: output array, uint8 (H, W, 3).
+            parameter: amount of noise, an element of `severities`.
+                key: key of the frame's random stream.
+                out: output array, uint8 (H, W, 3).
         """

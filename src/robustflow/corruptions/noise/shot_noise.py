@@ -18,18 +18,17 @@ from .noise import BLOCK, Noise
 
 
 class ShotNoise(Noise):
-    """Applies shot noise, n / c with n ~ Poisson(I c) per sample, I on [0, 1]; `severities` are c (paper, "Shot
-    Noise").
+    """Applies shot noise, n / c with n ~ Poisson(I c) per sample I on [0, 1]; a severity is c (paper, "Shot Noise").
 
-    Each grey level has an alias table with probabilities exact in units of 2**-22. `variant="reference"` truncates grey
-    levels instead of rounding, as the reference code does.
+    Each grey level has an alias table, whose probabilities are multiples of 2**-22. `variant="reference"` truncates
+    grey levels instead of rounding, as the reference code does.
     """
 
     name = "shot_noise"
     paper_severities = (60, 25, 12, 5, 3)
 
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
-        """Draw the photon counts; see `Noise.add`."""
+        """Replace each sample with a random photon count; see `Noise.add`."""
         tables, column_bits = shot_tables(parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
         _replace_levels(source.reshape(-1), tables, shift, height_shift, key, out.reshape(-1))
@@ -37,10 +36,9 @@ class ShotNoise(Noise):
 
 @lru_cache(maxsize=8)
 def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uint32], int]:
-    """Return the concatenated alias tables of the 256 grey levels, uint32 (256 << column_bits,), and column_bits.
+    """Return the concatenated alias tables for the 256 grey levels, uint32 (256 << column_bits,), and column_bits.
 
-    Level v at `photons` per unit of light becomes min(255, 255 n / photons), rounded, with n ~ Poisson(v / 255 *
-    photons).
+    Grey level v becomes min(255, 255 n / photons), rounded, with n ~ Poisson(v / 255 * photons).
     """
     rate = Decimal(repr(photons))
     outcomes = int(np.ceil(photons)) + 1
@@ -56,7 +54,7 @@ def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uin
 
 
 def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
-    """Replace the outcome indices in the table with grey levels."""
+    """Replace the outcome indices in the tables with grey levels."""
     names = np.zeros(256, np.uint32)
     names[: levels.size] = levels
     return (table & np.uint32(0xFFFF0000)) | (names[(table >> 8) & 255] << np.uint32(8)) | names[table & 255]

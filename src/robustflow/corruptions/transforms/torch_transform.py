@@ -1,4 +1,4 @@
-"""Apply corruptions as a torchvision v2 transform on tensors (extra `torch`)."""
+"""Apply corruptions to tensors with a torchvision v2 transform (requires the extra `torch`)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,15 @@ from .transform import CorruptionTransform
 
 
 class TorchCorruption(torch.nn.Module):
-    """A `CorruptionTransform` for uint8 or float32 (range [0, 1]) tensors (C, H, W) with C = 1 or 3, or batches (B, C,
-    H, W).
+    """A `CorruptionTransform` for tensors: images (C, H, W) with C = 1 or 3, or batches (B, C, H, W).
 
-    As in torchvision v2 the input may be any structure of lists, tuples and dicts: every `tv_tensors.Image` in it is
-    corrupted, and everything else is returned unchanged. If there is no `tv_tensors.Image`, every tensor is treated as
-    an image. The images of a call belong together (frame 1, frame 2, ...) and share a draw; the items of a batch are
-    drawn independently.
+    Tensors are uint8, or float32 in [0, 1]. As in torchvision v2, the input may be any structure of lists, tuples and
+    dicts: every `tv_tensors.Image` in it is corrupted, and everything else is returned unchanged. If there is no
+    `tv_tensors.Image`, every tensor is treated as an image. All images in a call belong together (frame 1, frame 2,
+    ...) and share one random draw, while the items of a batch are drawn independently.
 
-    Takes the arguments of `CorruptionTransform`, whose docstring explains how draws differ between `DataLoader`
-    workers.
+    Accepts the same arguments as `CorruptionTransform`; its module's docstring explains how draws differ between
+    `DataLoader` workers.
 
     >>> transform = TorchCorruption(["contrast"], severities=[5])
     >>> first, second = transform(torch.zeros(3, 24, 32), torch.ones(3, 24, 32))
@@ -52,19 +51,19 @@ class TorchCorruption(torch.nn.Module):
 
         Args:
             inputs: tensors, or a structure that contains tensors. Corruptions do not propagate gradients.
-            key: name of the draw; items of a batch get separate keys, derived from `key` and their index.
+            key: name of the random draw; each item of a batch has a separate key, derived from `key` and its index.
 
         Returns:
             The same structure (a tuple for several inputs), with tensors of the same class, dtype and device.
 
         Raises:
-            DataError: there is no image, or `CorruptionTransform` rejects one.
+            DataError: the inputs contain no image, or an image is not supported by `CorruptionTransform`.
         """
         leaves, structure = tree_flatten(inputs if len(inputs) != 1 else inputs[0])
         kind = tv_tensors.Image if any(isinstance(leaf, tv_tensors.Image) for leaf in leaves) else torch.Tensor
         places = [place for place, leaf in enumerate(leaves) if isinstance(leaf, kind)]
         if not places:
-            raise DataError("no image among the inputs: give tensors (C, H, W) or (B, C, H, W)")
+            raise DataError("the inputs contain no image: expected tensors (C, H, W) or (B, C, H, W)")
         images = [leaves[place] for place in places]
         for place, image, corrupted in zip(places, images, self._corrupt(images, key), strict=True):
             fresh = torch.from_numpy(corrupted).to(image.device)
@@ -72,16 +71,16 @@ class TorchCorruption(torch.nn.Module):
         return tree_unflatten(leaves, structure)
 
     def extra_repr(self) -> str:
-        """Return the text that `print` shows between the parentheses."""
+        """Return the arguments shown between the parentheses by `print`."""
         return repr(self._transform).partition("(")[2].removesuffix(")")
 
     def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:
         for image in images:
             if image.ndim not in (3, 4) or image.shape != images[0].shape:
                 shapes = ", ".join(str(tuple(image.shape)) for image in images)
-                raise DataError(f"images have shapes {shapes}: give (C, H, W) or (B, C, H, W), all alike")
+                raise DataError(f"images have shapes {shapes}: expected (C, H, W) or (B, C, H, W), the same for all")
             if image.dtype not in (torch.uint8, torch.float32):
-                raise DataError(f"an image is {image.dtype}: give torch.uint8, or torch.float32 in [0, 1]")
+                raise DataError(f"an image is {image.dtype}: expected torch.uint8, or torch.float32 in [0, 1]")
         arrays = [np.moveaxis(image.detach().cpu().numpy(), -3, -1) for image in images]
         if images[0].ndim == 3:
             return [_channels_first(out) for out in self._transform(arrays, key)]

@@ -1,12 +1,12 @@
-"""Apply random corruptions with random severities to training images, as a plain transform.
+"""Apply random corruptions with random severities to training images.
 
-Every draw has a name, so draws do not depend on the order of calls. With a `key`, the result is a function of (seed,
-key, images). Without a key, the name consists of the number of the call and an identifier of the process: in a torch
-`DataLoader` worker the seed that torch assigned to the worker (new in every epoch, fixed by `torch.manual_seed`), in
-other child processes the name of the process. So samples of a data loader never share a draw by accident, for any
-number of workers. Pass a key such as f"{epoch}/{index}" if the bytes must not depend on the number of workers, or if
-copies of a transform are used in one process (a pool that pickles the transform with every task), because copies
-continue counting from the same number.
+Every random draw has a name. With a `key`, the result depends only on the seed, the key and the images. Without a key,
+the name consists of the number of the call and an identifier of the process: in a torch `DataLoader` worker, this is
+the seed that torch assigned to the worker (different in every epoch, fixed by `torch.manual_seed`); in other child
+processes, it is the name of the process. So samples from a data loader never share a draw by accident, regardless of
+the number of workers. Pass a key such as f"{epoch}/{index}" if the bytes must not depend on the number of workers, or
+if several copies of a transform are used in one process (e.g. by a pool that pickles the transform with every task),
+because all copies continue counting from the same number.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from ..registry import CLIP, IMAGE_PAIR
 from ..stack import is_stack, levels_of, needs_depth, parse_stack
 
 Image = npt.NDArray[Any]
-"""An image, uint8 or float32 in [0, 1]; RGB (H, W, 3), or grey (H, W) or (H, W, 1)."""
+"""An image, uint8 or float32 in [0, 1]; RGB (H, W, 3) or grey (H, W) or (H, W, 1)."""
 
 DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "psf_blur")
-"""Default corruptions; psf_blur is excluded, because it is the only one that takes more than a few milliseconds per
+"""Default corruptions; psf_blur is excluded because it is the only one that takes more than a few milliseconds per
 pair.
 """
 
@@ -43,21 +43,22 @@ _NEUTRAL = frozenset((*IMAGE_PAIR, "elastic_transform")) - frozenset(_COLOURED)
 
 
 class CorruptionTransform:
-    """Corrupts images, pairs and clips at random; callable, picklable, safe in the workers of a data loader.
+    """Corrupts images, pairs and clips at random; callable, picklable and safe in data loader workers.
 
     Args:
-        names: corruptions to choose from, with equal probability. By default all image-pair corruptions except
-            psf_blur, which takes about a second per pair, while the others take milliseconds; name it to include it.
-            Stacks such as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
+        names: corruptions to choose from, with equal probability. By default, these are all image-pair corruptions
+            except psf_blur, which takes about a second per pair, whereas the others take milliseconds; to include it,
+            add its name. Stacks such as "fog+jpeg_compression" are allowed; corruptions of entire clips (h264_crf, ...)
+            are not.
         severities: severities to choose from, 1 to 5, with equal probability.
         probability: probability of applying a corruption, 0 to 1.
-        seed: seed of all draws.
-        variant, scale: variant and severity scale, see `load_corruption`. Severities that a corruption lacks on the
-            scale are never chosen for it.
+        seed: seed for all random draws.
+        variant, scale: variant and severity scale; see `load_corruption`. Severities that do not exist on the scale for
+            a corruption are never chosen for it.
 
     Raises:
-        UsageError: a name is unknown or unsuitable, a corruption lacks all given severities, or the probability is
-            outside [0, 1].
+        UsageError: a name is unknown or unsuitable, none of the severities exist for a corruption, or the probability
+            is outside [0, 1].
 
     >>> transform = CorruptionTransform(["gaussian_noise", "contrast"], severities=[1, 2], seed=3)
     >>> image = np.full((24, 32, 3), 0.5, np.float32)
@@ -78,16 +79,16 @@ class CorruptionTransform:
         scale: str = "paper",
     ) -> None:
         if not 0.0 <= probability <= 1.0:
-            raise UsageError(f"probability {probability} is out of range: give 0 to 1")
+            raise UsageError(f"probability {probability} is out of range: must be from 0 to 1")
         if isinstance(names, str):
-            raise UsageError(f"names is a string, '{names}': give a list, ['{names}']")
+            raise UsageError(f"names is a string, '{names}': pass a list, ['{names}']")
         levels = tuple(sorted({check_severity(severity) for severity in severities}))
         self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
         names = DEFAULT_NAMES if names is None else tuple(names)
         for name in names:
             self._choices.append((load_corruption(name, variant, scale), _levels(name, levels, scale)))
         if not self._choices or not levels:
-            raise UsageError("nothing to choose from: name at least one corruption and one severity")
+            raise UsageError("nothing to choose from: specify at least one corruption and one severity")
         self.names: tuple[str, ...] = names
         self.severities = levels
         self.probability = probability
@@ -103,26 +104,27 @@ class CorruptionTransform:
         Args:
             images: one image; a list or tuple of images (a pair or clip, corrupted with a single draw); or a clip as
                 one array (N, H, W, 3).
-            key: name of the draw. The same seed, key and images give the same bytes.
+            key: name of the random draw. The same seed, key and images always produce the same bytes.
 
         Returns:
-            New arrays with the container, shape and dtype of the input. Pixels are corrupted in 8 bits, so float images
-            are returned in steps of 1/255; if no corruption is drawn, they are returned unchanged. Grey images remain
-            grey: they are corrupted as RGB with equal channels. The result is one channel if the corruption treats all
-            channels alike, and the luma (BT.601) for saturate, spatter, frost and psf_blur.
+            New arrays with the container, shape and dtype of the input. Corruptions operate on 8 bits, so the
+            values of float images become multiples of 1/255; if no corruption is applied, images are returned
+            unchanged. Grey images remain grey: they are corrupted as RGB images with equal channels. If the corruption
+            treats all channels alike, one of them is returned; for saturate, spatter, frost and psf_blur, the luma
+            (BT.601) is returned.
 
         Raises:
-            DataError: images have an unsupported dtype (16 bits, float64) or shape or differ in size, or float images
-                contain NaN or values outside [0, 1].
+            DataError: the images have an unsupported dtype (16 bits, float64) or shape, or their sizes differ, or a
+                float image contains NaN or values outside [0, 1].
         """
         single = isinstance(images, np.ndarray) and images.ndim != 4
         frames: list[Image] = [images] if single else list(images)  # type: ignore[list-item]
         if not frames:
-            raise DataError("no image to corrupt: give at least one")
+            raise DataError("no image to corrupt: pass at least one")
         for frame in frames:
             check_image(frame)
             if frame.shape != frames[0].shape:
-                raise DataError(f"images of one call differ in shape, {frames[0].shape} and {frame.shape}")
+                raise DataError(f"the images in a call have different shapes, {frames[0].shape} and {frame.shape}")
         out = self._corrupt(frames, self._stream(key))
         if isinstance(images, np.ndarray):
             return out[0] if single else np.stack(out)
@@ -162,46 +164,46 @@ class CorruptionTransform:
 
 
 def check_image(image: Image) -> None:
-    """Raise for an image that cannot be corrupted without guessing.
+    """Check that an image has a supported type, dtype, shape and value range.
 
     Raises:
-        DataError: see `CorruptionTransform.__call__`.
+        DataError: the image is not supported; see `CorruptionTransform.__call__`.
 
     >>> check_image(np.zeros((8, 8, 3), np.uint16))
     Traceback (most recent call last):
     robustflow.errors.DataError: an image is uint16: corruptions are defined on 8 bits; convert it to uint8 first
     """
     if not isinstance(image, np.ndarray):
-        raise DataError(f"an image is a {type(image).__name__}: give a numpy array (H, W, 3), (H, W) or (H, W, 1)")
+        raise DataError(f"an image is a {type(image).__name__}: expected a numpy array (H, W, 3), (H, W) or (H, W, 1)")
     if image.dtype not in (np.uint8, np.float32):
         how = "corruptions are defined on 8 bits; convert it to uint8 first"
         if np.issubdtype(image.dtype, np.floating):
-            how = "give float32 in [0, 1], or uint8"
+            how = "expected float32 in [0, 1], or uint8"
         raise DataError(f"an image is {image.dtype}: {how}")
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)) or 0 in image.shape:
-        raise DataError(f"an image has shape {image.shape}: give (H, W, 3), or grey as (H, W) or (H, W, 1)")
+        raise DataError(f"an image has shape {image.shape}: expected (H, W, 3), or (H, W) or (H, W, 1) for grey")
     if image.dtype == np.float32:
         low, high = float(image.min()), float(image.max())
         if not (low >= 0.0 and high <= 1.0):
-            raise DataError(f"a float image has values from {low:g} to {high:g}: they must be in [0, 1], without NaN")
+            raise DataError(f"a float image has values from {low:g} to {high:g}: they must be in [0, 1] and not NaN")
 
 
 def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
     parts = [part for part, _ in parse_stack(name)] if is_stack(name) else [name]
     for part in parts:
         if part in CLIP:
-            raise UsageError(f"{part} needs a whole clip, so a transform cannot apply it; leave it out")
+            raise UsageError(f"{part} requires an entire clip, so a transform cannot apply it; remove it")
     if needs_depth(name):
-        raise UsageError(f"{name} needs depth, which a transform is not given; leave it out")
+        raise UsageError(f"{name} requires depth, which is not available to a transform; remove it")
     own = levels_of(name, levels, scale)
     if levels and not own:
         asked = ", ".join(map(str, levels))
-        raise UsageError(f"{name} has none of the severities {asked} on the {scale} scale; leave it out")
+        raise UsageError(f"{name} does not exist at the severities {asked} on the {scale} scale; remove it")
     return own
 
 
 def _process() -> tuple[str | int, ...]:
-    """Return a text that distinguishes this process's draws from those of sibling processes."""
+    """Return an identifier that distinguishes the draws of this process from those of its sibling processes."""
     data = sys.modules.get("torch.utils.data")
     worker = data.get_worker_info() if data is not None else None
     if worker is not None:

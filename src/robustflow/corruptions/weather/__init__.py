@@ -1,1 +1,1 @@
-"""Corruptions of the family "weather": spatter, fog, frost and snow."""
+"""The "weather" family of corruptions: spatter, fog, frost and snow."""

@@ -24,15 +24,15 @@ class FogLevel(NamedTuple):
     strength: float
     """Strength c with which the map is added."""
     decay: float
-    """Decay of the fractal; higher values give smoother fog."""
+    """Decay of the fractal; higher values result in smoother fog."""
 
 
 class Fog(Corruption):
     """Adds a plasma fractal to both frames and reduces the contrast (paper, appendix, weather).
 
-    A severity is (strength c, decay of the fractal); the values are from the reference code, since the paper gives
-    none. out = (x + c * map) * m / (m + c) in [0, 1], where m is the largest value of the frame. Both frames share one
-    map.
+    A severity is (strength c, decay of the fractal); the values are those in the reference code, since the paper does
+    not list any. out = (x + c * map) * m / (m + c) in [0, 1], where m is the maximum value of the frame. Both frames
+    share the same map.
     """
 
     name = "fog"
@@ -41,7 +41,7 @@ class Fog(Corruption):
     paper_severities = ((1.5, 2.0), (2.0, 2.0), (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, FogMap]:
-        """Draw the fog map; the state is (strength, map)."""
+        """Return the strength and a random fog map."""
         fog: FogLevel = self.parameter(severity)
         return float(fog.strength), plasma_corner(rng, *shape, fog.decay)
 

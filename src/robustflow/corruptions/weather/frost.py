@@ -24,8 +24,8 @@ Texture = Callable[[int], Frame]
 """A function that returns texture 0 to 4 as RGB uint8 (H, W, 3)."""
 
 _KEPT_BYTES = 128 << 20
-"""Size limit of the cache for enlarged textures: all textures for a few KITTI frame sizes, or three at 4K. The newest
-texture is always kept.
+"""Size limit for the cache of enlarged textures: sufficient for all textures at a few KITTI frame sizes, or for three
+at 4K. The most recent texture is always kept.
 """
 _MARGIN = 1.1
 
@@ -40,14 +40,15 @@ def photograph(slot: int) -> Frame:
     decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
     if decoded is None:
         raise AssetError(
-            f"OpenCV cannot decode frost texture {list(TEXTURES)[slot]}; install a build with PNG and JPEG"
+            f"OpenCV cannot decode frost texture {list(TEXTURES)[slot]}; install a build with PNG and JPEG support"
         )
     return np.ascontiguousarray(decoded[..., ::-1])
 
 
 def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple[int, int]:
-    """Return (H, W) of the texture for frames of `shape`: scaled by 1.1 times the smallest factor, at least 1, that
-    covers the frames.
+    """Return the size (H, W) of the texture for frames of `shape`.
+
+    The scale factor is 1.1 times the smallest factor (at least 1) with which the texture covers the frames.
     """
     height, width = texture(slot).shape[:2]
     scale = max(1.0, shape[0] / height, shape[1] / width) * _MARGIN
@@ -55,7 +56,7 @@ def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple
 
 
 def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Frame:
-    """Return the texture for frames of `shape` (H, W), RGB uint8, using the cache."""
+    """Return the texture, RGB uint8, enlarged for frames of `shape` (H, W); results are cached."""
     key = (texture, slot, *enlarged_shape(texture, slot, shape))
     with _lock:
         if key in _enlarged:
@@ -72,7 +73,7 @@ def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Fra
 def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
     """Resize by cubic convolution (a = -0.75, edges repeated, pixel centres aligned), like OpenCV's INTER_CUBIC.
 
-    OpenCV's implementation rounds differently on different processors.
+    OpenCV is not used because its rounding depends on the processor.
     """
     rows, row_weights = _taps(image.shape[0], shape[0])
     columns, column_weights = _taps(image.shape[1], shape[1])
@@ -82,9 +83,7 @@ def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
 
 
 def _taps(source: int, target: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """Return the indices, int64 (target, 4), and weights, float32 (target, 4), of the source pixels of each target
-    pixel.
-    """
+    """Return, for each target pixel, the indices and weights of its source pixels: int64 and float32 (target, 4)."""
     at = (np.arange(target) + 0.5) * (source / target) - 0.5
     left = np.floor(at)
     t, a = at - left, -0.75
@@ -115,7 +114,7 @@ def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weight
 
 
 class FrostState(NamedTuple):
-    """Position of the frost crop; the texture itself stays in the cache."""
+    """Texture and position of the frost crop; the texture itself remains in the cache."""
 
     slot: int
     """Index of the texture, 0 to 4."""
@@ -138,11 +137,11 @@ class FrostLevel(NamedTuple):
 class Frost(Corruption):
     """Blends both frames with a photograph of frost: out = a * x + b * frost (paper, appendix, weather).
 
-    A severity is (a, b); the values are from the reference code, since the paper gives none. One of five textures (two
-    of which are the same picture; the library's sixth is never drawn) is enlarged to 1.1 times the size that covers the
-    frame, and cropped at a random position shared by both frames.
+    A severity is (a, b); the values are those in the reference code, since the paper does not list any. One of five
+    textures (two of which show the same photograph; the sixth texture in the library is never used) is enlarged to 1.1
+    times the size that covers the frame and cropped at a random position, which is shared by both frames.
 
-    The textures belong to the package `imagecorruptions` and are downloaded on first use, see frost_assets.
+    The textures are part of the package `imagecorruptions` and are downloaded on first use; see frost_assets.
 
     Raises:
         AssetError: the textures are missing and cannot be downloaded (raised by `draw` and `apply`).
@@ -157,7 +156,7 @@ class Frost(Corruption):
     """Return texture 0 to 4, RGB uint8."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> FrostState:
-        """Draw the texture and the position of the crop."""
+        """Choose the texture and the position of the crop at random."""
         level: FrostLevel = self.parameter(severity)
         slot = rng.integer(0, len(TEXTURES))
         height, width = enlarged_shape(self.texture, slot, shape)

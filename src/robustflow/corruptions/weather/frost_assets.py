@@ -1,7 +1,7 @@
 """Locate, download and verify the photographs of frost.
 
-The photographs belong to the Python package `imagecorruptions` (Apache-2.0) and are not part of this one. They are
-searched in this order:
+The photographs belong to the Python package `imagecorruptions` (Apache-2.0) and are not included in this package. The
+following locations are searched in this order:
 
 1. the folder given by the environment variable ROBUSTFLOW_FROST_DIR (if set, no other location is searched), 2. an
 installed `imagecorruptions` or `imagecorruptions-imaug` package, which is never imported, 3. the user's cache (see
@@ -41,16 +41,17 @@ TEXTURES: dict[str, str] = {
 """File names and SHA-256 hashes of the five textures, in the reference code's order."""
 
 _REMEDY = (
-    f"copy {', '.join(TEXTURES)} of the package imagecorruptions into a folder and name it in {FOLDER_VARIABLE}, "
+    f"copy {', '.join(TEXTURES)} from the package imagecorruptions to a folder and set {FOLDER_VARIABLE} to its path, "
     f"or run `python -m pip install --no-deps {WHEEL}` while online"
 )
 
 
 def read_texture(slot: int) -> bytes:
-    """Return the verified file of texture `slot` (0 to 4).
+    """Return the verified file content of texture `slot` (0 to 4).
 
     Raises:
-        AssetError: the texture is missing and cannot be downloaded, or the file in the given folder has the wrong hash.
+        AssetError: the texture is missing and cannot be downloaded, or the file in the specified folder has the wrong
+            hash.
     """
     name = list(TEXTURES)[slot]
     named = os.environ.get(FOLDER_VARIABLE)
@@ -61,12 +62,12 @@ def read_texture(slot: int) -> bytes:
         if content is not None and _is_genuine(name, content):
             return content
         if content is not None:
-            _say(f"{folder / name} is not the photograph of {WHEEL} (SHA-256 differs); looking further")
+            _say(f"{folder / name} is not the photograph from {WHEEL} (SHA-256 differs); trying the next location")
     folder = cache_folder(PART)
     _fetch(folder)
     content = _read(folder / name)
     if content is None or not _is_genuine(name, content):
-        raise AssetError(f"frost texture {folder / name} vanished or changed while it was read; run again")
+        raise AssetError(f"frost texture {folder / name} was deleted or changed while it was being read; try again")
     return content
 
 
@@ -76,7 +77,7 @@ def _read_named(folder: Path, name: str) -> bytes:
         raise AssetError(f"frost texture {name} not found in {FOLDER_VARIABLE}={folder}; {_REMEDY}")
     if not _is_genuine(name, content):
         raise AssetError(
-            f"{folder / name} is not the photograph of {WHEEL}: its SHA-256 is {_sha256(content)[:12]}..., "
+            f"{folder / name} is not the photograph from {WHEEL}: its SHA-256 is {_sha256(content)[:12]}..., "
             f"expected {TEXTURES[name][:12]}...; {_REMEDY}"
         )
     return content
@@ -107,11 +108,11 @@ def _say(message: str) -> None:
 
 
 def _fetch(folder: Path) -> None:
-    """Download the wheel to a separate folder and move each of the five files into place atomically.
+    """Download the wheel to a temporary folder and move each of the five files to `folder` atomically.
 
-    Several processes may do this at the same time, since each move puts the same verified bytes in place.
+    Several processes may do this at the same time, because they all write the same verified bytes.
     """
-    _say(f"frost needs the photographs of {WHEEL}; fetching its wheel through pip into {folder}")
+    _say(f"frost requires the photographs from {WHEEL}; downloading its wheel with pip to {folder}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="fetch-", dir=folder) as temporary:
@@ -130,12 +131,12 @@ def _download(folder: Path) -> Path:
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        raise AssetError(f"pip did not provide {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
+        raise AssetError(f"pip did not download {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
     wheels = list(folder.glob("*.whl"))
     if done.returncode != 0 or len(wheels) != 1:
         reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
         reason = reasons[-1].strip() if reasons else f"exit status {done.returncode}"
-        raise AssetError(f"pip could not fetch {WHEEL} ({reason}); {_REMEDY}")
+        raise AssetError(f"pip could not download {WHEEL} ({reason}); {_REMEDY}")
     return wheels[0]
 
 
@@ -148,8 +149,8 @@ def _unpack(wheel: Path) -> dict[str, bytes]:
                 with archive.open(f"{_INSIDE}/{name}") as member:
                     contents[name] = member.read(8 << 20)
     except (zipfile.BadZipFile, KeyError) as error:
-        raise AssetError(f"the wheel pip fetched for {WHEEL} is not usable ({error}); {_REMEDY}") from error
+        raise AssetError(f"the wheel downloaded by pip for {WHEEL} is not usable ({error}); {_REMEDY}") from error
     for name, content in contents.items():
         if not _is_genuine(name, content):
-            raise AssetError(f"{name} in the wheel pip fetched for {WHEEL} has the wrong SHA-256; {_REMEDY}")
+            raise AssetError(f"{name} in the wheel downloaded by pip for {WHEEL} has the wrong SHA-256; {_REMEDY}")
     return contents

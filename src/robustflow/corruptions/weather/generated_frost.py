@@ -1,7 +1,7 @@
-"""Generate frost textures for the benchmark `demo` without downloads: fern-like crystals on a cloudy pane.
+"""Generate frost textures for the benchmark `demo`, which requires no downloads: fern-like crystals on a cloudy pane.
 
-The five textures match the photographs in mean, standard deviation and scale. They are drawn from separate streams, so
-their bytes are identical on every machine and for every benchmark seed. They differ from the paper's textures, so their
+The five textures match the photographs in mean, standard deviation and scale. They use random streams of their own, so
+their bytes are identical on every machine and for every benchmark seed. They differ from the paper's textures, so the
 results are kept separate from those measured with the photographs.
 """
 
@@ -23,13 +23,13 @@ SHAPE = (500, 750)
 
 _STEMS = 6
 _SIXTIETH = (0.5, 0.8660254037844386)
-"""Cosine and sine of 60 degrees, the branching angle of ice."""
+"""Cosine and sine of 60 degrees, the angle between the branches of ice crystals."""
 _CLOUDS = 0.55
-"""Weight of the pane in the texture's variation; the remaining weight is that of the crystals."""
+"""Weight of the cloudy pane in the texture; the remaining weight is that of the crystals."""
 
 
 class TextureStyle(NamedTuple):
-    """Parameters of a texture, matched to the photograph of the same slot."""
+    """Parameters of a texture, matched to the photograph in the same slot."""
 
     mean: float
     """Mean, in grey levels."""
@@ -64,7 +64,7 @@ def generated_texture(slot: int) -> Frame:
     style, rng = STYLES[slot], Rng.of("robustflow", "generated frost", 1, slot)
     clouds = _standardised(plasma_corner(rng.spawn("clouds"), *SHAPE, 1.7).astype(np.float64))
     ice = _crystals(rng.spawn("crystals"), style)
-    ice = _standardised(ice / (1.0 + np.abs(ice)))  # overlapping crystals are not brighter than single ones
+    ice = _standardised(ice / (1.0 + np.abs(ice)))  # limits the brightness of overlapping crystals
     grey = _standardised(_CLOUDS * clouds + (1.0 - _CLOUDS) * ice) * style.spread + style.mean
     return np.clip(np.rint(grey[..., None] * np.array(style.tint)), 0, 255).astype(np.uint8)
 
@@ -76,9 +76,8 @@ class GeneratedFrost(Frost):
 
 
 def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
-    """Compute the shading of all crystals, float64 (H, W): each has six stems, with branches at 60 degrees on both
-    sides.
-    """
+    """Compute the shading of all crystals, float64 (H, W); each has six stems with branches at 60 degrees on both
+    sides."""
     count = style.crystals
     height, width = SHAPE
     y0, x0 = height * rng.uniforms(count), width * rng.uniforms(count)
@@ -93,7 +92,7 @@ def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
         ray, size = stems[:, stem], sizes[:, stem]
         reach = np.where(steps[None] < size[:, None] * style.length, light[:, None], 0.0)
         _splat(out, y0[:, None] + ray[:, 1:] * steps, x0[:, None] + ray[:, :1] * steps, reach)
-        for side, shade in ((1, 0.9), (-1, -0.7)):  # lit from one side
+        for side, shade in ((1, 0.9), (-1, -0.7)):  # the light comes from one side
             twig = _turned(ray, side)
             for knot in knots:
                 length = 0.45 * (size * style.length - knot)
@@ -106,7 +105,8 @@ def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
 
 
 def _directions(rng: Rng, count: int) -> npt.NDArray[np.float64]:
-    """Draw unit vectors (x, y), float64 (count, 2), using only square roots, which are identical on every machine."""
+    """Return random unit vectors (x, y), float64 (count, 2), using only square roots, which are identical on every
+    machine."""
     across = np.stack([rng.uniforms(count) - 0.5, rng.uniforms(count) - 0.5], axis=1)
     across[:, 0] += np.where(across[:, 0] < 0, -0.01, 0.01)
     return across / np.sqrt(across[:, :1] * across[:, :1] + across[:, 1:] * across[:, 1:])
@@ -136,7 +136,7 @@ def _splat(out: npt.NDArray[np.float64], y: npt.NDArray[np.float64], x: npt.NDAr
 
 
 def _standardised(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Normalise values to mean 0 and standard deviation 1, using integer sums, whose order does not matter."""
+    """Normalise values to mean 0 and standard deviation 1 using integer sums, which do not depend on the order."""
     whole = np.rint(values * 2.0**20).astype(np.int64)
     mean = int(whole.sum()) / whole.size
     squares = int(((whole >> 8) ** 2).sum()) * 2.0**16

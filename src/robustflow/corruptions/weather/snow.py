@@ -1,4 +1,4 @@
-"""Add snow with new flakes in every frame that fall in a common direction."""
+"""Add snow: each frame has different flakes, which fall in the same direction."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SnowState(NamedTuple):
     """State shared by the frames."""
 
     flakes: Rng
-    """Stream from which the flakes of each frame are spawned."""
+    """Parent of the random streams for the flakes in each frame."""
     motion: LineKernel
     """Motion kernel of the flakes."""
     severity: int
@@ -36,7 +36,7 @@ class SnowLevel(NamedTuple):
     zoom: float
     """Zoom factor of the noise, which sets the flake size."""
     threshold: float
-    """Threshold below which noise gives no flake."""
+    """Threshold below which the noise does not form flakes."""
     radius: int
     """Radius of the motion blur, in pixels."""
     sigma: float
@@ -49,9 +49,10 @@ class Snow(Corruption):
     """Whitens the frames and adds motion-blurred flakes (paper, appendix, weather; temporal).
 
     A severity is (mean, standard deviation, zoom, threshold, motion radius, motion sigma, share of the image kept); the
-    values are from the reference code, since the paper gives none. Noise is enlarged, thresholded and blurred along an
-    angle uniform in -135, ..., -45 degrees; the layer and a copy rotated by 180 degrees are added to share * x + (1 -
-    share) * max(x, 1.5 * grey + 0.5). The frames share the angle; the flakes are new in each frame.
+    values are those in the reference code, since the paper does not list any. Noise is enlarged, thresholded and
+    blurred at an angle that is uniformly distributed between -135 and -45 degrees. The resulting layer and a copy
+    rotated by 180 degrees are added to share * x + (1 - share) * max(x, 1.5 * grey + 0.5). The angle is shared by all
+    frames; the flakes are different in each frame.
     """
 
     name = "snow"
@@ -67,14 +68,14 @@ class Snow(Corruption):
     )
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> SnowState:
-        """Draw the fall direction; the flakes are drawn for each frame."""
+        """Draw the direction of the falling snow; the flakes are drawn separately for each frame."""
         level: SnowLevel = self.parameter(severity)
         return SnowState(
             rng.spawn("flakes"), line_kernel(level.radius, level.sigma, rng.uniform(-135.0, -45.0)), severity
         )
 
     def apply(self, frame: Frame, state: SnowState, index: int) -> Frame:
-        """Add snow to frame `index`."""
+        """Add snow to frame `index` of the clip."""
         level: SnowLevel = self.parameter(state.severity)
         height, width = frame.shape[:2]
         rows, columns = -int(-height // level.zoom), -int(-width // level.zoom)
@@ -96,7 +97,8 @@ class Snow(Corruption):
 
 
 def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
-    """Locate `long` points among `short` points with the same range: (left index, weight of the right neighbour)."""
+    """Locate `long` points among `short` points that span the same range: (left index, weight of the right
+    neighbour)."""
     at = np.arange(long) * ((short - 1) / max(long - 1, 1))
     left = np.minimum(at.astype(np.int64), max(short - 2, 0))
     return left.astype(np.uint32), (at - left).astype(np.float32)
@@ -106,8 +108,9 @@ def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray
 def _enlarge(
     field: Any, mean: float, unit: float, threshold: float, top: Any, down: Any, left: Any, along: Any, out: Any
 ) -> None:
-    """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1]; in units of 1
-    / 65280.
+    """Zoom `mean + unit * field` bilinearly, set values below the threshold to zero, and clip to [0, 1].
+
+    The result is in units of 1 / 65280.
     """
     last = field.shape[0] - 1, field.shape[1] - 1
     row, slope = np.empty(field.shape[1], np.float32), np.zeros(field.shape[1], np.float32)
@@ -128,9 +131,10 @@ def _enlarge(
 
 @njit(cache=True, nogil=True)
 def _whiten(frame: Any, layer: Any, share: Any, out: Any) -> None:
-    """Add veil and flakes. They are copied to all three channels first, so that the last loop runs over flat rows.
+    """Add the veil and the flakes.
 
-    `layer` may be larger than the frame.
+    Both are first copied to all three channels, so that the last loop processes contiguous rows. `layer` may be larger
+    than the frame.
     """
     height, width = frame.shape[:2]
     rest, top = np.float32(1) - share, np.float32(255)

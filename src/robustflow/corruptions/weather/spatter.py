@@ -29,7 +29,7 @@ class SpatterLayer(NamedTuple):
     colour: tuple[float, float, float]
     """RGB colour of the drops, 0 to 255."""
     covers: bool
-    """Whether the drops hide the background (mud) or only add their colour (water)."""
+    """Whether the drops hide the background (mud) or merely add their colour (water)."""
 
 
 class SpatterLevel(NamedTuple):
@@ -42,7 +42,7 @@ class SpatterLevel(NamedTuple):
     sigma: float
     """Standard deviation of the blur that turns noise into drops, in pixels."""
     threshold: float
-    """Threshold below which noise gives no drop."""
+    """Threshold below which the noise does not form drops."""
     strength: float
     """Opacity of water, or sigma of the blur for mud."""
     mud: bool
@@ -52,9 +52,10 @@ class SpatterLevel(NamedTuple):
 class Spatter(Corruption):
     """Adds drops of water (severities 1 to 3) or mud (4 and 5) on the lens, shared by both frames (paper, appendix).
 
-    A severity is (mean, standard deviation of the noise, sigma of its blur, threshold, opacity of water or sigma of the
-    blur for mud, mud or water); the values are from the reference code, since the paper gives none. Sizes are in pixels
-    for every image size, and the colours are the RGB values given by the authors.
+    A severity is (mean and standard deviation of the noise, sigma of its blur, threshold, opacity of water or sigma of
+    the blur for mud, whether the drops are mud); the values are those in the reference code, since the paper does not
+    list any. Sizes are in pixels regardless of the image size, and the colours are the RGB values specified by the
+    authors.
     """
 
     name = "spatter"
@@ -91,14 +92,13 @@ class Spatter(Corruption):
 
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
-    """Compute the opacity of drops with bright rims, with the steps of the reference code, in integers except for the
-    last.
-    """
+    """Compute the opacity of drops with bright rims, like the reference code, but in integers except for the last
+    step."""
     near = mean_distance(chamfer_distance(cv2.Canny(liquid, 50, 150), limit=20))
     emboss = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]])
     relief = cv2.blur(cv2.filter2D(cv2.equalizeHist(near), cv2.CV_8U, emboss), (3, 3))
     opacity = liquid * relief.astype(np.float32)
-    # no drops, which can happen in small images; the reference code divides zero by zero
+    # without drops, which can happen in small images, the reference code divides zero by zero
     return opacity * np.float32(strength / max(float(opacity.max()), 1.0))
 
 
@@ -113,7 +113,7 @@ def _quantise(noise: Any, limit: Any, mean: Any, scale: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, opacity: Any, colour: Any, covers: Any, out: Any) -> None:
-    """Add the layer. It is copied to all three channels first, so that the last loop runs over flat rows."""
+    """Add the layer; it is first copied to all three channels, so that the last loop processes contiguous rows."""
     height, width = opacity.shape
     keep, add = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     red, green, blue = colour[0], colour[1], colour[2]
