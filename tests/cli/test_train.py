@@ -33,7 +33,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
     text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert text.count("missing  ") == 5
-    assert "put it into a folder sintel or mpisintel there, or give --data sintel=FOLDER" in text
+    assert "put it into a folder named sintel or mpisintel there, or pass --data sintel=FOLDER" in text
     assert "100001 updates of 6 pairs, crop 368x768, fp32, 12 iterations" in text
     assert text.endswith("training cannot start before the missing data are available")
 
@@ -54,7 +54,7 @@ def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):
 
 def test_the_training_part_of_a_few_pairs_of_kitti_is_empty_and_says_so(shared):
     text = plan_text(load_recipe("raft", "id"), DataPlan([shared("data")]))
-    assert "with fewer than 200 pairs all are evaluated, and none is left to train on" in text
+    assert "with fewer than 200 pairs, all of them are used for evaluation and none for training" in text
 
 
 def test_the_plan_names_every_value_that_the_user_changed(tmp_path):

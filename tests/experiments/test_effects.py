@@ -1,4 +1,4 @@
-"""Differences between training methods: their intervals cover as claimed, and only planned comparisons are made."""
+"""Differences between training methods: intervals have the claimed coverage, and only planned comparisons are made."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_few_pairs_or_seeds_have_no_interval():
 
 
 def made_runs(seeds: int, changes: dict[str, float], clean: float = 1.0) -> dict[tuple[str, str, int], Any]:
-    """Runs whose errors under noise and weather differ from plain training's by the `changes` of each arm."""
+    """Runs whose errors under noise and weather differ from those of plain training by the `changes` of each arm."""
     rng = np.random.default_rng(0)
     runs: dict[tuple[str, str, int], Any] = {}
     for seed in range(seeds):
@@ -72,8 +72,8 @@ def test_findings_report_the_change_that_was_put_in_and_nothing_where_none_was()
     text, table = findings(made_runs(4, {"no_noise": -0.3}))
     lines = [line for line in text.splitlines() if line.startswith("- CRE")]
     assert "CRE under noise, which was left out of training: 2.00 to 1.70 px, difference -0.30 [-0.3" in lines[0]
-    assert "it falls" in lines[0]
-    assert "no change can be told from zero" in lines[1]
+    assert "it decreases" in lines[0]
+    assert "the change is not significantly different from zero" in lines[1]
     one = table.row(
         by_predicate=(pl.col("arm") == "no_noise") & (pl.col("under") == "noise") & (pl.col("quantity") == "cre"),
         named=True,
@@ -99,5 +99,5 @@ def test_a_seed_with_a_network_that_learned_nothing_or_is_missing_is_left_out_wh
 def test_two_seeds_are_reported_without_a_test():
     text, table = findings(made_runs(2, {"no_noise": -0.3}))
     assert "With fewer than 3 seeds or 10 pairs there is no test" in text
-    assert "it falls" not in text
+    assert "it decreases" not in text
     assert table["p"].null_count() == len(table)

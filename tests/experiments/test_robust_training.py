@@ -1,4 +1,4 @@
-"""The experiment from the command line: a complete run, and one that continues after an interruption."""
+"""The experiment from the command line: a complete run, and a run resumed after an interruption."""
 
 import pytest
 from typer.testing import CliRunner
@@ -22,7 +22,7 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
     command = ["experiment", "robust-training", "-o", str(tmp_path / "out")]
     first = run(app, command + _SMALL)
     assert first.exit_code == 0, first.output
-    # after two updates the network is no better than zero flow, so no conclusion is allowed
+    # after two updates, the network is no better than zero flow, so no conclusion may be drawn
     assert "No seeds are left to compare" in (tmp_path / "out/findings.md").read_text()
     folders = {arm: tmp_path / f"out/trainings/seed-0/{arm}" for arm in ("plain", "all", "no_noise", "no_weather")}
     starts = {read_progress(folder / "last.pth")[1].identity["start"] for folder in folders.values()}
@@ -32,7 +32,7 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
     assert {arm: (folder / "last.pth").read_bytes() for arm, folder in folders.items()} == weights
     longer = run(app, [*command, *_SMALL, "--steps", "3"])
     assert isinstance(longer.exception, RunError)
-    assert "holds an experiment with different --steps" in str(longer.exception)
+    assert "contains an experiment with different --steps" in str(longer.exception)
     experiment = TrainingExperiment(tmp_path / "out", ())
     with claimed(experiment, arms()[0], 0) as mine, claimed(experiment, arms()[0], 0) as others:
         assert (mine, others) == (True, False)

@@ -1,5 +1,5 @@
-"""Training steps of BrightFlow, with the flows and colour offsets of the pack `training_brightflow` in place of the
-networks' outputs.
+"""Training steps of BrightFlow. The networks' outputs are replaced with flows and colour offsets from the pack
+`training_brightflow`.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
     plain, whole = kinds
     first, second = whole.crops(*cases["crop"])
     nothing = torch.zeros(2, *cases["crop"])
-    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # distinguishes it from other frames
+    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # makes it distinguishable from other frames
     batch = Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), None, None, whole, plain)
     return cases, arrays, Batch(**{**vars(batch), "changed": students})
 
@@ -91,12 +91,12 @@ class Answers:
         }
 
     def _which(self, image: Tensor) -> tuple[str, int]:
-        """The kind of an image, and the index of its frame."""
+        """The kind of an image and the index of its frame."""
         for kind, crops in self._crops.items():
             for frame in (0, 1):
                 if torch.allclose((image + 1) * 127.5, crops[frame], atol=1e-3):
                     return kind, frame
-        raise AssertionError("frames that are not in the batch")
+        raise AssertionError("frames that do not belong to the batch")
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
         kind, frame = self._which(image1)
@@ -105,7 +105,7 @@ class Answers:
             assert not torch.is_grad_enabled()
             teacher = self.given.enlarged("teacher")
             return [teacher[:, 0]], [teacher[:, 1]]
-        flows = self.given.enlarged("flow" if kind == "augmented" else "student")  # the last iteration first
+        flows = self.given.enlarged("flow" if kind == "augmented" else "student")  # last iteration first
         there, back = (list(flows[:, way].flip(1).unbind(1)) for way in (0, 1))
         return there, back
 

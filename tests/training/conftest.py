@@ -1,4 +1,4 @@
-"""A dataset of training pairs in KITTI's layout, made of textures, and a request for training on it."""
+"""A dataset of textured training pairs, and a request for training on it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robustflow.testing import TexturePairs
 
 @pytest.fixture(scope="session")
 def chairs(tmp_path_factory) -> Path:
-    """A folder in FlyingChairs' layout: eight pairs of moving textures, all in the training part."""
+    """A folder in FlyingChairs' layout with eight pairs of moving textures, all in the training split."""
     folder = tmp_path_factory.mktemp("flow") / "FlyingChairs_release"
     data = folder / "data"
     data.mkdir(parents=True)
@@ -32,7 +32,8 @@ def chairs(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def request_for(chairs, tmp_path):
-    """A request that trains RAFT-small for a few updates; keywords change the recipe, its data or the request."""
+    """A request that trains RAFT-small for a few updates; keyword arguments change the recipe, its data or the
+    request."""
     pytest.importorskip("torch", reason="needs the torch extra")
     pytest.importorskip("torchvision", reason="needs the torch extra")
     from robustflow.training.recipe import Recipe, load_recipe
@@ -52,7 +53,7 @@ def request_for(chairs, tmp_path):
 
 @pytest.fixture
 def given(shared):
-    """The pack of BrightFlow's training."""
+    """The pack with BrightFlow's training steps."""
     from .brightflow_steps import PACK, Given, read
 
     return Given(*read(shared(PACK)))

@@ -1,5 +1,5 @@
-"""A pack of training steps (`parity/training_*` of the shared data): its batch and weights, and the steps that the
-project computes from them with the recipe's own loss, optimiser and schedule.
+"""A pack of training steps (`parity/training_*` in the shared data): its batch and weights, and the steps that the
+project computes from them with the loss, optimiser and schedule of the recipe.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from robustflow.training.schedules import rate_of
 from ..parity.weight_rule import digest, weights
 
 STEPS = 200
-"""Length of the training for which every pack's schedule is defined, in updates."""
+"""Length of the training run for which every pack's schedule is defined, in updates."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class TrainingPack:
         return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float()
 
     def batch(self, step: int = 0, times: list[int] | None = None) -> Batch:
-        """The batch of a step, with time and noise if the case has `times`."""
+        """The batch of a step, with noise step and noise if the case has `times`."""
         with np.load(self.folder / "truth.npz") as file:
             truth, valid = (torch.from_numpy(file[key]).float() for key in ("flow", "valid"))
         batch = Batch(self.frames(1), self.frames(2), truth, valid, ("0", "1"))
@@ -74,7 +74,7 @@ class TrainingPack:
 
 @dataclass
 class Step:
-    """Results of one step before the weights change; gradients, before clipping, only for the first step."""
+    """Results of one step before the weights change; gradients (before clipping) only for the first step."""
 
     loss: float
     norm: float
@@ -95,10 +95,10 @@ def steps(
 
     Args:
         network: network from `TrainingPack.network`.
-        recipe: recipe of a training with `STEPS` steps.
+        recipe: recipe of a training run with `STEPS` steps.
         batch_of: function that returns the batch of a step.
         count: number of steps.
-        loss_of: function that returns the loss of a batch; the recipe's loss by default.
+        loss_of: function that returns the loss of a batch; by default the recipe's loss.
     """
     loss_of = loss_of or (lambda batch: loss_of_batch.loss_of_batch(network, batch, recipe))
     optimizer = build_optimizer(network, recipe)
@@ -131,7 +131,7 @@ def flows_kept() -> Iterator[list[Tensor]]:
 
 
 def gradients_of(network: TrainedNetwork) -> dict[str, Tensor]:
-    """A copy of the gradient of each parameter that has one, by the parameter's name in the authors' files."""
+    """Copies of all gradients that exist, by parameter name in the authors' files."""
     return {
         name.removeprefix("net.").removeprefix("model."): value.grad.clone()
         for name, value in network.named_parameters()

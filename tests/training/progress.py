@@ -1,4 +1,4 @@
-"""The files that a training writes into its folder, and a way to stop it."""
+"""The files that a training run writes to its folder, and a way to stop it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Augmentation: draws have the originals' distribution, and the flow still matches the pictures."""
+"""Augmentation: the draws are distributed as in the original code, and the flow still matches the images."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.training
 DRAWS = 2000
 SHAPE, CROP = (436, 1024), (368, 768)
 _ALPHA = 1e-4
-"""Probability that a correct distribution fails one of these tests, whose draws are fixed."""
+"""Probability that a correct distribution fails one of these tests; their draws are fixed."""
 
 
 def drawn(sparse: bool, flip: bool = True, log2_scale: tuple[float, float] = (-0.2, 0.6)) -> list[Geometry]:
@@ -54,7 +54,7 @@ def test_scales_of_dense_pairs():
 
 
 def test_scales_of_sparse_pairs_are_uniform_powers_and_equal():
-    # The crop is so small that no scale is cut off.
+    # The crop is so small that no scale has to be limited.
     every = [draw_geometry(Rng.of("s", n), SHAPE, (96, 128), (-0.3, 0.5), True, True) for n in range(DRAWS)]
     scales = [one.scale for one in every if one.scale is not None]
     assert share(len(scales), 0.8)
@@ -146,7 +146,7 @@ def test_a_frame_smaller_than_the_crop_is_always_enlarged():
 
 @pytest.mark.parametrize("augmentation", ["dense", "sparse"])
 def test_the_flow_stays_true_to_the_pictures(augmentation):
-    """The second frame, sampled along the flow, matches the first one as closely after augmentation as before."""
+    """The second frame, sampled along the flow, matches the first as closely after augmentation as before."""
     sample = TexturePairs(count=1, size=(200, 260), reach=6, seed=2).load("0")
     part = Part(data="sintel", augmentation=augmentation, log2_scale=(-0.1, 0.4), flip=True)
     assert sample.flow is not None
@@ -174,7 +174,7 @@ def test_the_flow_stays_true_to_the_pictures(augmentation):
     ],
 )
 def test_real_truth_stays_true_to_real_pictures(data, options, augmentation):
-    """On pairs with measured flow the warp error, occlusions included, is the same as without augmentation."""
+    """On pairs with measured flow, the warping error (including occlusions) is the same as without augmentation."""
     dataset = load_dataset(data, shared_folder("data", data), **options)
     part = Part(data=data, augmentation=augmentation, log2_scale=(-0.2, 0.4), flip=True)
     for key in dataset.keys():  # noqa: SIM118 (it is no mapping)

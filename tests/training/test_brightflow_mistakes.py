@@ -1,4 +1,4 @@
-"""Mistakes in BrightFlow's loss that the original's numbers must reject."""
+"""Mistakes in BrightFlow's loss that a comparison with the original code must detect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""BrightFlow's loss, corrector and learning rates compared with the original's numbers."""
+"""BrightFlow's loss, corrector and learning rates compared with those of the original code."""
 
 from __future__ import annotations
 
@@ -59,8 +59,9 @@ def _alone(given: Given, pair: int) -> Given:
 
 @pytest.mark.parametrize("case", RECIPES)
 def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
-    """Training in several processes, each with a share of the batch, makes the same updates. This holds only before the
-    self-supervision limit applies, because each process applies the limit to the mean of its share.
+    """Training in several processes, each with a share of the batch, makes the same updates as in one process. This is
+    only true until the self-supervision limit takes effect, because each process applies the limit to the mean of its
+    share.
     """
     arrays = {**given.arrays, **{name: given.arrays[name] / 4 for name in ("student", "teacher")}}
     whole = Given(given.cases, arrays, given.batch)
@@ -114,7 +115,7 @@ def corrector(shared) -> Corrector:
 
 
 def _corrected(network: Corrector, given: Given) -> tuple[Tensor, Tensor, Tensor]:
-    """The corrector's images, its offsets for them, and its loss."""
+    """The corrector's images, its colour offsets for them, and its loss."""
     images = [image[..., :128, :136] for _, _, image in step(given, "kitti", 26000).asked[:2]]
     together = torch.stack(images, 1).flatten(0, 1)
     offsets = network(together).unflatten(0, (2, 2))

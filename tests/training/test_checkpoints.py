@@ -1,4 +1,4 @@
-"""Checkpoints of a training: damaged, forged or unrelated files, and disks that cannot store any."""
+"""Checkpoints of a training run: damaged, forged or unrelated files, and full disks."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for)
 
 
 def _as_stored(content: object) -> str:
-    """A checkpoint's content as text."""
+    """The content of a checkpoint as text."""
     if isinstance(content, torch.Tensor):
         return f"{content.dtype}{tuple(content.shape)}{content.flatten().tolist()}"
     if isinstance(content, dict):
@@ -131,7 +131,7 @@ def test_a_disk_that_is_full_indeed(request_for, tmp_path):
     request.output.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
     if subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no right to mount a file system here")
+        pytest.skip("no permission to mount a file system")
     try:
         with pytest.raises(DataError, match=r"cannot write .*last\.pth.*No space left on device"):
             run_training(request)

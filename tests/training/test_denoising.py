@@ -1,4 +1,4 @@
-"""FlowDiffuser's training: its start, its predictions and its draws."""
+"""FlowDiffuser's training: initial noise, predictions and random draws."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEIGHT, WIDTH = 64, 96
 
 @pytest.fixture(scope="module")
 def still():
-    """A network whose updates change nothing, so that its predictions equal its start."""
+    """A network whose updates have no effect, so that its predictions equal its initial flow."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
         net = FlowDiffuser()
@@ -42,7 +42,7 @@ def test_it_begins_where_the_noised_truth_says(still, time):
         sample = kept**0.5 * 0.5 * true / 8 / side + (1 - kept) ** 0.5 * drawn
         expected = 8 * 0.1 * side * max(-1.0, min(1.0, sample))
         for flow in flows:
-            inner = flow[0, axis, 16:-16, 16:-16]  # the upsampling sees zeros beyond the border
+            inner = flow[0, axis, 16:-16, 16:-16]  # the upsampling reads zeros beyond the border
             assert torch.allclose(inner, torch.tensor(expected), atol=2e-3)
     assert [tuple(flow.shape) for flow in flows] == [(1, 2, HEIGHT, WIDTH)] * 12
 
@@ -58,7 +58,7 @@ def test_the_window_volume_is_the_same_with_gradients_and_its_gradient_is_the_pl
     weights = torch.randn(volume.shape, generator=generator)
     (volume * weights).sum().backward()
     others = [features.clone().requires_grad_() for features in (features1, features2)]
-    dense = torch.einsum("bchw,bcij->hwij", *others) / 8**0.5  # all pairs, then the window
+    dense = torch.einsum("bchw,bcij->hwij", *others) / 8**0.5  # all pairs, then only the window
     x, y = target[0].round().long()
     padded = torch.nn.functional.pad(dense, (8, 9, 8, 9))
     total = sum(
@@ -92,13 +92,13 @@ def test_the_time_is_one_for_a_step_and_the_noise_is_the_positions():
 
 
 def test_the_gradient_of_the_windows_place_is_that_of_all_pairs_sampled_there():
-    """Values are rounded straight through and sampled as in the RAFT family, where float32 determines the side of the
-    derivative.
+    """Gradients pass through the rounding of values. Values are sampled as in the RAFT family, where float32 rounding
+    determines which one-sided derivative is used.
     """
     generator = torch.Generator().manual_seed(3)
     height, width = 11, 14
     features = torch.randn(2, 1, 8, height, width, generator=generator).unbind()
-    target = torch.rand(1, 2, height, width, generator=generator) * 30 - 8  # also beyond the map
+    target = torch.rand(1, 2, height, width, generator=generator) * 30 - 8  # including positions beyond the map
     near = target + torch.rand(target.shape, generator=generator) * 4 - 2
     weights = torch.randn(1, 324, height, width, generator=generator)
     leaf, other = (target.clone().requires_grad_() for _ in range(2))

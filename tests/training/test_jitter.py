@@ -1,4 +1,4 @@
-"""Colour jitter gives the same bytes as Pillow, which the originals used."""
+"""Colour jitter returns the same bytes as Pillow, which the original code uses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The loop: a training that is interrupted and resumed gives the same bits as an undisturbed one; refused input."""
+"""The training loop: an interrupted and resumed run gives bit-identical weights to an undisturbed run; invalid input
+raises an error."""
 
 from __future__ import annotations
 
@@ -153,9 +154,7 @@ def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_
 
 
 def test_one_of_two_processes_is_told_to_stop_and_both_do(request_for, tmp_path):
-    """A signal reaches the processes at different moments; a process that stops must not leave the other
-    one waiting.
-    """
+    """A signal reaches the processes at different times; a process that stops must not leave the other one waiting."""
     import pickle
 
     request = request_for("both", steps=200, batch=2, device="cpu")
@@ -247,7 +246,7 @@ def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp
     request = request_for(steps=4, sources=[copy])
     with pytest.raises(DataError, match=r"training pair '00003' of flyingchairs: .*00003_img1\.ppm.*--skip-bad"):
         run_training(request)
-    with pytest.warns(UserWarning, match="training pair '00003' of flyingchairs is skipped"):
+    with pytest.warns(UserWarning, match="skipping training pair '00003' of flyingchairs"):
         run_training(request_for("skipped", steps=4, sources=[copy], skip_bad=True))
 
 
@@ -296,7 +295,7 @@ def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chair
     with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, but required by .*00002_"):
         run_training(request_for(sources=[f"flyingchairs={tmp_path / 'mixed'}"]))
     kitti = request_for(mix="kitti")
-    with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder kitti2015 or kitti there"):
+    with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder named kitti2015 or kitti"):
         run_training(replace(kitti, data=DataPlan([chairs])))
     with pytest.raises(DataError, match=r"not laid out like KITTI 2015; expected .*image_2"):
         run_training(replace(kitti, data=DataPlan([f"kitti2015={chairs}"])))

@@ -73,7 +73,7 @@ def test_a_shift_by_eight_pixels_matches_the_neighbour_and_leaves_the_frame_at_t
     truth[:, 0] = 8
     matches = true_matches(image1, image1, truth).reshape(5, 7)
     expected = torch.arange(35).reshape(5, 7) + 1
-    # Half a pixel off, the authors' sampling mixes zeros from outside the frame into row 0 and the last columns.
+    # The authors' sampling is off by half a pixel, which mixes zeros from outside into row 0 and the last columns.
     assert torch.equal(matches[1:, :5], expected[1:, :5])
     assert (matches[:, 6] == -1).all()
 

@@ -1,4 +1,5 @@
-"""The memory that a plan estimates is compared with a count at a crop and number of iterations outside the table."""
+"""The memory estimate of a plan, compared with a count at a crop and a number of iterations that are not in the
+table."""
 
 from __future__ import annotations
 
@@ -45,7 +46,7 @@ def test_every_measured_method_has_a_recipe_and_a_plan_says_what_it_expects(tmp_
     assert f"memory: about {expected_memory(load_recipe('raft', 'ood')):.1f} GiB for the whole batch" in text
     assert "less in fp16" in plan_text(load_recipe("gma", "ood"), DataPlan([tmp_path]))
     own = load_recipe("raft", "ood").changed(method="somewhere:Net")
-    assert "memory: not measured for this network" in plan_text(own, DataPlan([tmp_path]))
+    assert "memory: unknown for this network" in plan_text(own, DataPlan([tmp_path]))
 
 
 def load_recipe_of(name: str):

@@ -1,4 +1,5 @@
-"""Every method with a recipe makes real steps on real pairs, and trains the parameters that its recipe names."""
+"""Every method with a recipe makes real steps on real pairs and trains exactly the parameters that its recipe
+specifies."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ _NO_BATCHNORM = ("flowformer", "flowformer_pp", "flowdiffuser", "tiny")
 
 
 def three_steps(method: str, precision: str, folder: Path, data: Path) -> Request:
-    """A request for three updates on small crops of KITTI's pairs."""
+    """A request for three updates on small crops of KITTI pairs."""
     stage = "ood" if "ood" in recipes_of(method) else next(iter(recipes_of(method)))
     recipe = load_recipe(method, stage)
     if not recipe.method.startswith(("raft_", "samflow", "flowdiffuser", "tiny")):
@@ -52,8 +53,8 @@ def three_steps(method: str, precision: str, folder: Path, data: Path) -> Reques
 
 
 def assert_learned(request: Request) -> None:
-    """Losses are finite; every trained parameter has a gradient, except those that the recipe calls unused; frozen
-    parameters did not change; BatchNorm's statistics changed only if the recipe says so.
+    """Losses are finite; every trained parameter has a gradient, except those that the recipe lists as unused; frozen
+    parameters do not change; BatchNorm's statistics change only if the recipe allows it.
     """
     recipe, folder = request.recipe, request.output
     entries = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
@@ -86,12 +87,12 @@ def assert_learned(request: Request) -> None:
     if recipe.method in _NO_BATCHNORM or recipe.method.startswith("samflow"):
         assert not running
     elif recipe.frozen_norms == "none":
-        assert running & same == set(), "BatchNorm learns, and a running mean did not move"
+        assert running & same == set(), "BatchNorm is trained, but a running mean did not change"
     else:
         assert running <= same
 
 
-@pytest.mark.parametrize("method", SUPERVISED)  # samflow_h takes 6.5 GB
+@pytest.mark.parametrize("method", SUPERVISED)  # samflow_h needs 6.5 GB
 def test_three_steps(method, shared, tmp_path):
     request = three_steps(method, "fp32", tmp_path, shared("data"))
     if method == "csflow":
@@ -101,8 +102,8 @@ def test_three_steps(method, shared, tmp_path):
 
 
 def _csflow_within_the_frame(recipe: Recipe, folder: Path) -> Path:
-    """CSFlow begins with a flow that is a sum of correlations. With random weights that flow is thousands of pixels
-    long, so the network sees only zeros outside the frame; features scaled by a thirtieth keep the flow inside.
+    """CSFlow computes its initial flow as a sum of correlations. With random weights, that flow is thousands of pixels
+    long, so the network only reads zeros outside the frame; features scaled by 1/30 keep the flow inside the frame.
     """
     _, network = load_network(recipe, "random")
     weights = network.weights()

@@ -1,4 +1,4 @@
-"""The order of a training's pairs, and the share of each process."""
+"""The order of the pairs in a training run, and the share of each process."""
 
 import pytest
 from hypothesis import given
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.training
 @given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))
 def test_an_epoch_holds_every_place_at_most_once_and_leaves_out_less_than_an_update(count, block, seed, epoch):
     if count < block:
-        with pytest.raises(UsageError, match="fewer than one update needs"):
+        with pytest.raises(UsageError, match="too few for one update"):
             Order(count, block, seed)
         return
     order = Order(count, block, seed)

@@ -1,4 +1,4 @@
-"""Networks of the user: trained, seeded, and with a loss that they define themselves."""
+"""A user's networks: training, seeding, and losses that the networks define themselves."""
 
 from __future__ import annotations
 
@@ -106,8 +106,8 @@ def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch)
     _, first = load_network(own.recipe, "random", "cpu", dict(options))
     assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
     bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")
-    with pytest.raises(UsageError, match=r"method loss\(batch\) returned list; return one number"):
+    with pytest.raises(UsageError, match=r"method loss\(batch\) returned list; return a scalar tensor"):
         run_training(bad)
     odd = replace(own, recipe=own.recipe.changed(crop=(124, 140)), output=tmp_path / "odd")
-    with pytest.raises(UsageError, match=r"would be padded to 128x144; give --crop 128x144"):
+    with pytest.raises(UsageError, match=r"would be padded to 128x144; use --crop 128x144"):
         run_training(odd)

@@ -1,5 +1,5 @@
-"""The originals' own training steps and losses, from every `training_*` pack of the shared data, within the tolerances
-in the packs' READMEs.
+"""Training steps and losses agree with the original code, within the tolerances in the packs' READMEs, for every
+`training_*` pack in the shared data.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 
 def packs(holding: str) -> list[str]:
-    """The packs that contain a file."""
+    """The packs that contain the given file."""
     return sorted(path.parent.name for path in (shared_root() / "parity").glob(f"training_*/{holding}"))
 
 
@@ -76,7 +76,7 @@ def test_optimiser_steps_of_raft(shared, name, case):
             assert norm.item() == pytest.approx(expected["grad_norm"][0], rel=1e-4)
             error = end_point_error(flows[-1], truth, valid, max_flow=float("inf"))
             assert error.item() == pytest.approx(expected["epe_last"][0], rel=1e-4)
-            # Mistakes: no limit of 400 px, a mean over valid pixels, a schedule that is stepped too early.
+            # Mistakes: no limit of 400 px, a mean over valid pixels only, and a schedule that is stepped too early.
             unlimited = sequence_loss(flows, truth, valid, recipe.gamma, max_flow=float("inf"))
             counted = ((valid >= 0.5) & (truth.norm(dim=1) < 400)).float().mean()
             assert min(unlimited.item(), loss.item() / counted) > 1.01 * expected["loss"][0]

@@ -1,4 +1,4 @@
-"""Recipes have the values of the paper's tables, and invalid recipes are refused."""
+"""Recipes have the values from the paper's tables, and invalid recipes raise an error."""
 
 import csv
 import tomllib

@@ -1,5 +1,5 @@
-"""SAMFlow-T's training steps compared with the original's: two optimiser steps of one pair each, and mistakes that the
-original's numbers must reject.
+"""SAMFlow-T's training steps compared with the original code: two optimiser steps of one pair each, and mistakes that
+the comparison must detect.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .pack_steps import STEPS, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
-"""Tolerances from the pack's README: relative for both steps; for a gradient, relative to its largest value; for the
-final weights.
+"""Tolerances from the pack's README: relative tolerances for both steps, for a gradient relative to its largest value,
+and for the final weights.
 """
 NO_GRADIENT = ("k_proj.bias", ".k.bias")
-"""Parameters whose true gradient is 0, because softmax cancels a value that is added to every score."""
+"""Parameters whose true gradient is 0, because softmax cancels any value added to all scores."""
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def pack() -> TrainingPack:
 
 @pytest.fixture(scope="module")
 def recipe(pack) -> Recipe:
-    """The recipe with the settings of the original's things stage, and one pair per update."""
+    """The recipe with the settings of the original's `things` stage and one pair per update."""
     header, ood = pack.header, load_recipe("samflow_t", "ood")
     assert (header["num_steps"], header["lr"], header["clip"]) == (STEPS, ood.learning_rate, ood.optimizer.clip)
     optimizer = {**ood.optimizer.model_dump(), "weight_decay": header["wdecay"]}
@@ -42,7 +42,7 @@ def recipe(pack) -> Recipe:
 
 
 def alone(batch: Batch, number: int) -> Batch:
-    """One pair of a batch, because the original has one per process."""
+    """One pair of a batch, because the original code has one per process."""
     only = slice(number, number + 1)
     return Batch(batch.image1[only], batch.image2[only], batch.flow[only], batch.valid[only], batch.names[only])
 
@@ -78,7 +78,7 @@ def test_mistake_in_the_recipe_moves_the_loss_beyond_its_tolerance(pack, recipe,
 
 
 def test_pairs_of_one_batch_do_not_see_each_other(pack, recipe):
-    """The original has one pair per process; with more, contexts would mix as in FlowFormer."""
+    """The original code has one pair per process; with more, contexts would be mixed as in FlowFormer."""
     network, batch = pack.network(recipe), pack.batch()
     with torch.no_grad():
         together, *singly = (

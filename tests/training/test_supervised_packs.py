@@ -1,5 +1,5 @@
 """Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser compared with those of their authors' code,
-from the packs `training_*` of the shared data; and mistakes that the packs' numbers must reject.
+from the packs `training_*` in the shared data; and mistakes that the comparison must detect.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ _NORM = {"flowdiffuser": (1e-4, 1e-3)}
 _GRADIENT = {"flowdiffuser": 5e-4}
 """Tolerance of a gradient relative to its largest value, for cases other than the default 1e-3."""
 ROUNDING = 1e-6
-"""Parameters without effect (biases before a norm, or biases of keys that softmax compares), whose gradients are
-rounding error.
+"""Parameters without any effect (biases before a norm, or biases of attention keys), whose gradients are only rounding
+error.
 """
 
 
@@ -94,7 +94,7 @@ def made(name: str, case: str) -> tuple[list[Step], dict[str, torch.Tensor]]:
 
 
 def loss_with(name: str, network, batch=None) -> float:
-    """The loss of the first step of the things stage after a change in the network or the batch."""
+    """The loss of the first step of the `things` stage after a change in the network or the batch."""
     with torch.no_grad():
         return loss_of_batch(network, batch or batch_of(name), recipe_of(name, "things"))[0].item()
 
@@ -177,12 +177,12 @@ def test_loss_over_other_pixels_is_rejected(name):
     unlimited = sequence_loss(step.flows, batch.flow, batch.valid, gamma, max_flow=float("inf"))
     counted = ((batch.valid >= 0.5) & (batch.flow.norm(dim=1) < 400)).float().mean()
     assert unlimited / right > 1.01
-    assert 1 / counted > 1.1  # the mean over valid pixels alone
+    assert 1 / counted > 1.1  # the mean over valid pixels only
 
 
 def test_matching_of_gmflownet_with_other_frames_or_pixels_is_rejected():
-    """The README's numbers are for frames in 0..1, where nothing is occluded, and for excluded pixels of
-    unknown truth.
+    """The values in the README are for frames in 0..1, in which no pixel is occluded, and without pixels of unknown
+    ground truth.
     """
     pack, batch = pack_of("gmflownet"), batch_of("gmflownet")
     expected = pack.header["cases"]["things"]
@@ -228,7 +228,7 @@ def test_flowformer_with_each_pairs_own_context_or_padded_crops_is_rejected():
 
 
 def test_flowformer_pp_with_the_contexts_of_other_pairs_is_rejected():
-    """The README states 5.5e-5 for the loss, and 30 % and more for the gradients of the contexts' projections."""
+    """The README states 5.5e-5 for the loss, and at least 30 % for the gradients of the context projections."""
     expected, network = pack_of("flowformer_pp").header["cases"]["things"]["loss"][0], network_of("flowformer_pp")
     for module in network.modules():
         if hasattr(module, "context_proj"):
@@ -302,7 +302,7 @@ def _far_reach(patch, network, batch):
     ],
 )
 def test_flowdiffuser_from_another_start_is_rejected(monkeypatch, mistake, change):
-    """The loss must change by the amount that the README states for the mistake."""
+    """Each mistake must change the loss by the amount stated in the README."""
     network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
     wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
     right = pack_of("flowdiffuser").header["cases"]["things"]["loss"][0]

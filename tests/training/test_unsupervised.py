@@ -1,4 +1,4 @@
-"""Training without labels: real steps of each method on real pairs, exact resume, and overfitting to one pair."""
+"""Training without labels: real steps of each method on real pairs, exact resumption, and overfitting to one pair."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def small(method: str, folder: Path, **changes) -> Recipe:
     if method == "brightflow":
         objective["border"] = 16
     elif method == "arflow":
-        objective["census_from"] = 0.5  # with untrained weights the occlusion check finds no visible pixel
+        objective["census_from"] = 0.5  # with untrained weights, the occlusion check finds no visible pixels
     values = {"steps": STEPS, "batch": 2, "crop": (64, 128), "objective": objective}
     if "mix" not in changes:
         values["mix"] = mix(folder, MIXES[method])
@@ -103,8 +103,8 @@ def test_the_seed_is_that_of_every_random_weight(method):
 @pytest.mark.parametrize(
     ("method", "crop", "says"),
     [
-        ("arflow", (96, 128), "crop 96x128: arflow needs multiples of 64; give another --crop"),
-        ("brightflow", (128, 192), "so each side needs more than 128; give a larger --crop"),
+        ("arflow", (96, 128), "crop 96x128: arflow needs multiples of 64; choose a different --crop"),
+        ("brightflow", (128, 192), "so each side needs more than 128; use a larger --crop"),
     ],
 )
 def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
@@ -139,8 +139,8 @@ def test_the_stages_of_arflow(stage):
 
 @pytest.mark.slow
 def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
-    """Without labels, the photometric loss falls in the raw stage, and EPE falls far below half of its start and of
-    zero flow's; the second stage continues from there without getting worse.
+    """Without labels, the photometric loss decreases in the `raw` stage, and EPE drops far below half of its initial
+    value and half of zero flow's; the second stage continues from there without getting worse.
     """
     folder = tmp_path / "data"
     for path in shared("data/middlebury").rglob("*"):
@@ -163,7 +163,7 @@ def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
     errors = [line["epe"] for line in entries(first.output) if "epe" in line]  # a swapped pair has no ground truth
     assert sum(photometric[-5:]) < 0.7 * sum(photometric[:5])
     assert sum(errors[-5:]) < 0.5 * sum(errors[:5])
-    assert sum(errors[-5:]) / 5 < 0.5  # in pixels; the mean length of the flow is 1.2
+    assert sum(errors[-5:]) / 5 < 0.5  # in pixels; the mean flow magnitude is 1.2
     run_training(replace(first, recipe=second.changed(steps=20, **small), output=tmp_path / "second", start=str(last)))
     again = entries(tmp_path / "second")
     assert max(line["epe"] for line in again if "epe" in line) < 0.5

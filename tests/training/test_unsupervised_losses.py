@@ -1,4 +1,4 @@
-"""Losses and transforms of training without labels, compared with independently written formulas."""
+"""Losses and transforms for training without labels, compared with independently written formulas."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ def test_the_masked_census_does_not_see_what_is_hidden():
     seen[..., :10] = 1
     before = masked_census(first, second, seen)
     hidden = second.clone()
-    hidden[..., 13:] = 127.0  # at least three pixels, the window's radius, from visible pixels
+    hidden[..., 13:] = 127.0  # at least three pixels (the window's radius) from visible pixels
     assert masked_census(first, hidden, seen) == before
     assert masked_census(first, second, torch.zeros_like(seen)) == 0
 
 
 def test_the_dilated_warp_fetches_from_the_whole_frame():
-    """Sampling agrees with SciPy's sampling of the whole frame, for two frames of different sizes in one batch."""
+    """Sampling agrees with SciPy's sampling of the uncropped frame, for two frames of different sizes in one batch."""
     rng = np.random.default_rng(3)
     sizes = [(30, 40), (26, 44)]
     frames = [rng.random((3, *size)).astype(np.float32) for size in sizes]
@@ -156,7 +156,7 @@ def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
     assert (corrected[0, 0] != 100).nonzero().tolist() == [[y, x] for y in range(2, 6) for x in range(3, 8)]
     assert whole.unique().tolist() == [100.0]
     target = torch.full((1, 3, 4, 5), 100.0)
-    target[..., 1, 1] = 115.0  # here 120 is closer than 100
+    target[..., 1, 1] = 115.0  # here, 120 is closer than 100
     flow = torch.zeros(1, 2, 4, 5)
     flow[:, 0] = 1.0  # which ends one pixel to the right
     kept = kept_offsets(target, torch.full_like(target, 100.0), torch.full_like(target, 120.0), flow)
@@ -184,7 +184,7 @@ def test_brightflow_gets_the_frames_also_in_their_own_colours_and_without_their_
         assert pair.whole.corner == pair.plain.corner
         assert pair.whole.frame1.shape == pair.plain.frame1.shape
         coloured += float(np.abs(pair.whole.frame1 - pair.plain.frame1).mean()) > 2
-        assert np.corrcoef(pair.whole.frame2.ravel(), pair.plain.frame2.ravel())[0, 1] > 0.5  # nothing has moved
+        assert np.corrcoef(pair.whole.frame2.ravel(), pair.plain.frame2.ravel())[0, 1] > 0.5  # no pixel has moved
         inner = pair.frame2.transpose(1, 2, 0)[16:-16, 16:-16].astype(np.uint8)
         expected = cv2.resize(inner, (128, 96), interpolation=cv2.INTER_LINEAR)
         np.testing.assert_array_equal(pair.changed[1].transpose(1, 2, 0), expected)

@@ -1,5 +1,5 @@
 """UPFlow's loss, gradients and optimiser steps compared with those of its authors' code, from the pack
-`training_upflow` of the shared data; and mistakes that its numbers must reject.
+`training_upflow` in the shared data; and mistakes that the comparison must detect.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .pack_steps import Step, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 CASES = {"paper": 3, "script": 1}
-"""The steps of each case; "script" has only photometric loss and smoothness."""
+"""The steps of each case; "script" uses only the photometric loss and smoothness."""
 _TERM = (2e-6, 1e-5, 1e-4)
 """Relative tolerance of the loss terms in each step."""
 GRADIENT, WEIGHT = 1e-3, 5e-5
@@ -39,7 +39,7 @@ GRADIENT, WEIGHT = 1e-3, 5e-5
 
 @dataclass
 class Made:
-    """Results of the steps of a case; `ways` contains those of the first step."""
+    """Results of the steps of a case; `ways` contains the results of the first step."""
 
     steps: list[Step]
     ways: list[OneWay]
@@ -69,7 +69,7 @@ def batch_of(header: dict[str, Any]) -> Batch:
 
 
 def first_terms(network, batch: Batch | None = None) -> dict[str, float]:
-    """The loss terms of the first step of "paper" after a change in the network or the batch."""
+    """The loss terms in the first step of "paper" after a change in the network or the batch."""
     module = build_objective(network, recipe_of("paper"))
     with torch.no_grad():
         _, terms = module(batch or batch_of(pack().header), TrainingStep(0, 0, (), 0))
@@ -140,8 +140,8 @@ def test_gradients_of_the_first_step_are_the_originals(case):
 
 @pytest.mark.parametrize("case", CASES)
 def test_loss_of_the_originals_flows_has_the_originals_gradient_at_every_pixel(case, monkeypatch):
-    """Uses given flows instead of the network's: smoothness has a kink where two neighbouring vectors are equal, and
-    differently rounded flows may fall on either side of it.
+    """Uses given flows instead of the network's, because smoothness has a kink where two neighbouring vectors are
+    equal, and differently rounded flows may be on different sides of it.
     """
     arrays, recipe, expected = pack().arrays, recipe_of(case), pack().header["cases"][case]["terms"][0]
     ways = ("forward", "backward")
@@ -184,7 +184,7 @@ def _own_size(way: OneWay) -> list[torch.Tensor]:
     return sums
 
 
-# Without visibility the original also averages over both components, which is a factor of 0.38.
+# Without the visibility mask, the original also averages over both components, which gives a factor of 0.38.
 @pytest.mark.parametrize(("mistake", "factor"), [(_all_seen, 2 * 0.383), (_leaving_is_hidden, 0.59)])
 def test_distillation_of_other_pixels_is_rejected(mistake, factor):
     expected, settings = pack().header["cases"]["paper"]["terms"][0], recipe_of("paper").objective
@@ -210,7 +210,8 @@ def test_frames_fetched_from_the_crop_are_rejected():
 
 
 def test_photometric_terms_of_visible_pixels_alone_are_rejected():
-    """The factors in the README reject the mistake; its census is divided by twice the number of visible pixels."""
+    """The factors stated in the README detect the mistake of dividing the census by twice the number of visible
+    pixels."""
     expected, settings = pack().header["cases"]["paper"]["terms"][0], recipe_of("paper").objective
     wrong = dict.fromkeys(("photometric", "census"), 0.0)
     with torch.no_grad():
@@ -235,9 +236,7 @@ def test_moments_of_features_over_their_channels_are_rejected(monkeypatch):
 
 
 def test_mask_of_features_that_rounding_decides_is_rejected():
-    """With 1.0 in place of 0.9999, the size of the deviations (0.968 and 0.993 in the README) also
-    depends on rounding.
-    """
+    """With 1.0 instead of 0.9999, the deviations (0.968 and 0.993 in the README) also depend on rounding."""
     network, expected = pack().network(recipe_of("paper")), pack().header["cases"]["paper"]["terms"][0]
     network.net.sampling = network.net.sgi_model.sampling = Sampling(threshold=1.0)
     terms = first_terms(network)

@@ -1,5 +1,5 @@
-"""The arms of the experiment: the same network, initial weights, data and number of updates, with different corruptions
-of the training frames."""
+"""The arms of the experiment. All arms have the same network, initial weights, data and number of updates; they differ
+in the corruptions of the training frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLAIN, ALL = "plain", "all"
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm of the experiment.
+    """One arm of the experiment.
 
     Attributes:
         name: name of the arm: "plain", "all", or "no_FAMILY".
@@ -42,7 +42,8 @@ def members(family: str) -> list[str]:
 
 
 def arms() -> list[Arm]:
-    """Return the arms: without corruptions, with all families, and with all families except one.
+    """Return the arms: one without corruptions, one with all families, and one for each held-out family that leaves it
+    out.
 
     >>> [arm.name for arm in arms()]
     ['plain', 'all', 'no_noise', 'no_weather']

@@ -28,10 +28,10 @@ class Effect:
 
     Attributes:
         difference: mean difference over seeds and pairs.
-        error: standard error; None, like the next four fields, with too few pairs or seeds.
+        error: standard error. This and the next four fields are None with too few pairs or seeds.
         freedom: degrees of freedom of the standard error.
         low, high: bounds of the 95 % confidence interval over pairs and seeds.
-        p: two-sided p-value for no difference, uncorrected.
+        p: two-sided p-value for the null hypothesis of no difference, uncorrected.
         plain, value: means of the plain arm and of this arm.
     """
 
@@ -130,7 +130,9 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
     }.items():
         part = rows.filter(pl.col("corruption").is_in(names))
         if set(part["corruption"]) != set(names):
-            raise UsageError(f"{run.path}: without {', '.join(names)}; measure all corruptions of the experiment")
+            raise UsageError(
+                f"{run.path} does not have all of {', '.join(names)}; measure all corruptions of the experiment"
+            )
         epe = _by_pair(part, "epe", pairs)
         scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _by_pair(part, "rcre", pairs)}
     return scores
@@ -139,5 +141,5 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
 def _by_pair(rows: pl.DataFrame, column: str, pairs: list[str]) -> Array:
     means = rows.group_by("sample").agg(pl.col(column).mean()).sort("sample")
     if list(means["sample"]) != pairs:
-        raise UsageError(f"pairs without a measured {column}: the runs of an experiment measure every pair")
+        raise UsageError(f"some pairs have no measured {column}; measure every pair in the runs of an experiment")
     return means[column].to_numpy()

@@ -1,4 +1,4 @@
-"""Report the experiment in words and tables, as Markdown; every claim is supported by an interval."""
+"""Report the results of the experiment as Markdown text and tables; every claim is supported by an interval."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
     """Return the page, and a table of all effects (see `effects`).
 
     Args:
-        runs: runs by (arm, dataset, seed); a seed with a missing arm is left out.
+        runs: runs by (arm, dataset, seed); seeds with a missing arm are left out.
     """
     parts, tables = [], []
     for dataset in dict.fromkeys(of for _, of, _ in runs):
@@ -45,7 +45,7 @@ def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
 
 
 def _hypotheses(table: pl.DataFrame, hypotheses: Sequence[Hypothesis]) -> str:
-    """Return one sentence per hypothesis, with Holm's correction over all of them."""
+    """Return one sentence per hypothesis, with Holm's correction for all of them."""
     tested = [_one(table, each.arm, each.family, each.quantity) for each in hypotheses]
     if any(effect["p"] is None for effect in tested):
         few = f"With fewer than {FEWEST_SEEDS} seeds or {FEWEST_PAIRS} pairs there is no test"
@@ -54,13 +54,13 @@ def _hypotheses(table: pl.DataFrame, hypotheses: Sequence[Hypothesis]) -> str:
     adjusted = holm([effect["p"] for effect in tested])
     lines = []
     for each, effect, p in zip(hypotheses, tested, adjusted, strict=True):
-        verdict = "no change can be told from zero"
+        verdict = "the change is not significantly different from zero"
         if p < LEVEL:
-            verdict = "it falls" if effect["difference"] < 0 else "it grows"
+            verdict = "it decreases" if effect["difference"] < 0 else "it increases"
         lines.append(
             f"- {_named(each)} {_change(effect)} px, difference {_difference(effect)}, p = {p:.3f} after Holm's "
-            f"correction for {len(hypotheses)}: {verdict}. A change of {_detectable(effect):.2f} px would be found "
-            f"with a probability of {100 * _POWER:.0f} %."
+            f"correction for {len(hypotheses)}: {verdict}. The probability of detecting a change of "
+            f"{_detectable(effect):.2f} px is {100 * _POWER:.0f} %."
         )
     return "\n".join(lines)
 

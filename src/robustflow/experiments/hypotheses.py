@@ -2,13 +2,13 @@
 
 For each seed, one network is trained from random weights without corruptions. Each arm continues training from this
 network with its corruptions; "plain" uses none. There is one hypothesis for each of the two held-out families: compared
-with training without corruptions, training with all other families changes the error that the held-out family adds
+with training without corruptions, training with all other families changes the error caused by the held-out family
 (CRE, mean over the family's corruptions, severity 3). Both hypotheses are tested two-sided on held-out flying shapes,
 over pairs and seeds, with Holm's correction for two tests at the 5 % level. RCRE is secondary; all other results (EPE,
 CREr, clean EPE, single corruptions, the arm trained with all families) are descriptive.
 
-A seed is excluded with all its arms in only two cases: one of its networks has not been trained, or the clean error of
-one of them is not below half the error of zero flow, because the network has not learned to match.
+A seed is excluded with all its arms in only two cases: if one of its networks has not been trained, or if the clean
+error of one of them is not below half the error of zero flow, which means that the network has not learned to match.
 """
 
 from __future__ import annotations
@@ -41,4 +41,4 @@ SECONDARY = tuple(Hypothesis(family, "rcre") for family in LEFT_OUT)
 DATASET = "shapes"
 """Dataset on which the hypotheses are tested."""
 LEVEL = 0.05
-"""Significance level of the two primary tests together."""
+"""Joint significance level of the two primary tests."""

@@ -19,8 +19,8 @@ _RESAMPLES = 4000
 
 
 class MeanInterval(NamedTuple):
-    """Standard error of a mean and its degrees of freedom, the 95 % interval, and the two-sided p-value for a mean of
-    0."""
+    """Standard error of a mean and its degrees of freedom, the 95 % interval, and the two-sided p-value for the
+    hypothesis that the mean is 0."""
 
     error: float
     freedom: float
@@ -32,10 +32,11 @@ class MeanInterval(NamedTuple):
 def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | None:
     """Return the confidence interval of the mean over seeds and pairs.
 
-    A bootstrap-t (Efron and Tibshirani 1993, ch. 12): seeds and pairs are both resampled, as in Owen (2007), and each
-    resample's mean is divided by its own standard error, so that the interval reflects skewed distributions. A few
-    seeds have too few distinct resamples, so both bounds are at least as far from the mean as those of Student's t with
-    Satterthwaite's degrees of freedom (1946). Likewise, the p-value is the larger of the two.
+    A bootstrap-t (Efron and Tibshirani 1993, ch. 12): both seeds and pairs are resampled, as in Owen (2007), and the
+    mean of each resample is divided by its own standard error, so that the interval reflects skewed distributions. With
+    few seeds there are too few distinct resamples, so both bounds are at least as far from the mean as those of
+    Student's t with Satterthwaite's degrees of freedom (1946). Likewise, the p-value is the larger of the two methods'
+    values.
 
     Args:
         differences: differences, float64 (seeds, pairs).

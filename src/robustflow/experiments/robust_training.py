@@ -1,9 +1,9 @@
 """Experiment: does training with corruptions make flow estimation robust, including to corruptions not used in
 training?
 
-For each seed, `tiny` is trained from random weights without corruptions until it can match; each arm then continues
-with its corruptions. Every network is evaluated as soon as it is trained, on held-out flying shapes and on real pairs.
-Completed trainings and runs are not repeated.
+For each seed, `tiny` is trained from random weights without corruptions until it can match pixels; each arm then
+continues the training with its corruptions. Every network is evaluated as soon as it is trained, on held-out flying
+shapes and on real pairs. Completed training and evaluation runs are not repeated.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from .hypotheses import DATASET
 METHOD, START, STAGE = "tiny", "small", "small_robust"
 """The network, the recipe for training from random weights, and the recipe of the arms."""
 _COMPLETE = "complete"
-"""File that marks a completed training in its folder."""
+"""File that marks the training run in its folder as complete."""
 _SEED_OF_ARMS = 1000
 """Offset added to the seed of the arms, so that they do not repeat the random draws of the initial training."""
 _SAVE_EVERY = 20
-"""Number of updates between checkpoints, which is the maximum loss if the process is killed."""
+"""Number of updates between checkpoints, and thus the most that is lost if the process is killed."""
 _POLL_S = 5.0
 _BATCH = 8
 """Number of pairs predicted in one batch."""
@@ -67,7 +67,7 @@ class TrainingExperiment:
         evaluation_sets: sets of pairs on which every network is evaluated.
         seeds: number of seeds, counted from 0. A seed determines the initial weights, and the order, augmentation and
             corruption of the training data.
-        steps: number of updates of each training; None for the number in the recipe.
+        steps: number of updates of each training run; None for the number in the recipe.
         severities: severities to evaluate.
         loaders: number of processes that prepare batches in advance.
     """
@@ -80,25 +80,25 @@ class TrainingExperiment:
     loaders: int = 1
 
     def training(self, seed: int, name: str) -> Path:
-        """Return the folder of a training: "start", or an arm's folder."""
+        """Return the folder of a training run: "start", or an arm's folder."""
         return self.output / "trainings" / f"seed-{seed}" / name
 
 
 def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[EvaluationSet, ...]:
-    """Return the held-out flying shapes, followed by the dataset of each NAME=FOLDER.
+    """Return the held-out flying shapes, followed by the dataset for each NAME=FOLDER.
 
     Raises:
-        UsageError: a text is not NAME=FOLDER, the dataset is unknown, or it has no ground truth.
-        DataError: the layout of a folder is different.
+        UsageError: an item is not NAME=FOLDER, the dataset is unknown, or it has no ground truth.
+        DataError: the layout of a folder is not as expected.
     """
     sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
         name, equals, folder = entry.partition("=")
         if not equals:
-            raise UsageError(f"--data {entry}: say which dataset it is: NAME=FOLDER, for example kitti2015={entry}")
+            raise UsageError(f"--data {entry}: specify the dataset as NAME=FOLDER, for example kitti2015={entry}")
         if not load_dataset(name, folder).has_flow:
             raise UsageError(
-                f"--data {entry}: {dataset_facts(name).title} has no ground truth; give pairs with ground truth"
+                f"--data {entry}: {dataset_facts(name).title} has no ground truth; choose a dataset with ground truth"
             )
         sets.append(EvaluationSet(name, Path(folder).expanduser().resolve()))
     return tuple(sets)
@@ -109,8 +109,8 @@ def run_experiment(
 ) -> Runs | None:
     """Train and evaluate the missing networks, all arms of a seed before the next seed.
 
-    Several processes can share a folder: each works on the next network that no other process has claimed, and finally
-        waits for the others.
+    Several processes can share a folder: each one works on the next network that no other process has claimed, and
+    finally waits for the others.
 
     Args:
         experiment: settings of the experiment.
@@ -121,7 +121,7 @@ def run_experiment(
         Runs by (arm, dataset, seed), or None if the experiment was stopped.
 
     Raises:
-        RunError: the folder contains trainings with a different number of steps.
+        RunError: the folder contains training runs with a different number of steps.
         UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
     """
     runs: dict[tuple[str, str, int], Run] = {}
@@ -150,7 +150,7 @@ def run_experiment(
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[bool]:
-    """Lock a folder within the block; the value is whether this process holds the lock."""
+    """Lock a folder within the block; yields whether this process holds the lock."""
     make_folder(folder)
     lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released when the process is killed
     try:
@@ -182,7 +182,7 @@ def _started(
 def _trained(
     experiment: TrainingExperiment, seed: int, arm: Arm | None, start: Path | None, stop: Callable[[], bool]
 ) -> Path | None:
-    """Return the weights of an arm, or without an arm the initial weights of all arms; None if the training was
+    """Return the weights of an arm, or the initial weights of all arms if no arm is given; None if the training was
     stopped."""
     folder = experiment.training(seed, "start" if arm is None else arm.name)
     recipe = load_recipe(METHOD, START if arm is None else STAGE).changed(steps=experiment.steps)
@@ -213,8 +213,8 @@ def _check_same(experiment: TrainingExperiment, recipe: Recipe, checkpoint: Path
     _, about = read_progress(checkpoint)
     if about.identity.get("recipe") != recipe.digest():
         raise RunError(
-            f"{experiment.output} holds an experiment with different --steps; give those it was started with, or a "
-            "different --output"
+            f"{experiment.output} contains an experiment with different --steps; use the same --steps, or a different "
+            "--output"
         )
 
 

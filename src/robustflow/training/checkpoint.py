@@ -1,9 +1,9 @@
-"""Save checkpoints of a training run: everything needed to continue, in a file that `run --checkpoint` can also read.
+"""Save checkpoints of a training run: everything needed to resume it, in a file that `run --checkpoint` can also read.
 
-`last.pth` contains weights, optimiser, loss scaling and the number of updates; random numbers have no state, because
-every draw is a function of the seed and the step. Files with weights only (`best.pth`, `update-N.pth`) contain the
-entries needed for prediction. Each file contains a digest of its entries, and is checked on reading like any untrusted
-checkpoint.
+`last.pth` contains weights, optimiser, loss scaling and the number of updates; there is no random state, because
+every random draw is a function of the seed and the step. Files that contain only weights (`best.pth`, `update-N.pth`)
+have the entries needed for prediction. Each file contains a digest of its entries, and is checked when it is read, like
+any untrusted checkpoint.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class TrainingProgress:
 
 
 def save_weights(path: Path, weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> None:
-    """Write weights and their origin atomically.
+    """Write weights and their provenance atomically.
 
     Raises:
         DataError: the folder cannot be written, or the disk is full.
@@ -61,13 +61,13 @@ def save_training(
     optimizer: torch.optim.Optimizer,
     scaler: torch.amp.GradScaler,
 ) -> None:
-    """Write a checkpoint with everything needed to continue."""
+    """Write a checkpoint with everything needed to resume training."""
     state = {"optimizer": optimizer.state_dict(), "scaler": scaler.state_dict()}
     write_with(path, lambda file: _save({**_content(weights, about, trained_on), **state}, file))
 
 
 def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
-    """Read a file of `save_training`; return the complete content and the progress.
+    """Read a file written by `save_training`; return its entire content and the progress.
 
     Raises:
         RunError: the file does not exist, or was not written by a training run.
@@ -89,7 +89,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         return content, TrainingProgress(int(about["updates"]), dict(about["identity"]), best)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
-            f"{path} is damaged ({first_line(error)}); restore it, or start again from a weights file"
+            f"{path} is damaged ({first_line(error)}); restore it, or restart from a weights file"
         ) from error
 
 
@@ -111,7 +111,7 @@ def _spelled(value: Any) -> Iterator[bytes | memoryview]:
     """Encode a value as unique bytes.
 
     Raises:
-        TypeError: a part has a type that checkpoints do not store.
+        TypeError: a part has a type that checkpoints cannot store.
     """
     if isinstance(value, Tensor):
         yield f"{value.dtype}{tuple(value.shape)}".encode()
@@ -133,8 +133,8 @@ def _spelled(value: Any) -> Iterator[bytes | memoryview]:
 
 
 def _refuse_views(content: Any, size: int) -> None:
-    """Raise if the tensors are larger than their file: a view of a few values can have any shape, and a copy of it
-    would take the full size in memory."""
+    """Raise if the tensors are larger than their file: a view of a few values can have any shape, and copying it would
+    allocate memory for its full size."""
     if sum(tensor.numel() * tensor.element_size() for tensor in _tensors(content)) > size:
         raise ValueError("its tensors are larger than the file")
 

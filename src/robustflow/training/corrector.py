@@ -12,12 +12,12 @@ _FEATURES = 128
 
 
 class Corrector(ResidualEncoder):
-    """Predict offsets of an image's colours from the image, the second image warped to it by the flow, and its
-    visibility.
+    """Predict colour offsets for an image from the image, the second image warped to it by the flow, and a visibility
+    mask.
 
-    The network consists of the flow network's encoder on seven channels, a head of three channels at 1/8 resolution,
-    and convex upsampling. Parameter names match the authors' files after `corrector.`: those of the encoder, then
-    `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
+    The network consists of the flow network's encoder on seven channels, a three-channel head at 1/8 resolution,
+    and convex upsampling. After the prefix `corrector.`, parameter names match the authors' files: those of the
+    encoder, then `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
     """
 
     def __init__(self) -> None:

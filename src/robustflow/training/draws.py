@@ -1,4 +1,5 @@
-"""Draw the random numbers of a step, except those of its pairs, as functions of the seed, the step and the position."""
+"""Draw the random numbers of a step, except those for its pairs, as functions of the seed, the step and the
+position."""
 
 from __future__ import annotations
 
@@ -29,8 +30,8 @@ def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list
 
 
 def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """Add noise to both frames, with one standard deviation for all pairs of a step, uniform from 0 to the recipe's
-    maximum (FlowFormer)."""
+    """Add noise to both frames. All pairs of a step share one standard deviation, drawn uniformly from 0 to the
+    recipe's maximum (FlowFormer)."""
     if not recipe.noise:
         return batch
     deviation = Rng.of(seed, "noise", step).uniform(0.0, recipe.noise)
@@ -42,7 +43,7 @@ def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[i
 
 
 def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
-    """Draw the noise step from which ground truth is denoised, one for all pairs of a step, and the noise
+    """Draw the noise step from which ground truth is denoised (shared by all pairs of a step) and the noise
     (FlowDiffuser)."""
     if recipe.loss != "denoising":
         return batch

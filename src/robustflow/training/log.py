@@ -32,7 +32,7 @@ class MetricsLog:
         try:
             self._file = open(self._path, "a", encoding="utf-8", opener=not_a_link)  # noqa: SIM115  # closed by __exit__
         except OSError as error:
-            raise DataError(f"cannot write {self._path}: {error.strerror}; choose another --output") from error
+            raise DataError(f"cannot write {self._path}: {error.strerror}; choose a different --output") from error
         self._board: Any = None
         if find_spec("tensorboard") is not None:
             from torch.utils.tensorboard import SummaryWriter
@@ -59,14 +59,14 @@ class MetricsLog:
             self._file.write(json.dumps({"update": update, **values}) + "\n")
             self._file.flush()
         except OSError as error:
-            raise DataError(f"cannot write {self._path}: {error.strerror}; make room and resume") from error
+            raise DataError(f"cannot write {self._path}: {error.strerror}; free up disk space and resume") from error
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, update)
 
 
 def _update(line: str) -> float:
-    """Return the update of a line; an incomplete line counts as the last."""
+    """Return the update number of a line; an incomplete line counts as the last one."""
     try:
         return int(json.loads(line)["update"])
     except (ValueError, KeyError, TypeError):

@@ -1,4 +1,4 @@
-"""The training loop: from the next update to the last, with checkpoints from which it can continue exactly.
+"""The training loop: from the next update to the last, with checkpoints from which it can resume exactly.
 
 The loop uses plain PyTorch: the features of a training library (launching, precision, clipping) need only a few lines,
 while exact resuming requires control over the order of the data, the random numbers and the checkpoints.
@@ -36,7 +36,7 @@ from .unsupervised.objective import TrainingStep
 
 @dataclass(frozen=True)
 class TrainingSetup:
-    """Everything that the loop needs besides its changing state.
+    """Everything that the loop needs, except its changing state.
 
     Attributes:
         request: the user's request.
@@ -67,7 +67,7 @@ class TrainingState:
 
 
 def train(training: TrainingSetup, state: TrainingState, process: Process, progress: ProgressBar) -> None:
-    """Make the remaining updates.
+    """Perform the remaining updates.
 
     Raises:
         ModelError: loss or gradients are not finite; the last checkpoint is kept.

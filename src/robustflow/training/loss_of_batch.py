@@ -1,4 +1,4 @@
-"""Compute the loss of one batch under a recipe."""
+"""Compute the loss of a batch as defined by a recipe."""
 
 from __future__ import annotations
 

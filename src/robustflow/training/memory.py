@@ -1,4 +1,5 @@
-"""Estimate the memory of a training run from a count of the values that autograd keeps (`bench/training_memory.py`)."""
+"""Estimate the memory use of a training run from the number of values that autograd keeps
+(`bench/training_memory.py`)."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ _BYTES = 4
 
 def expected_memory(recipe: Recipe) -> float | None:
     """Return the memory, in GiB, for weights, gradients, moments and the values kept for the backward pass, with the
-    whole batch on one device in single precision; None for a network that was not measured.
+    entire batch on one device in single precision; None for a network that was not measured.
 
     Mixed precision needs less. The workspaces of convolutions and the memory of GPU libraries are not included.
 

@@ -94,7 +94,7 @@ class TrainedNetwork(nn.Module):
         return [unfitted_flow(flow, self.convention, height, width) for flow in flows]
 
     def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Predict flows as in `forward`, and the confidence of the matches from which the first flow is computed, (N,
+        """Predict flows as in `forward`, and the confidence of the matches that give the first flow, (N,
         P, P) for the P pixels at 1/8 resolution."""
         first, second = self._exact(image1, image2)
         flows, confidence = self.net.matched_predictions(first, second)
@@ -134,8 +134,8 @@ class TrainedNetwork(nn.Module):
         if first.shape != image1.shape:
             height, width = first.shape[2:]
             raise UsageError(
-                f"this loss cannot use padded input, and a crop of {image1.shape[2]}x"
-                f"{image1.shape[3]} would be padded to {height}x{width}; give --crop {height}x{width}"
+                f"this loss does not support padded input, but a crop of {image1.shape[2]}x"
+                f"{image1.shape[3]} would be padded to {height}x{width}; use --crop {height}x{width}"
             )
         return first, second
 
@@ -181,7 +181,7 @@ def load_network(
         recipe: recipe, which defines the method and its iterations.
         start: checkpoint as for `run --checkpoint`, or "random".
         device: device as for `run --device`.
-        options: further options of the model.
+        options: additional options of the model.
         seed: seed of random weights.
 
     Raises:

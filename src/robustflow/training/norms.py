@@ -1,4 +1,4 @@
-"""BatchNorm during training as in the original code: frozen, or over the part of a batch that one GPU had."""
+"""BatchNorm during training as in the original code: frozen, or computed over the part of a batch on one GPU."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def freeze_all_norms(network: nn.Module) -> None:
 
 
 def group_batchnorm(network: nn.Module, groups: int) -> None:
-    """Make every BatchNorm of a network work on `groups` equal parts of a batch, like `DataParallel` with this number
-    of GPUs (see `GroupedBatchNorm2d`). One group has no effect."""
+    """Make every BatchNorm of a network work on `groups` equal parts of a batch, like `DataParallel` on `groups`
+    GPUs (see `GroupedBatchNorm2d`). A single group has no effect."""
     if groups == 1:
         return
     made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT has the same norm under two names

@@ -1,4 +1,4 @@
-"""The objectives of methods that learn without labels, as tables of their recipes.
+"""The objectives of methods that learn without labels; a recipe defines its objective as a table.
 
 Start times are given as fractions of the training run, so that a shorter run includes all phases.
 """
@@ -15,11 +15,12 @@ Range = tuple[float, float]
 
 
 class Appearance(Frozen):
-    """Changes of colour in both frames for ARFlow's second pass, in this order.
+    """Changes of the frames' colours for ARFlow's second pass, in this order.
 
     Attributes:
         brightness, contrast, saturation: factors from 1 - x to 1 + x, in random order.
-        blur: largest radius of a Gaussian blur in pixels, uniform from 0, with probability 1/2.
+        blur: maximum radius of a Gaussian blur in pixels; the radius is uniform from 0, and the blur has probability
+            1/2.
         gamma: range of the gamma exponent; None for no gamma correction.
     """
 
@@ -35,11 +36,11 @@ class Spatial(Frozen):
 
     Attributes:
         translation: range of the translation, as a fraction of the frame size.
-        zoom, squeeze: ranges of factors; a squeeze stretches x by the factor by which it shrinks y.
+        zoom, squeeze: ranges of factors; a squeeze stretches x and shrinks y by the same factor.
         rotation: range of the rotation in radians.
         constant_rotation: whether the relative rotation is always the lower bound, as in the original code (a bug).
         horizontal, vertical: whether to flip, with probability 1/2 each.
-        noise: largest standard deviation of the added noise, for values in 0..1.
+        noise: maximum standard deviation of the added noise, for values in 0..1.
     """
 
     translation: float = Field(default=0.04, ge=0)
@@ -105,8 +106,8 @@ class BrightflowObjective(Frozen):
             Chairs).
         occlusion: "brox", the forward-backward check, or "wang", splatting.
         self_supervision: final weight of the self-supervision.
-        self_supervision_from, self_supervision_to: fractions of the training run between which this weight rises from
-            0.
+        self_supervision_from, self_supervision_to: fractions of the training run between which this weight increases
+            from 0.
         border: width of the border removed from the student's frames on each side, in pixels.
         corrector: weight of the brightness corrector's loss.
         corrector_from: fraction of the training run after which the corrector is trained.

@@ -12,8 +12,8 @@ from .request import DataPlan
 
 
 def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) -> str:
-    """Describe the recipe, the available and missing data and their shares, the length of the run, and deviations from
-    the original recipe.
+    """Describe the recipe, the available and missing data and their proportions, the length of the run, and deviations
+    from the original recipe.
 
     Args:
         recipe: recipe with the user's changes.
@@ -108,7 +108,7 @@ def _loss(recipe: Recipe) -> str:
 def _memory(recipe: Recipe) -> str:
     expected = expected_memory(recipe)
     if expected is None:
-        return "memory: not measured for this network"
+        return "memory: unknown for this network"
     less = "" if recipe.precision == "fp32" else f", less in {recipe.precision}"
     return (
         f"memory: about {expected:.1f} GiB for the whole batch on one device{less} (estimated from the values "

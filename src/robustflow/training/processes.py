@@ -29,7 +29,7 @@ class Process:
     device: torch.device
 
     def any(self, mine: bool) -> bool:
-        """Return whether a value is true in any process; all processes have to call this method."""
+        """Return whether a value is true in any process; all processes must call this method."""
         if self.world == 1:
             return mine
         answer = torch.tensor(int(mine), device=self.device)
@@ -45,7 +45,7 @@ def this_process(device: str) -> Iterator[Process]:
         device: device as for `run --device`; with several processes, "cuda" is the GPU of this process.
 
     Raises:
-        UsageError, ModelError: same as for `find_device`.
+        UsageError, ModelError: as for `find_device`.
     """
     world, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
     if world == 1:
@@ -54,7 +54,7 @@ def this_process(device: str) -> Iterator[Process]:
     local = int(os.environ.get("LOCAL_RANK", "0"))
     if device in ("auto", "cuda") and torch.cuda.is_available():
         if local >= torch.cuda.device_count():
-            raise UsageError(f"{world} processes for {torch.cuda.device_count()} GPUs; start one for each")
+            raise UsageError(f"{world} processes for {torch.cuda.device_count()} GPUs; start one process per GPU")
         device = f"cuda:{local}"
     chosen = find_device(device)
     distributed.init_process_group("nccl" if chosen.type == "cuda" else "gloo")

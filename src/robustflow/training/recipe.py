@@ -1,7 +1,7 @@
 """Define recipes: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
 
-Each field has the value of its source; `unverified` lists values that could not be verified, `differs` lists
-differences between the paper and the original code.
+The value of each field is that of the recipe's source; `unverified` lists values that could not be verified, `differs`
+lists differences between the paper and the original code.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .objectives import Objective
 
 FOLDER = "recipes"
 MIXES = "mixes"
-"""Name of the file with the mixes of data; the other files are methods."""
+"""Name of the file with the mixes of data; each of the other files describes a method."""
 
 
 _NONE = BeforeValidator(lambda value: None if value == "none" else value)
@@ -39,7 +39,7 @@ class Optimizer(Frozen):
     betas: tuple[float, float] = (0.9, 0.999)
     amsgrad: bool = False
     clip: Annotated[float | None, _NONE] = Field(1.0, gt=0)
-    """Largest norm of all gradients together; None ("none" in a file) for no clipping."""
+    """Maximum total norm of all gradients; None ("none" in a file) for no clipping."""
 
 
 class Part(Frozen):
@@ -51,10 +51,10 @@ class Part(Frozen):
         keys: "all", or "training" for the training part of the project's split.
         times: number of times that each pair occurs in an epoch.
         augmentation: "dense" or "sparse" (see `augmentation/`); for training without labels also "stretched" to the
-            crop's size, or "cropped", both with the frames of half of the pairs swapped.
+            crop's size, or "cropped", both of which swap the frames of half of the pairs.
         log2_scale: range of the base-2 logarithm of the scale, for "dense" and "sparse".
         flip: whether frames are flipped.
-        eraser: whether rectangles of the second frame are erased; for "dense" and "sparse".
+        eraser: whether rectangles in the second frame are erased; for "dense" and "sparse".
         margin: width of the border excluded from "cropped" frames, in pixels.
     """
 
@@ -75,26 +75,26 @@ class Recipe(Frozen):
     Attributes:
         method: registered name of the model.
         stage: "chairs", "things", "sintel" or "kitti" of the original code, "ood" or "id" of the paper; "unsupervised"
-            and further stages of methods that learn without labels.
+            and additional stages of methods that learn without labels.
         start: source of the initial weights: "random", or a stage.
         mix: name of a mix in `recipes/mixes.toml`, or a file in the same format.
-        steps: number of batches, as counted by the source.
+        steps: number of batches, as given in the source.
         extra_update: whether the original code makes one more update than `steps`.
         batch: number of pairs per step, over all devices.
         accumulate: number of steps for one update of the weights.
         devices: number of devices in the original training, which determines the part of a batch that BatchNorm uses.
         schedule_ahead: number of updates by which the schedule is ahead of training; 1 if the first update uses the
-            second rate of the schedule.
+            second learning rate of the schedule.
         crop: size (H, W) of the crop, in pixels.
         iterations: number of iterations of a recurrent network; None ("none" in a file) for other networks.
-        loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
-            of flows that are denoised from the truth (FlowDiffuser).
+        loss: "sequence"; "sequence+matching", with GMFlowNet's matching loss; or "denoising", the sequence loss of
+            flows denoised from ground truth (FlowDiffuser).
         gamma: factor between the weights of successive predictions in the sequence loss.
-        objective: objective of a method that learns without labels, in place of the sequence loss.
-        noise: largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
+        objective: objective of a method that learns without labels; replaces the sequence loss.
+        noise: maximum standard deviation, in grey levels, of the noise added to both frames; 0 for none.
         frozen_norms: "none", "batchnorm" (running statistics are fixed) or "all".
         frozen: prefixes of the names of parameters that are not trained.
-        unused: prefixes of the names of parameters that are never used, also in the original code, and get no gradient.
+        unused: prefixes of the names of parameters that are unused, also in the original code, and have no gradient.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: source of the recipe.
         unverified: values that could not be verified.
@@ -135,18 +135,18 @@ class Recipe(Frozen):
 
     @property
     def pairs(self) -> int:
-        """Return the number of pairs from which one update is computed."""
+        """Return the number of pairs used for one update."""
         return self.batch * self.accumulate
 
     def digest(self) -> str:
-        """Return a hash, 32 hexadecimal digits, of everything that determines the weights."""
+        """Return a hash of everything that determines the weights, as 32 hexadecimal digits."""
         words = {"source", "unverified", "differs", "unused"}
         return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
 
     def changed(self, **changes: Any) -> Recipe:
         """Replace values of this recipe and check it again; values of None are ignored.
 
-        If `steps` changes, the original's extra update is omitted.
+        If `steps` changes, the extra update of the original code is omitted.
 
         Raises:
             UsageError: a value is invalid.
@@ -161,7 +161,7 @@ def load_recipe(method: str, stage: str) -> Recipe:
     """Return the recipe of a method's stage.
 
     Raises:
-        UsageError: there is no recipe for the method, or no such stage.
+        UsageError: there is no recipe for the method, or the recipe does not have the stage.
 
     >>> recipe = load_recipe("raft", "ood")
     >>> recipe.steps, recipe.batch, recipe.crop, recipe.updates
@@ -201,10 +201,11 @@ def trained_methods() -> list[str]:
 
 
 def mix_parts(name: str) -> tuple[Part, ...]:
-    """Return the parts of a mix, by name, or from a user's TOML file with `parts` as in `recipes/mixes.toml`.
+    """Return the parts of a mix given by name or as a user's TOML file with `parts` in the format of
+    `recipes/mixes.toml`.
 
     Raises:
-        UsageError: there is no such mix, or the file is not a valid mix.
+        UsageError: the mix does not exist, or the file is not a valid mix.
 
     >>> [(part.data, part.times) for part in mix_parts("ood")]
     [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
@@ -227,7 +228,7 @@ def _own_parts(path: Path) -> tuple[Part, ...]:
             'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]'
         ) from error
     if not parts:
-        raise UsageError(f"{path}: the mix of data has no parts; name at least one dataset")
+        raise UsageError(f"{path}: the mix of data has no parts; include at least one dataset")
     return parts
 
 
@@ -237,7 +238,7 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """Merge `own` over `common`, including nested tables, and keep all remarks of both."""
+    """Merge `own` into `common`, including nested tables; `own` takes precedence, and the remarks of both are kept."""
     tables = {key: {**common[key], **own[key]} for key in common if isinstance(common[key], dict) and key in own}
     remarks = {key: _remarks(common.get(key, ())) + _remarks(own.get(key, ())) for key in ("unverified", "differs")}
     return {**common, **own, **tables, **remarks}

@@ -82,7 +82,7 @@ class Request:
         recipe: recipe with the user's changes.
         data: data to read.
         output: output folder of the training run.
-        start: checkpoint to start from, or "random"; None for the recipe's default.
+        start: initial checkpoint, or "random"; None for the recipe's default.
         start_trained_on: training sets of the initial weights, if their file does not contain this information.
         resume: whether to continue from `last.pth`.
         seed: seed of all random draws.

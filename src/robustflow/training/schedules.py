@@ -6,19 +6,19 @@ from ..errors import UsageError
 from .recipe import Recipe
 
 _EXTRA_UPDATES = 100
-"""Number of updates by which RAFT's schedule is longer than the training run, so its end is never reached."""
+"""Number of updates by which RAFT's schedule exceeds the training run, so that its end is never reached."""
 _RISING_SHARE = 0.05
 _FIRST_DIVISOR, _LAST_DIVISOR = 25.0, 1e4
 
 
 def one_cycle(update: int, steps: int, highest: float) -> float:
     """Return the learning rate of an update: linear `torch.optim.lr_scheduler.OneCycleLR` over `steps` + 100 updates,
-    rising during the first 5 %, as in RAFT and its successors.
+    increasing during the first 5 %, as in RAFT and its successors.
 
     Args:
         update: index of the update, from 0.
         steps: number of updates of the training run.
-        highest: highest learning rate.
+        highest: maximum learning rate.
 
     >>> [round(one_cycle(update, 100_000, 1.25e-4), 9) for update in (0, 5004, 99_999)]
     [5e-06, 0.000125, 1.32e-07]
@@ -34,13 +34,13 @@ def one_cycle(update: int, steps: int, highest: float) -> float:
 
 
 def constant(update: int, steps: int, highest: float) -> float:
-    """Return a constant rate (ARFlow, UPFlow)."""
+    """Return a constant learning rate (ARFlow, UPFlow)."""
     return highest
 
 
 def constant_then_decay(update: int, steps: int, highest: float) -> float:
-    """Return a constant rate that decays exponentially to a thousandth over the last fifth of the updates (BrightFlow:
-    the last 15 000 of 75 000).
+    """Return a learning rate that is constant at first and decays exponentially to a thousandth over the last fifth of
+    the updates (BrightFlow: the last 15 000 of 75 000).
 
     >>> [f"{constant_then_decay(update, 75_000, 2e-4):.4g}" for update in (60_000, 67_500, 74_999)]
     ['0.0002', '6.325e-06', '2.001e-07']
@@ -55,6 +55,6 @@ SCHEDULES = {"one_cycle": one_cycle, "constant": constant, "constant_then_decay"
 
 
 def rate_of(recipe: Recipe, update: int) -> float:
-    """Return the learning rate of an update, counted from 0, under a recipe."""
+    """Return the learning rate of an update, counted from 0, for a recipe."""
     steps = recipe.updates - recipe.extra_update
     return SCHEDULES[recipe.schedule](update + recipe.schedule_ahead, steps, recipe.learning_rate)

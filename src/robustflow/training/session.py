@@ -92,7 +92,7 @@ def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, Tra
     if request.resume:
         return read_progress(folder / LAST)
     if (folder / LAST).exists():
-        raise UsageError(f"{folder} contains a training run; continue it with --resume, or choose another --output")
+        raise UsageError(f"{folder} contains a training run; continue it with --resume, or choose a different --output")
     return None, None
 
 
@@ -114,8 +114,8 @@ def _load_state(
         scaler.load_state_dict(content["scaler"])
     except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ModelError(
-            f"{path} does not match this network and its optimiser ({first_line(error)}); restore it, or start again "
-            "from a weights file"
+            f"{path} does not match this network and its optimiser ({first_line(error)}); restore it, or restart from "
+            "a weights file"
         ) from error
 
 
@@ -123,7 +123,7 @@ def _start(request: Request) -> str:
     recipe = request.recipe
     if request.start is None and recipe.start != RANDOM:
         raise UsageError(
-            f"recipe '{recipe.stage}' of {recipe.method} starts from the weights of its stage '{recipe.start}': give "
+            f"recipe '{recipe.stage}' of {recipe.method} starts from the weights of its stage '{recipe.start}': pass "
             "them with --init FILE, or train from scratch with --init random"
         )
     return request.start or RANDOM
@@ -139,7 +139,7 @@ def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
 
 
 def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None:
-    """Return all training sets of the final weights, in the form of `--trained-on`; None if some are unknown."""
+    """Return all training sets of the final weights, formatted as for `--trained-on`; None if some are unknown."""
     sets = list(seen or [])
     for part in parts:
         name = dataset_facts(part.dataset.name).training_set
@@ -166,18 +166,19 @@ def _check_same(folder: Path, asked: dict[str, Any], held: dict[str, Any]) -> No
     differing = ", ".join(key for key, value in asked.items() if held.get(key) != value)
     if differing:
         raise RunError(
-            f"{folder} contains a training run that differs in: {differing}; give the options it was started with, or "
-            "another --output"
+            f"{folder} contains a training run that differs in: {differing}; use the options that it was started with, "
+            "or a different --output"
         )
 
 
 def _check_process(recipe: Recipe, process: Process) -> None:
     if recipe.batch % process.world:
         raise UsageError(
-            f"a batch of {recipe.batch} cannot be split over {process.world} processes; give a different --batch-size"
+            f"a batch of {recipe.batch} cannot be split evenly across {process.world} processes; choose a different "
+            "--batch-size"
         )
     if recipe.precision == "fp16" and process.device.type == "cpu":
         raise UsageError(
-            f"recipe '{recipe.stage}' of {recipe.method} computes in fp16, which needs a GPU; give --precision fp32 or "
-            "bf16"
+            f"recipe '{recipe.stage}' of {recipe.method} computes in fp16, which requires a GPU; use --precision fp32 "
+            "or bf16"
         )

@@ -23,7 +23,7 @@ from .request import Validation
 
 @dataclass(frozen=True)
 class _AtUpdate:
-    """The model in its current state; implements `FlowModel`."""
+    """The model with its current weights; implements `FlowModel`."""
 
     model: NetworkModel
     updates: int
@@ -43,7 +43,7 @@ def validator(model: NetworkModel, folder: Path, validation: Validation) -> Call
     again.
 
     Raises:
-        UsageError, DataError: same as for `robustflow.evaluate`.
+        UsageError, DataError: as for `robustflow.evaluate`.
     """
     corruptions, limit = validation.corruptions, validation.limit
     chosen = open_benchmark(validation.benchmark, validation.data)

@@ -1,5 +1,5 @@
 """Apply ARFlow's geometric transforms to a pair with predicted flow: both frames are moved, the second one slightly
-further (Liu et al., CVPR 2020, Sec. 3.3, with the transform of Hur and Roth, IRR, CVPR 2019).
+more (Liu et al., CVPR 2020, Sec. 3.3, with the transform of Hur and Roth, IRR, CVPR 2019).
 
 A move is a 3x3 matrix that maps coordinates of a frame, -1..1, to coordinates of the moved frame.
 """
@@ -55,7 +55,7 @@ def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
 
 
 def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
-    """Move each map (N, C, H, W) with bilinear sampling; pixels from outside are 0."""
+    """Move each map (N, C, H, W) with bilinear sampling; pixels from outside the map are 0."""
     height, width = maps.shape[2:]
     back = _tensor([np.linalg.inv(move) for move in moves], maps)
     grid = F.affine_grid(back, [len(moves), 1, height, width], align_corners=True)
@@ -101,7 +101,10 @@ def _inside(
         places = 0.5 * (side - 1) * (corners[:2] + 1)
         if (places >= 0).all() and (places < side).all():
             return tried
-    raise UsageError(f"every transform of the second pass left the frame in {_ATTEMPTS} draws; zoom more or move less")
+    raise UsageError(
+        f"in {_ATTEMPTS} draws, every transform of the second pass reached beyond the frame; increase the zoom or "
+        "reduce the motion"
+    )
 
 
 def _applied(moves: Tensor, points: Tensor) -> Tensor:

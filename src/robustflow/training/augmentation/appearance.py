@@ -20,7 +20,7 @@ class Look(NamedTuple):
     """One draw for both frames.
 
     Attributes:
-        jitter: colour jitter; operations with zero strength are omitted from its order.
+        jitter: colour jitter; operations with zero strength are left out of its order.
         blur: radius in pixels; 0 for none.
         gamma: exponent applied to values in 0..1.
     """
@@ -31,7 +31,7 @@ class Look(NamedTuple):
 
 
 def draw_look(rng: Rng, settings: Appearance) -> Look:
-    """Draw the change as in ARFlow.
+    """Draw the colour change and the blur as in ARFlow.
 
     >>> draw_look(Rng.of("example"), Appearance()).jitter.order
     ('brightness',)

@@ -30,7 +30,7 @@ class Augmentation:
         geometry: scale, flips and crop position.
         crop: size (H, W) of the crop, in pixels.
         sparse: whether the flow is scaled as sparse ground truth.
-        swapped: whether the frames are swapped at the end, without ground truth.
+        swapped: whether the frames are finally swapped, which leaves the pair without ground truth.
     """
 
     jitters: tuple[Jitter, ...]
@@ -42,7 +42,7 @@ class Augmentation:
 
 
 def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """Draw the augmentation of a pair for a part of a mix; `shape` and `crop` are (H, W), in pixels.
+    """Draw the augmentation of a pair, as defined by its part of a mix; `shape` and `crop` are (H, W), in pixels.
 
     Raises:
         DataError: the frames are smaller than the crop.
@@ -62,7 +62,7 @@ def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[
 
 
 def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """Draw stretching to the crop's size or a random crop, flips, and a swap of the frames (ARFlow, UPFlow)."""
+    """Draw a stretch to the crop's size or a random crop, flips, and whether to swap the frames (ARFlow, UPFlow)."""
     scale, top, left = None, 0, 0
     if part.augmentation == "stretched":
         scale = (crop[1] / shape[1], crop[0] / shape[0])
@@ -72,7 +72,7 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
         if min(free) < 0:
             raise DataError(
                 f"its frames are {shape[1]}x{shape[0]}, smaller than the crop of {crop[1]}x{crop[0]}"
-                + (f" with {margin} pixels around it" if margin else "")
+                + (f" with a margin of {margin} pixels" if margin else "")
             )
         top, left = margin + rng.integer(0, free[0] + 1), margin + rng.integer(0, free[1] + 1)
     mirrored = part.flip and rng.uniform() < _EVEN

@@ -11,7 +11,7 @@ from ...sample import Frame
 
 _PROBABILITY = 0.5
 _SIDES = (50, 100)
-"""Range of a side in pixels, excluding the upper end."""
+"""Range of the side length in pixels, excluding the upper limit."""
 
 
 class Rectangle(NamedTuple):
@@ -24,7 +24,7 @@ class Rectangle(NamedTuple):
 
 
 def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
-    """Draw one or two rectangles with probability 1/2, and otherwise none, anywhere in a frame of `shape` (H, W)."""
+    """Draw one or two rectangles with probability 1/2, otherwise none, anywhere in a frame of `shape` (H, W)."""
     if rng.uniform() >= _PROBABILITY:
         return ()
     height, width = shape
@@ -38,7 +38,7 @@ def erase(frame: Frame, rectangles: tuple[Rectangle, ...]) -> Frame:
     """Return the frame with the rectangles filled; the frame itself if there are none."""
     if not rectangles:
         return frame
-    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, like an assignment to uint8
+    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as by an assignment to uint8
     erased = frame.copy()
     for left, top, width, height in rectangles:
         erased[top : top + height, left : left + width] = colour

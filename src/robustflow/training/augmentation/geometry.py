@@ -51,7 +51,8 @@ def draw_geometry(
 ) -> Geometry:
     """Draw the geometry as in RAFT, for dense or sparse ground truth.
 
-    Frames smaller than the crop are always scaled; the original code has no such frames and would fail.
+    Frames smaller than the crop are always scaled; the original code never encounters such frames and would fail on
+    them.
 
     Args:
         rng: random number generator.
@@ -59,7 +60,8 @@ def draw_geometry(
         crop: size (H, W) of the network's input, in pixels.
         log2_scale: range of the base-2 logarithm of the scale.
         flip: whether frames are flipped; sparse pairs are only flipped horizontally.
-        sparse: whether the ground truth is sparse; then there is no stretch, and crops reach the borders more often.
+        sparse: whether the ground truth is sparse; then the frame is not stretched, and crops include the borders more
+            often.
     """
     height, width = shape
     margin = _MARGIN["sparse" if sparse else "dense"]

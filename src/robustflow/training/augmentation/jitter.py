@@ -1,5 +1,5 @@
 """Colour jitter: brightness, contrast, saturation and hue in random order, byte-identical to torchvision's
-`ColorJitter` on Pillow images, with which RAFT and its successors were trained."""
+`ColorJitter` on Pillow images, which was used to train RAFT and its successors."""
 
 from __future__ import annotations
 
@@ -151,10 +151,10 @@ def _turned(image: Any, turn: Any, hues: Any, saturations: Any) -> Any:
 
 @cache
 def _hues() -> npt.NDArray[np.uint8]:
-    """Return a table of Pillow's 8-bit hue, uint8 (6, 256, 256), indexed by the order of the channels and the
-    differences of the median and the smallest channel from the largest."""
+    """Return a table of Pillow's 8-bit hue, uint8 (6, 256, 256), indexed by the order of the channels and by how
+    far the median and the smallest channel are below the largest."""
     below, spread = np.meshgrid(np.arange(256, dtype=np.float32), np.arange(256, dtype=np.float32), indexing="ij")
-    spread[:, 0] = 1  # grey has no hue and is never looked up in the table
+    spread[:, 0] = 1  # grey pixels have no hue and are never looked up in the table
     third, one = np.float64(below / spread), 1.0
     tables = [
         *(one - third, third - one),  # red is largest: difference of blue minus difference of green

@@ -1,1 +1,1 @@
-"""The input of a training run: find and mix datasets, in an order that is a function of the step."""
+"""The input of a training run: find datasets and mix them in an order that is a function of the step."""

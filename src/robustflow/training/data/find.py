@@ -26,7 +26,7 @@ _FOLDERS = {
     "kitti_raw": ("kittiraw", "rawdata"),
     "folder": ("frames", "sintelraw"),
 }
-"""Folder names of datasets, in lower-case letters and digits; the other datasets are searched under their own
+"""Folder names of datasets, in lower-case letters and digits; all other datasets are searched for under their own
 names."""
 
 
@@ -67,7 +67,7 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
         data: folders of datasets or their parent folders, or "NAME=FOLDER" for one dataset.
 
     Raises:
-        DataError: the dataset is not found, or has a different layout; the message names the expected folders.
+        DataError: the dataset is not found, or its layout is not as expected; the message names the expected folders.
         UsageError: the name in "NAME=FOLDER" is not a dataset.
     """
     named, roots = _parted(data)
@@ -81,8 +81,8 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
         keys = kitti_split(keys).training
         if not keys:
             raise DataError(
-                f"{part.data}: with fewer than 200 pairs all are evaluated, and none is left to train on; give the "
-                "whole dataset, or use the recipe 'kitti', which trains on every pair"
+                f"{part.data}: with fewer than 200 pairs, all of them are used for evaluation and none for training; "
+                "use the complete dataset, or use the recipe 'kitti', which trains on every pair"
             )
     if getattr(dataset, "non_occluded", False):
         warnings.warn(
@@ -115,7 +115,7 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
             reasons.append(f"{root}: no such folder")
             continue
         candidates = [child for child in sorted(root.iterdir()) if child.is_dir() and _plain(child.name) in names]
-        anything = part.data == "folder"  # any folder of pictures would match, so do not use the first one
+        anything = part.data == "folder"  # any folder of images would match, so do not use the first one
         for folder in candidates if anything else [*candidates, root]:
             try:
                 return load_dataset(part.data, folder, **part.options)
@@ -123,11 +123,11 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
                 if folder in candidates or _plain(folder.name) in names:
                     reasons.append(str(error))
     options = " ".join(f"{key}={value}" for key, value in part.options.items())
-    where = ", ".join(map(str, roots)) or "no --data was given"
+    where = ", ".join(map(str, roots)) or "--data was not given"
     raise DataError(
         f"{part.data} {options}".strip()
-        + f" was not found ({'; '.join(reasons) or where}); put it into a folder {' or '.join(names[:2])} there, or "
-        f"give --data {part.data}=FOLDER"
+        + f" was not found ({'; '.join(reasons) or where}); put it into a folder named {' or '.join(names[:2])} "
+        f"there, or pass --data {part.data}=FOLDER"
     )
 
 

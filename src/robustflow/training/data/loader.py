@@ -1,4 +1,4 @@
-"""Load training batches from a given step on, prepared in advance by worker processes."""
+"""Load training batches, starting at a given step; worker processes prepare them in advance."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
 @contextmanager
 def workers_watched() -> Iterator[None]:
     """Wrap all code that runs while workers are alive: PyTorch may detect at any time that a worker died, even while a
-    log is being closed for this reason.
+    log is being closed because of it.
 
     Raises:
         RunError: a worker was killed.
@@ -152,14 +152,14 @@ def workers_watched() -> Iterator[None]:
         if not (_tells_of_a_worker(error) or isinstance(error, ConnectionError | EOFError)):  # the worker's last batch
             raise
         raise RunError(
-            "a process that reads training pairs was killed, as happens when memory or /dev/shm is full; "
-            "the last checkpoint is kept: give fewer --loaders, and continue with --resume"
+            "a process that reads training pairs was killed, which happens when memory or /dev/shm is full; the last "
+            "checkpoint is kept: use fewer --loaders, and continue with --resume"
         ) from error
 
 
 def _tells_of_a_worker(error: BaseException | None) -> bool:
-    """Return whether an error or its cause is PyTorch's error about a worker: if raised while a checkpoint is written,
-    it is followed by an error about the unfinished file."""
+    """Return whether an error or its cause is PyTorch's error about a dead worker; if that is raised while a checkpoint
+    is being written, it is followed by an error about the unfinished file."""
     while error is not None:
         if isinstance(error, RuntimeError) and "DataLoader worker" in str(error):
             return True
@@ -226,7 +226,7 @@ def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
 
 
 def _quiet_worker(number: int) -> None:
-    # Ctrl-C and a scheduler's signal reach every process of a training run; the main process decides when to stop.
+    # Ctrl-C and a scheduler's signals reach every process of a training run; the main process decides when to stop.
     for sent in (signal.SIGINT, signal.SIGTERM):
         signal.signal(sent, signal.SIG_IGN)
     cv2.setNumThreads(1)

@@ -16,7 +16,7 @@ from ...random.rng import Rng
 
 
 class Order:
-    """Shuffle the pairs, each once per epoch; an incomplete last update of an epoch is omitted, as in a loader with
+    """Shuffle the pairs of each epoch; an incomplete last update of an epoch is dropped, as in a loader with
     `drop_last`.
 
     Args:
@@ -36,7 +36,7 @@ class Order:
     def __init__(self, count: int, block: int, seed: int) -> None:
         if count < block:
             raise UsageError(
-                f"{count} pairs are fewer than one update needs ({block}); give more data, or a smaller --batch-size"
+                f"{count} pairs are too few for one update ({block}); use more data, or a smaller --batch-size"
             )
         self.count = count
         self.seed = seed
@@ -51,7 +51,7 @@ class Order:
 
         Args:
             position: position in the training run, from 0.
-            attempt: 0 for the pair itself; 1 or more for the replacement of an unreadable pair.
+            attempt: 0 for the pair itself; 1 or more for replacements of an unreadable pair.
         """
         if attempt:
             return Rng.of(self.seed, "replacement", position, attempt).integer(0, self.count)

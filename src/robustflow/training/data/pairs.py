@@ -1,4 +1,4 @@
-"""Read and augment the training pairs by position, as arrays."""
+"""Read and augment the training pairs by position; pairs are arrays."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class TrainingPair(NamedTuple):
         name: dataset and key of the pair.
         whole: uncropped frames, for UPFlow and BrightFlow; otherwise None.
         plain: cropped frames without changes of colour, corruption or erasing, for BrightFlow; otherwise None.
-        changed: frames of the second pass, with changed colours (ARFlow), or with the border removed and enlarged to
+        changed: frames of the second pass, either with changed colours (ARFlow) or without their border and enlarged to
             the crop's size (BrightFlow); otherwise None.
     """
 
@@ -121,11 +121,11 @@ class TrainingPairs:
             except DataError as error:
                 if not self._skip_bad:
                     raise DataError(
-                        f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or give --skip-bad to "
+                        f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or use --skip-bad to "
                         "replace unreadable pairs"
                     ) from error
-                warnings.warn(f"training pair '{key}' of {part.dataset.name} is skipped: {error}", stacklevel=2)
-        raise DataError(f"{_ATTEMPTS} pairs in a row cannot be read; check the data, the last one was '{key}'")
+                warnings.warn(f"skipping training pair '{key}' of {part.dataset.name}: {error}", stacklevel=2)
+        raise DataError(f"{_ATTEMPTS} consecutive pairs cannot be read, the last one being '{key}'; check the data")
 
     def name(self, position: int) -> str:
         """Return dataset and key of the pair at a position."""

@@ -20,7 +20,7 @@ GAMMA = 0.8
 """Weight of an iteration relative to the next one."""
 RADIUS = 3
 ALPHA = 150.0
-"""Edge sensitivity of the smoothness, for images in 0..255: nearly any edge permits a flow discontinuity."""
+"""Edge sensitivity of the smoothness, for images in 0..255; almost any edge allows a flow discontinuity."""
 LUMA: Luma = (0.2989, 0.1140, 0.5870)
 """Weights of red, green and blue in the grey value; the official code swaps green and blue."""
 _EPS = 1e-5
@@ -49,14 +49,14 @@ def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
 
 
 def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor, occlusion: str) -> Tensor:
-    """Return the visibility of each pixel of a crop of frame 1 in the whole frame 2, float (N, 1, H, W), 0..1.
+    """Return the visibility of each pixel of a crop of frame 1 in the uncropped frame 2, float (N, 1, H, W), 0..1.
 
-    Pixels that leave the crop are visible, because they are sampled from the whole frame; pixels that leave the frame
-    are not. No gradient is propagated.
+    Pixels that leave the crop are visible, because they are sampled from the uncropped frame; pixels that leave the
+    frame are not. No gradient is propagated.
 
     Args:
         forward, backward: flow in both directions, float (N, 2, H, W), in pixels.
-        corners, sizes: corners of the crops and sizes of the whole frames, see `dilated_warp`.
+        corners, sizes: corners of the crops and sizes of the uncropped frames, see `dilated_warp`.
         occlusion: "brox" for the forward-backward check, or "wang" for splatting with the backward flow.
     """
     forward, backward = forward.detach(), backward.detach()
@@ -65,9 +65,9 @@ def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor
 
 
 def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) -> Tensor:
-    """Return the distance, a scalar, between the student's flows of all iterations, from images without their border,
-    and the teacher's final flow (N, 2, H, W), cropped and enlarged in the same way. No gradient is propagated to the
-    teacher."""
+    """Return the distance, a scalar, between the student's flows of all iterations, predicted from images without their
+    border, and the teacher's final flow (N, 2, H, W), cropped and enlarged in the same way. No gradient is propagated
+    to the teacher."""
     height, width = teacher.shape[2:]
     cut = teacher.detach()[:, :, border : height - border, border : width - border]
     wanted = resize_flow(cut, (height, width))
@@ -75,7 +75,7 @@ def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) ->
 
 
 def with_offsets(whole: Tensor, offsets: Tensor, corners: Tensor) -> Tensor:
-    """Return whole frames (N, 3, H', W') with colour offsets (N, 3, H, W) added inside their crops."""
+    """Return uncropped frames (N, 3, H', W') with colour offsets (N, 3, H, W) added inside their crops."""
     height, width = offsets.shape[2:]
     corrected = whole.clone()
     for number, (x, y) in enumerate(corners.long().tolist()):
@@ -92,8 +92,8 @@ def correction_loss(target: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
 
 
 def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor) -> Tensor:
-    """Return a mask, float (N, 1, H, W), 1 where a source frame keeps its offsets: where a target pixel lands whose
-    difference they reduce.
+    """Return a mask, float (N, 1, H, W), 1 where a source frame keeps its offsets. A pixel keeps them if a target pixel
+    whose difference they reduce flows into it.
 
     Args:
         target: target frames, float (N, 3, H, W), 0..255.

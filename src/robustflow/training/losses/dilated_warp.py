@@ -1,5 +1,5 @@
-"""Boundary-dilated warping: targets of a crop's flow are sampled from the whole frame, so that pixels that leave the
-crop are not lost (Luo et al., "OccInpFlow", 2020, adopted by UPFlow, CVPR 2021)."""
+"""Boundary-dilated warping: the targets of a crop's flow are sampled from the uncropped frame, so that pixels that
+leave the crop are not lost (Luo et al., "OccInpFlow", 2020, adopted by UPFlow, CVPR 2021)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ...models.networks.blocks.allpairs import pixel_grid
 
 
 def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample whole frames bilinearly at corner + pixel + flow.
+    """Sample uncropped frames bilinearly at corner + pixel + flow.
 
     Args:
-        whole: whole frames, float (N, C, H', W'); values beyond a frame's size are ignored.
+        whole: uncropped frames, float (N, C, H', W'); values beyond a frame's size are ignored.
         flow: flow of the crops, float (N, 2, H, W), in pixels.
         corners: x and y of each crop's first pixel in its frame, (N, 2), in pixels.
         sizes: width and height of each frame, (N, 2), in pixels.
@@ -37,17 +37,17 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
 
 
 def inside_frame(flow: Tensor, corners: Tensor, sizes: Tensor) -> Tensor:
-    """Return a mask, float (N, 1, H, W), 1 where the flow of a crop points into the whole frame. Arguments as for
+    """Return a mask, float (N, 1, H, W), 1 where the flow of a crop points into the uncropped frame. Arguments as for
     `dilated_warp`."""
     targets, last = _targets(flow, corners), (sizes - 1)[:, :, None, None]
     return ((targets >= 0) & (targets <= last)).all(dim=1, keepdim=True).float()
 
 
 def _targets(flow: Tensor, corners: Tensor) -> Tensor:
-    """Return the coordinates (N, 2, H, W) in the whole frame to which each pixel's flow in a crop points.
+    """Return the coordinates (N, 2, H, W) in the uncropped frame to which the flow of each pixel in a crop points.
 
-    Pixel and corner are integers, so the sum is rounded only once; this matters because the gradient jumps at the
-    pixels of the frame.
+    Pixel and corner are integers, so the sum is rounded only once; this matters because the gradient is
+    discontinuous at the pixels of the frame.
     """
     return (pixel_grid(flow) + corners[:, :, None, None]) + flow.float()
 

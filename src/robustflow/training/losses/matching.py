@@ -1,4 +1,4 @@
-"""GMFlowNet's loss on the matching that initialises its flow (Zhao et al., CVPR 2022, Sec. 3.4).
+"""GMFlowNet's loss for the matching that initialises its flow (Zhao et al., CVPR 2022, Sec. 3.4).
 
 As in the authors' code, the ground-truth vectors at every eighth pixel define the matches of coarse pixels. There is no
 match if frame 1 and the warped frame 2 differ too much, or if the vector leaves the frame. Pixels without ground truth
@@ -18,22 +18,22 @@ MATCHING_WEIGHT = 0.01
 STRIDE = 8
 """Spacing of the matched pixels, in pixels."""
 OCCLUDED = 20.0
-"""Largest difference between the mean colours of a pixel and its match, in grey levels."""
+"""Maximum difference between the mean colours of a pixel and its match, in grey levels."""
 _LEAST = 1e-6
-"""Smallest distance of a confidence from 0 and 1, so that logarithms are finite."""
+"""Minimum distance of a confidence from 0 and 1, so that logarithms are finite."""
 
 
 def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Tensor) -> Tensor:
     """Return the mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other pairs.
 
     Args:
-        confidence: confidence that each of the P coarse pixels of frame 1 matches each one of frame 2, float (B, P, P),
-            0..1.
+        confidence: confidence that each of the P coarse pixels of frame 1 matches each of those of frame 2, float (B,
+            P, P), 0..1.
         image1, image2: RGB frames, float (B, 3, H, W), 0..255; H and W are multiples of 8.
         truth: ground-truth flow, float (B, 2, H, W), in pixels.
 
     Returns:
-        The loss, a scalar. For a batch without matches, it is the second mean only.
+        The loss, a scalar. For a batch without matches, it is only the second mean.
 
     Raises:
         UsageError: the confidence has a different shape.
@@ -62,8 +62,8 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
 
 @torch.no_grad()
 def true_matches(image1: Tensor, image2: Tensor, truth: Tensor) -> Tensor:
-    """Return the index of the coarse pixel of frame 2 that each one of frame 1 matches in the ground truth, int64 (B,
-    P), -1 for none. Arguments as for `matching_loss`."""
+    """Return, for each coarse pixel of frame 1, the index of its ground-truth match in frame 2, int64 (B, P), -1 for
+    none. Arguments as for `matching_loss`."""
     height, width = truth.shape[2:]
     y, x = torch.meshgrid(
         torch.arange(height, device=truth.device), torch.arange(width, device=truth.device), indexing="ij"

@@ -10,7 +10,7 @@ from ...models.networks.blocks.warp import warp
 
 
 def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: float = 0.5) -> Tensor:
-    """Return 1 where the forward and backward flows are consistent: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
+    """Return 1 where the forward and backward flow are consistent: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
 
     Args:
         forward, backward: flow in both directions, float (N, 2, H, W), in pixels.

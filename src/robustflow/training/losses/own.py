@@ -21,7 +21,7 @@ def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
     loss, numbers = returned if isinstance(returned, tuple) and len(returned) == 2 else (returned, {})
     if not isinstance(loss, Tensor) or loss.numel() != 1 or not isinstance(numbers, dict):
         raise UsageError(
-            f"the network's method loss(batch) returned {type(returned).__name__}; return one number as a tensor, or "
-            "that and a dictionary of numbers for the log"
+            f"the network's method loss(batch) returned {type(returned).__name__}; return a scalar tensor, or a scalar "
+            "tensor and a dictionary of numbers for the log"
         )
     return loss.reshape(()), {str(name): float(torch.as_tensor(value).detach()) for name, value in numbers.items()}

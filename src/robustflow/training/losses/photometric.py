@@ -1,4 +1,5 @@
-"""Measure the difference of two images at each pixel: structural similarity and the soft census (ternary) distance."""
+"""Measure the difference between two images at each pixel: structural similarity and the soft census (ternary)
+distance."""
 
 from __future__ import annotations
 
@@ -45,8 +46,8 @@ def census_distance(first: Tensor, second: Tensor, radius: int = 1) -> Tensor:
 
 
 def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA, levels: float = 255.0) -> Tensor:
-    """Return the same distance summed over the window, including borders: (N, 1, H, W), from 0 to the number of pixels
-    in the window.
+    """Return the same distance, but summed over the window and including borders: (N, 1, H, W), from 0 to the number of
+    pixels in the window.
 
     Args:
         first, second: RGB images, float (N, 3, H, W).
@@ -62,7 +63,7 @@ def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA
 
 
 def inner(maps: Tensor, border: int) -> Tensor:
-    """Return 1 where a pixel is at least `border` pixels inside, and otherwise 0, for maps of shape (N, C, H, W)."""
+    """Return 1 for pixels at least `border` pixels inside the map, otherwise 0, for maps of shape (N, C, H, W)."""
     return F.pad(torch.ones_like(maps[:, :, border:-border, border:-border]), [border] * 4)
 
 
@@ -77,13 +78,14 @@ def _mean(maps: Tensor) -> Tensor:
 
 
 def _differing(first: Tensor, second: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
-    """Return the difference at each place of the two windows around a pixel, 0..1: (N, (2 radius + 1)^2, H, W)."""
+    """Return the difference at each position of the two windows around a pixel, 0..1: (N, (2 radius + 1)^2, H, W)."""
     squared = (_census(first, radius, luma, levels) - _census(second, radius, luma, levels)).square()
     return squared / (0.1 + squared)
 
 
 def _census(image: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
-    """Return each pixel's window minus the pixel, softly limited to -1..1: (N, (2 radius + 1)^2, H, W)."""
+    """Return the values of each pixel's window minus the pixel's value, softly limited to -1..1: (N, (2 radius + 1)^2,
+    H, W)."""
     grey = levels * (image * image.new_tensor(luma).view(1, 3, 1, 1)).sum(dim=1, keepdim=True)
     side = 2 * radius + 1
     windows = F.unfold(grey, side, padding=radius).unflatten(2, grey.shape[2:])

@@ -9,7 +9,7 @@ from torch import Tensor
 from ...errors import UsageError
 
 MAX_FLOW = 400.0
-"""Maximum ground-truth length in pixels; longer vectors are ignored, as in the original."""
+"""Maximum length of ground-truth vectors in pixels; longer ones are ignored, as in the original."""
 
 
 def sequence_loss(
@@ -18,20 +18,20 @@ def sequence_loss(
     """Return the sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) for the n predictions.
 
     The mean is over ALL pixels and both components; invalid pixels count as 0, so a sample with sparse ground truth has
-    less weight. The original code of the RAFT family does the same.
+    a lower weight. The original code of the RAFT family does the same.
 
     Args:
         flows: n predictions, each float (B, 2, H, W), in pixels; the last one is final.
         truth: ground truth, float (B, 2, H, W), in pixels.
         valid: mask (B, H, W); pixels with at least 0.5 and ground truth shorter than `max_flow` are used.
         gamma: weight of a prediction relative to the next one, in (0, 1].
-        max_flow: maximum ground-truth length, in pixels.
+        max_flow: maximum length of ground-truth vectors, in pixels.
 
     Returns:
         The loss, a scalar.
 
     Raises:
-        UsageError: there is no prediction, or the shapes do not match.
+        UsageError: there are no predictions, or the shapes do not match.
 
     >>> import torch
     >>> truth, ones = torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4)
@@ -40,14 +40,16 @@ def sequence_loss(
     1.8
     """
     if not flows:
-        raise UsageError("the network returned no prediction to compare with the ground truth; return a list of flows")
+        raise UsageError(
+            "the network did not return any predictions to compare with the ground truth; return a list of flows"
+        )
     counts = _counts(truth, valid, max_flow)
     total = truth.new_zeros(())
     for index, flow in enumerate(flows):
         if flow.shape != truth.shape:
             raise UsageError(
-                f"prediction {index + 1} has the shape {tuple(flow.shape)}, the ground truth {tuple(truth.shape)}; "
-                "during training, a network must return flows at the frames' size"
+                f"prediction {index + 1} has the shape {tuple(flow.shape)}, but the ground truth has "
+                f"{tuple(truth.shape)}; during training, a network must return flows at the frames' size"
             )
         total = total + gamma ** (len(flows) - 1 - index) * (counts * (flow.float() - truth).abs()).mean()
     return total
@@ -61,6 +63,6 @@ def end_point_error(flow: Tensor, truth: Tensor, valid: Tensor, max_flow: float 
 
 
 def _counts(truth: Tensor, valid: Tensor, max_flow: float) -> Tensor:
-    """Return a mask (B, 1, H, W), 1 where a pixel is used, and otherwise 0."""
+    """Return a mask (B, 1, H, W), 1 where a pixel is used, otherwise 0."""
     length = truth.square().sum(dim=1).sqrt()
     return ((valid >= 0.5) & (length < max_flow)).to(truth.dtype)[:, None]

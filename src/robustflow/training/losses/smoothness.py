@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """Return the mean weighted difference of neighbouring flow vectors, a scalar (with ARFlow's factors).
+    """Return the mean weighted difference of neighbouring flow vectors, a scalar scaled as in ARFlow.
 
     Args:
         flow: flow, float (N, 2, H, W).

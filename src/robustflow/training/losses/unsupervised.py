@@ -26,7 +26,7 @@ class UnsupervisedLoss:
         smooth_levels: weights of the levels in the smoothness term.
         second_order: whether the smoothness uses second differences of the flow.
         alpha: edge sensitivity of the smoothness.
-        splat: whether occlusion is found by backward splatting instead of the forward-backward check.
+        splat: whether occlusion is detected by backward splatting instead of the forward-backward check.
         both: whether the loss is averaged over both directions instead of forward only.
     """
 
@@ -90,7 +90,7 @@ def unsupervised_loss(
             photometric = photometric + level * share * _photometric(own, reconstructed, mask, weights)
             bent = smoothness(flow / shorter_side, own, weights.alpha, weights.second_order)
             smooth = smooth + weights.smooth * smooth_level * share * bent
-    assert seen is not None, "a loss has at least one level"
+    assert seen is not None, "a loss needs at least one level"
     return UnsupervisedTerms(photometric, smooth, seen[0])
 
 

@@ -34,8 +34,8 @@ class OneWay:
 def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str, Tensor]:
     """Return the weighted terms of the loss, each a scalar, summed over both directions.
 
-    The photometric terms have no mask. As in the original code, the census compares grey values of about -0.5..0.6, not
-    of 0..255 as elsewhere.
+    The photometric terms have no mask. As in the original code, the census compares grey values of about -0.5..0.6
+    instead of 0..255.
     """
     q = settings.exponent
     return {

@@ -1,4 +1,5 @@
-"""ARFlow: the flow of a first pass, trained with the photometric loss, is the label of a second, transformed pass."""
+"""ARFlow: a first pass is trained with the photometric loss, and its flow is the label for a second, transformed
+pass."""
 
 from __future__ import annotations
 

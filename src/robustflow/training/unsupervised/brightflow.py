@@ -57,7 +57,7 @@ class Brightflow(LabelFree):
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """Compute the loss, see `LabelFree.forward`."""
-        assert batch.whole is not None, "the loader must provide the whole frames"
+        assert batch.whole is not None, "the loader must provide the uncropped frames"
         assert batch.plain is not None, "the loader must provide the frames in their original colours"
         settings, place = self._settings, batch.whole
         augmented = _Frames((place.image1, place.image2), (batch.image1, batch.image2))
@@ -119,7 +119,7 @@ class Brightflow(LabelFree):
 
     @torch.no_grad()
     def _corrected(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
-        """Return a whole frame (0 or 1) with the offsets of its crop added where they reduce the difference."""
+        """Return an uncropped frame (0 or 1) with the offsets of its crop added where they reduce the difference."""
         other, whole, flow = 1 - frame, frames.whole[frame], ways[1 - frame].flows[-1]
         offsets = self._offsets(frame, frames, ways, place)
         everywhere = with_offsets(whole, offsets, place.corners).clamp(0, 255)
@@ -132,15 +132,15 @@ class Brightflow(LabelFree):
         return over_iterations([robust_smoothness(flow, image, ALPHA, second_order) for flow in way.flows])
 
     def _self_supervision(self, step: TrainingStep) -> float:
-        """Return the weight of the self-supervision, which is 0 first and then rises."""
+        """Return the weight of the self-supervision, which is 0 at first and then increases."""
         begins, ends = self._settings.self_supervision_from, self._settings.self_supervision_to
         risen = (step.progress - begins) / max(ends - begins, 1e-9)
         return self._settings.self_supervision * min(max(risen, 0.0), 1.0)
 
     def _students(self, batch: Batch, plain: _Frames) -> Tensor:
-        """Return the loss of the student's flows on frames without border; the teacher is the network on the plain
-        crops."""
-        assert batch.changed is not None, "the loader must provide the frames without their border"
+        """Return the loss of the student's flows on frames without their border; the teacher is the network itself,
+        applied to the plain crops."""
+        assert batch.changed is not None, "the loader must provide the frames without their borders"
         with torch.no_grad():
             teachers = self._flows(*plain.crops)
         students = self._flows(*batch.changed)
@@ -151,8 +151,8 @@ class Brightflow(LabelFree):
 
 
 def _census(image: Tensor, source: Tensor, way: _Way, place: WholeFrames) -> Tensor:
-    """Return the census distance of crops (N, 3, H, W) to the other whole frames, sampled along the flow of each
-    iteration."""
+    """Return the census distance between crops (N, 3, H, W) and the other uncropped frames, sampled along the flow of
+    each iteration."""
     return over_iterations(
         [
             masked_census(image, _warped(source, flow, place), visible)

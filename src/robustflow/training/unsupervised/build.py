@@ -24,8 +24,8 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
     if isinstance(settings, BrightflowObjective):
         if min(recipe.crop) <= 2 * settings.border:
             raise UsageError(
-                f"crop {recipe.crop[0]}x{recipe.crop[1]}: the student of brightflow sees the crop without "
-                f"{settings.border} pixels on each side, so each side needs more than {2 * settings.border}; give a "
+                f"crop {recipe.crop[0]}x{recipe.crop[1]}: brightflow's student does not use the outer "
+                f"{settings.border} pixels of the crop, so each side needs more than {2 * settings.border}; use a "
                 "larger --crop"
             )
         return Brightflow(network, recipe, settings)

@@ -22,7 +22,7 @@ class Upflow(LabelFree):
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """Compute the loss, see `LabelFree.forward`."""
-        assert batch.whole is not None, "the loader must provide the whole frames"
+        assert batch.whole is not None, "the loader must provide the uncropped frames"
         first, second = self.images(batch.image1), self.images(batch.image2)
         flows = self.both(first, second)
         seen_first, seen_second = flows.visible()
