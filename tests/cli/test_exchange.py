@@ -140,10 +140,10 @@ def test_a_list_that_was_tampered_with(records, tmp_path, change, says):
 def test_a_record_that_was_exchanged_or_is_gone(records, tmp_path):
     (copy,) = add_records(tmp_path / "site", records[:1]).copies
     copy.write_bytes(records[1].read_bytes())
-    with pytest.raises(DataError, match="not the file that"):
+    with pytest.raises(DataError, match="not the file listed"):
         collected(tmp_path / "site")
     copy.unlink()
-    with pytest.raises(DataError, match="not there"):
+    with pytest.raises(DataError, match="but missing"):
         collected(tmp_path / "site")
 
 

@@ -69,7 +69,7 @@ def test_another_run_s_record_is_not_overwritten(robustflow, runs, records):
     before = records[0].read_bytes()
     code, _, error = robustflow("pack", runs[1], "-o", records[0])
     assert (code, error.count("\n")) == (1, 1)
-    assert "does not hold this run" in error
+    assert "is not a record of this run" in error
     assert records[0].read_bytes() == before
 
 
@@ -125,7 +125,7 @@ def test_records_where_runs_are_read(robustflow, runs, records):
         ("pack nowhere", 1, "manifest.json"),
         ("pack run -o a.zip", 2, ".robustflow"),
         ("pack run --link ftp://x", 1, "https://"),
-        ("report text.robustflow", 1, "neither a run's folder nor a record"),
+        ("report text.robustflow", 1, "neither a run folder nor a record"),
     ],
 )
 def test_bad_input_is_one_line(robustflow, runs, arguments, code, says):

@@ -1,4 +1,4 @@
-"""One small run that is packed once."""
+"""A small run that is packed once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forged records: any entry can be changed, and the hashes are adapted."""
+"""Forge records: change any entry, and update the hashes accordingly."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def entries_of(data: bytes) -> dict[str, bytes]:
 
 
 def sealed(entries: dict[str, bytes]) -> bytes:
-    """Write the entries as a file, with the sizes and hashes in `record.json` adapted."""
+    """Write the entries as a file, with the sizes and hashes in `record.json` updated."""
     record = json.loads(entries["record.json"])
     record["entries"] = {
         name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}

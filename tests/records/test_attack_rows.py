@@ -47,7 +47,7 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
         (_SQUARE, {"attack_warnings": "fine"}, "measurements", "an unknown warning"),
         (_SQUARE, {"attack_rms": None}, "measurements", "attack values are missing"),
         (_SQUARE, {"attack_way_gone": 2.0}, "measurements", "beyond the target"),
-        (_SQUARE, {"attack_evaluations": -1}, "rows", "below 0"),
+        (_SQUARE, {"attack_evaluations": -1}, "rows", "negative"),
         (_SQUARE, {"epe_sum": 0.0}, "measurements", ""),
         (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements", "of an attack but is not an attack"),
     ],

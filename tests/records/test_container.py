@@ -64,17 +64,17 @@ def test_the_same_entries_are_the_same_bytes(packed):
 def test_any_other_name_is_refused(packed, name):
     entries = list(entries_of(packed).items())
     for data in (_zip([*entries, (name, b"x")]), _zip([(name, b"x"), *entries]), _zip([(name, entries[0][1])])):
-        assert "it holds" in _refused(data)
+        assert "found" in _refused(data)
 
 
 def test_a_repeated_or_missing_entry(packed):
     entries = list(entries_of(packed).items())
     with pytest.warns(UserWarning, match="Duplicate name"):
         twice = _zip([*entries, entries[1]])
-    assert "once each" in _refused(twice)
+    assert "exactly once" in _refused(twice)
     for index in range(len(entries)):
-        assert "are expected" in _refused(_zip(entries[:index] + entries[index + 1 :]))
-    assert "holds nothing" in _refused(_zip([]))
+        assert "expected each" in _refused(_zip(entries[:index] + entries[index + 1 :]))
+    assert "found nothing" in _refused(_zip([]))
 
 
 def test_compressed_entries_are_refused_unread(packed):
@@ -141,8 +141,8 @@ def test_what_is_not_a_zip():
 
 
 def test_one_bit_anywhere(packed):
-    """Every bit of the headers and bits throughout the data are flipped: one run is one file, so none of the results
-    verifies.
+    """Flip every bit of the headers, and bits throughout the data: each run has exactly one valid file, so none of the
+    changed files verifies.
     """
     headers = [packed.index(b"PK\x01\x02") + offset for offset in range(46)] + list(range(30))
     flips = [(place, 1 << bit) for place in headers for bit in range(8)]
@@ -186,12 +186,12 @@ def test_garbage_is_refused_in_words(packed, garbage, place):
 
 
 def test_entries_and_files_that_are_too_large(tmp_path):
-    with pytest.raises(DataError, match="holds at most"):
+    with pytest.raises(DataError, match="the limit"):
         container_bytes({"record.json": bytes(LIMITS["record.json"] + 1)})
     path = tmp_path / "sparse.robustflow"
     with open(path, "wb") as file:
         file.truncate(1 << 40)
-    with pytest.raises(DataError, match="the most that a record may have"):
+    with pytest.raises(DataError, match="the maximum size of a record"):
         read_file(path)
     with pytest.raises(DataError, match="is not a file"):
         read_file(tmp_path)

@@ -142,7 +142,7 @@ def test_texts_that_are_refused(run, tmp_path, options, error, says):
 def test_names_and_places(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert pack(run).name == f"{run.path.name}.robustflow"
-    with pytest.raises(UsageError, match=r"ends in .robustflow"):
+    with pytest.raises(UsageError, match=r"must end in .robustflow"):
         pack(run, tmp_path / "a.zip")
     with pytest.raises(DataError, match="cannot write"):
         pack(run, tmp_path / "nowhere" / "a.robustflow")
@@ -160,7 +160,7 @@ def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
     other = with_json(packed, "record.json", lambda record: record.update(run="0" * 16))
     for held in (b"letters", other):
         target.write_bytes(held)
-        with pytest.raises(RunError, match="does not hold this run"):
+        with pytest.raises(RunError, match="is not a record of this run"):
             pack(run, target)
         assert target.read_bytes() == held
     assert pack(run, target, overwrite=True).stat().st_size > 1000
@@ -195,7 +195,7 @@ def test_the_folder_of_a_record_goes_with_it(packed, tmp_path):
 def test_what_is_not_a_run(run, packed, tmp_path):
     assert load_any_run(run.path).path == run.path
     (tmp_path / "a.txt").write_text("PK")
-    with pytest.raises(RunError, match="neither a run's folder nor a record"):
+    with pytest.raises(RunError, match="neither a run folder nor a record"):
         load_any_run(tmp_path / "a.txt")
     with pytest.raises(RunError, match=r"manifest\.json"):
         load_any_run(tmp_path)

@@ -45,7 +45,7 @@ def test_an_entry_changed_without_its_hash(packed, name):
     changed[len(changed) // 2] ^= 1
     assert failure(container_bytes(entries | {name: bytes(changed)})) == (
         "hashes",
-        f"{name} does not have the SHA-256 in record.json: it was changed or damaged",
+        f"{name} does not match its SHA-256 in record.json: it was changed or damaged",
     )
 
 
@@ -74,7 +74,7 @@ def test_a_mean_changed_by_little(packed):
 
 
 def test_better_rows(packed):
-    """Rows are improved and hashes adapted, so the means no longer match, or the rows are impossible."""
+    """Rows are improved and hashes updated, so the means no longer match, or the rows are impossible."""
     half = at(_FOG, epe_sum=pl.col("epe_sum") / 2)
     found = verified(with_rows(packed, half))
     failed = {check.name: check.message for check in found.checks if check.status == "failed"}
@@ -89,7 +89,7 @@ def test_better_rows(packed):
         ("rows", at(_FOG, epe_sum=pl.lit(float("nan"))), "negative, not finite"),
         ("rows", at(_FOG, epe_sum=pl.lit(float("inf"))), "negative, not finite"),
         ("rows", at(_FOG, epe_sum=pl.lit(-1.0)), "negative, not finite"),
-        ("rows", at(_FOG, n_valid=pl.lit(-1, pl.Int64)), "below 0"),
+        ("rows", at(_FOG, n_valid=pl.lit(-1, pl.Int64)), "negative"),
         ("rows", at(_FOG, n_all=pl.lit(2**60, pl.Int64)), "too large"),
         ("rows", at(_FOG, n_all=pl.lit(None, pl.Int64)), "empty"),
         ("rows", at(_FOG, pred_magnitude_sum=pl.lit(None, pl.Float64)), "empty"),
@@ -107,7 +107,7 @@ def test_better_rows(packed):
         (
             "cells",
             lambda rows: pl.concat([rows, rows.filter(_FOG).with_columns(severity=pl.lit(3, pl.Int64))]),
-            "1 rows were not planned, the first of sample 'motorcycle', fog severity 3",
+            "1 rows were not planned; the first one is for sample 'motorcycle', fog severity 3",
         ),
         ("cells", lambda rows: rows.filter(~_FOG), "1 of 5 rows are missing"),
         ("cells", at(_FOG, sample=pl.lit("other")), ""),
@@ -189,15 +189,20 @@ def test_rows_written_otherwise(packed, old, new):
         (("selection", "corruptions"), ["fog", "contrast", "fogg"], "cells", "'fogg' is unknown"),
         (("selection", "corruptions"), ["fog", "contrast", "fog+"], "cells", "'fog+' is unknown"),
         (("selection", "corruptions"), ["fog", "contrast", "fog"], "cells", "selected twice"),
-        (("selection", "severities"), [0, 1, 5], "cells", "they are 1 to 5"),
+        (("selection", "severities"), [0, 1, 5], "cells", "valid severities are 1 to 5"),
         (("selection", "severities"), [1, 5, 6], "manifest", "less than or equal to 5"),
         (("selection", "corruptions"), [], "manifest", "at least 1"),
         (("left_out",), {"fog": [5]}, "cells", "the paper scale lacks []"),
         (("left_out",), {"snow": [5]}, "cells", "not selected"),
-        (("provenance", "setting"), "OOD", "training", "it is knowledge"),
+        (("provenance", "setting"), "OOD", "training", "it should be knowledge"),
         (("provenance", "setting"), "best", "manifest", "provenance.setting"),
-        (("provenance",), {"setting": "OOD", "basis": "declared", "trained_on": ["x"]}, "training", "it is knowledge"),
-        (("identity", "frames", "seed"), 1, "manifest", "that of the identity is"),
+        (
+            ("provenance",),
+            {"setting": "OOD", "basis": "declared", "trained_on": ["x"]},
+            "training",
+            "it should be knowledge",
+        ),
+        (("identity", "frames", "seed"), 1, "manifest", "but the identity has"),
         (("identity", "extra"), 1, "manifest", "identity.extra"),
         (("identity_digest",), "0" * 16, "manifest", "in manifest.json"),
         (("identity_digest",), "../../x", "manifest", "identity_digest"),
@@ -290,9 +295,7 @@ def test_json_too_deep(packed):
 
 
 def test_an_endless_plan(packed):
-    """A small manifest whose samples times corruptions would exhaust the memory is refused before they
-    are multiplied.
-    """
+    """A small manifest that implies more cells than fit into memory is refused before the cells are listed."""
 
     def edit(manifest):
         manifest["samples"] = {str(index): [] for index in range(20_000)}
@@ -306,7 +309,7 @@ def test_a_cost_of_another_run(packed):
     cost = dict.fromkeys(("version", "height", "width", "parameters", "macs", "thop_parameters", "thop_macs"), 1)
     cost |= {"run": "0" * 16}
     other, negative = (json_bytes(with_digest(cost | change)) for change in ({}, {"parameters": -1}))
-    assert "another run" in failure(sealed(entries | {"profile.json": other}))[1]
+    assert "a different run" in failure(sealed(entries | {"profile.json": other}))[1]
     assert "parameters" in failure(sealed(entries | {"profile.json": negative}))[1]
     assert "damaged" in failure(sealed(entries | {"profile.json": json_bytes(cost)}))[1]
     fitting = cost | {"run": json.loads(entries["record.json"])["run"]}
@@ -316,7 +319,7 @@ def test_a_cost_of_another_run(packed):
 @settings(max_examples=60)
 @given(st.data())
 def test_no_content_breaks_the_reader(packed, data):
-    """Records with randomly cut and pasted entries and adapted hashes are verified or refused with a message, never
+    """Records with randomly cut and pasted entries and updated hashes are verified or refused with a message, never
     with an exception.
     """
     entries = entries_of(packed)
@@ -343,12 +346,12 @@ def test_declared_training_sets(tmp_path):
     data = record_bytes(run)
     assert verified(data).ok
     for change, says in (
-        ({"setting": "knowledge"}, "it is OOD"),
-        ({"trained_on": ["middlebury"]}, "it is LEAKED"),
+        ({"setting": "knowledge"}, "it should be OOD"),
+        ({"trained_on": ["middlebury"]}, "it should be LEAKED"),
         ({"trained_on": ["anything"]}, "cannot be read"),
         ({"trained_on": []}, "cannot be read"),
-        ({"basis": "undeclared"}, "it is UNKNOWN"),
-        ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it is UNKNOWN"),
+        ({"basis": "undeclared"}, "it should be UNKNOWN"),
+        ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it should be UNKNOWN"),
     ):
         assert_fails(
             with_json(data, "manifest.json", lambda m, change=change: m["provenance"].update(change)), "training", says

@@ -110,7 +110,7 @@ def test_of_runs(runs, tmp_path):
     assert "is the same, but 1 image is too few" in first.compare(first).sentence
     assert found.remark.startswith("Not ranked: Farneback, because its clean EPE of 25.52 px"), "nothing left out"
     part = evaluate("farneback", "demo", output=tmp_path / "p", corruptions=["fog"], severities=[5])
-    remark = "Only rows that both measured are compared: 2 rows (a pair, clean or corrupted) of the 5 of DIS"
+    remark = "Only rows that both measured are compared: 2 rows (clean or corrupted pairs) out of the 5 in DIS"
     assert remark in " ".join(repr(first.compare(part)).split())
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1], seed=5)
     with pytest.raises(RunError, match="different frames"):

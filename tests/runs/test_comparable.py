@@ -148,8 +148,8 @@ def test_common_rows_leave_out_what_differs_entirely():
     assert set(one["corruption"]) == {CLEAN, "snow"}
     assert one.height == 18
     assert remark == (
-        "Only rows that both measured are compared: 18 rows (a pair, clean or corrupted) of the 30 of A and the 30 of "
-        "B. Left out, because the frames or the ground truth differ: 1 corruption (fog)."
+        "Only rows that both measured are compared: 18 rows (clean or corrupted pairs) out of the 30 in A and the 30 "
+        "in B. Left out, because the frames or the ground truth differ: 1 corruption (fog)."
     )
     other = edited("truth_digest", pl.col("sample") == "3")
     (one, _), remark = common_rows([rows(), other], ["A", "B"])
@@ -170,8 +170,8 @@ def test_benchmarks_without_a_common_frame_are_named(base):
     with pytest.raises(RunError) as error:
         common_to(runs)
     assert str(error.value) == (
-        "A was measured on KITTI-FC and B on Middlebury optical flow, which have no frames in common; compare runs of "
-        "one benchmark"
+        "A was measured on KITTI-FC and B on Middlebury optical flow, which have no frames in common; compare runs on "
+        "the same benchmark"
     )
 
 
@@ -270,7 +270,7 @@ def weather():
 def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_records_and_set_up(weather, tmp_path):
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     dry = evaluate(ZeroFlow(), output=tmp_path / "dry", **chosen)
-    weather("wet")  # as in a version whose plans differ from earlier ones in this field
+    weather("wet")  # as in a version that added this field to its plans
     content = dry.manifest.record()
     content["identity"]["frames"]["weather"] = "dry"
     content["identity_digest"] = digest_of_value(content["identity"])

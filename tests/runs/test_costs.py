@@ -80,7 +80,7 @@ def test_costs_and_average_ranks_of_runs(runs):
     }
     assert {name: cells["FLOPs (G)"] for name, cells in found.items()} == {
         "one": "30.0 (4)",
-        "two": "20.0 (2)",  # equal in the printed precision
+        "two": "20.0 (2)",  # equal at the printed precision
         "three": "20.0 (2)",
         "four": "5.0 (1)",
     }
@@ -88,7 +88,7 @@ def test_costs_and_average_ranks_of_runs(runs):
     ranks = {n: 1 + sum(v < crer[n] for v in crer.values()) + {"one": 4, "two": 2, "three": 2}[n] for n in crer}
     expected = {name: str(1 + sum(other < ranks[name] for other in ranks.values())) for name in crer}
     assert {name: found[name]["Avg. rank OOD"] for name in crer} == expected
-    assert not any("Avg. rank other" in cells for cells in found.values())  # "four" is the only one of its setting
+    assert not any("Avg. rank other" in cells for cells in found.values())  # "four" is the only one in its setting
     assert {cells["Param. (M)"] for cells in found.values()} == {"1.50"}
     board = {line.name: cells for line, cells in whole_content(runs).cells.items() if line.name in found}
     ranks_shown = {name: cells["rank", ""].text for name, cells in board.items() if ("rank", "") in cells}
@@ -136,7 +136,7 @@ def test_a_cost_goes_with_the_record(runs, tmp_path):
         ({"seconds": float("nan")}, "finite"),
         ({"more": 1}, "more"),
         ({"version": 2}, "version"),
-        ({"run": "0" * 16}, "belongs to another run"),
+        ({"run": "0" * 16}, "belongs to a different run"),
         ({"device": "x" * 100}, "device"),
     ],
 )
@@ -160,7 +160,7 @@ def test_a_pipe_is_not_waited_for(runs):
 
 def test_only_the_model_of_the_run(runs):
     check_profiled_model(runs[0], {"name": "one", "device": "cuda", "checkpoint": "abc"})
-    with pytest.raises(UsageError, match='its name is "one", here it is "two"'):
+    with pytest.raises(UsageError, match='its name is "one", but here it is "two"'):
         check_profiled_model(runs[0], {"name": "two"})
-    with pytest.raises(UsageError, match="its iterations is null, here it is 24"):
+    with pytest.raises(UsageError, match="its iterations is null, but here it is 24"):
         check_profiled_model(runs[0], {"name": "one", "iterations": 24})

@@ -100,7 +100,7 @@ def test_a_pipe_is_not_waited_for(run):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda kept: kept | {"run": "0" * 16}, "belongs to another run"),
+        (lambda kept: kept | {"run": "0" * 16}, "belongs to a different run"),
         (lambda kept: kept | {"low": kept["low"][::-1]}, "ascend from 0"),
         (lambda kept: kept | {"low": kept["low"][:-1]}, "with one edge per count"),
         (lambda kept: kept | {"pixels": [-1, *kept["pixels"][1:]]}, "pixels.0"),

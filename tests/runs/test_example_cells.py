@@ -46,7 +46,7 @@ def _expected(errors: dict[str, list[float]]):
     return (worst, settings[errors[worst].index(peak)]), (median, cells[2][1])
 
 
-# Whole numbers over 4 have exact sums and means, so that a tie is a tie however it is computed.
+# Integers divided by 4 have exact sums and means, so that ties do not depend on the order of computation.
 errors_of_samples = st.dictionaries(
     st.text("abc0/", min_size=1, max_size=3),
     st.lists(st.integers(4, 40).map(lambda n: n / 4 * 3), min_size=6, max_size=6),

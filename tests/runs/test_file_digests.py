@@ -64,7 +64,7 @@ def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
     with pytest.raises(RunError, match="made from different files for sample '1'"):
         rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)
-    with pytest.raises(RunError, match="made from different frames, with a sample '4'"):
+    with pytest.raises(RunError, match="made from different frames that include a sample '4'"):
         rf.evaluate("dis", "folder", short, second.path, limit=1, **CHOSEN)
     assert list(rf.evaluate("dis", "folder", short, limit=2, **CHOSEN).manifest.samples) == ["0", "1"]
 
@@ -126,7 +126,7 @@ def test_a_run_compares_its_files_with_the_list_beside_the_data(frames, tmp_path
     rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     flip(frames / "1.bmp")
     with pytest.raises(
-        DataError, match=r"1\.bmp has a different digest than digests\.b2sum in .* lists \(1 of 2 files differ\)"
+        DataError, match=r"1\.bmp does not match its digest in the digests\.b2sum of .* \(1 of 2 files differ\)"
     ):
         rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "elsewhere", **CHOSEN)
     checked = _digests("--data", frames)
@@ -164,7 +164,7 @@ def test_corrupted_frames_that_come_with_the_data_are_compared_too(shared, tmp_p
     assert _digests("--data", tmp_path / "fc").exit_code == 0
     (frame, _) = sorted((tmp_path / "fc" / "contrast_1").rglob("*.png"))
     flip(frame)
-    with pytest.raises(DataError, match="has a different digest than"):
+    with pytest.raises(DataError, match="does not match its digest"):
         rf.evaluate(ZeroFlow(), "kitti-fc", tmp_path / "fc", tmp_path / "run")
 
 
@@ -179,11 +179,11 @@ def pipe(tmp_path):
 
 @pytest.mark.parametrize("read", [lambda path: file_digests({"a": [path]}), image_size, stored_size, read_image])
 def test_a_pipe_among_the_data_is_refused_unopened(pipe, read):
-    with pytest.raises(RobustFlowError, match=r"frame_0002\.png: not a file"):
+    with pytest.raises(RobustFlowError, match=r"frame_0002\.png: .*not a (regular )?file"):
         read(pipe)
 
 
 def test_a_device_among_the_data_is_refused(tmp_path):
     (tmp_path / "endless.flo").symlink_to("/dev/zero")
-    with pytest.raises(RunError, match=r"endless\.flo: not a file"):
+    with pytest.raises(RunError, match=r"endless\.flo: missing, or not a regular file"):
         file_digests({"a": [tmp_path / "endless.flo"]})

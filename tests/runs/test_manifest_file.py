@@ -143,5 +143,5 @@ def test_a_source_of_another_shape_is_one_sentence(text, tmp_path):
     from robustflow.runs.source import RunSource
 
     (tmp_path / "source.json").write_text(text)
-    with pytest.raises(RunError, match=r"source\.json is damaged; delete it, and name --model and --data instead"):
+    with pytest.raises(RunError, match=r"source\.json is damaged; delete it, and give --model and --data instead"):
         RunSource.read(tmp_path)

@@ -1,4 +1,4 @@
-"""Means and report are kept while nothing changed, and never used for different rows."""
+"""Means and report are kept while nothing changes, and never used for different rows."""
 
 import json
 import shutil
@@ -69,7 +69,7 @@ def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
     summaries.clear()
     run = rf.load_run(folder)
     kept, computed = run.summary, run.summarize()
-    assert len(summaries) == 1, "the first was kept"
+    assert len(summaries) == 1, "the first one was kept"
     for part in ("corruptions", "families", "regions"):
         assert list(getattr(kept, part)) == list(getattr(computed, part)), part
     assert list(kept.corruptions) == ["contrast", "high_light", "fog", "snow", "elastic_transform"]
@@ -159,7 +159,7 @@ def _computed(folder, tmp_path):
 
 @pytest.mark.parametrize("edit", [lambda folder: None, _edit_summary, _edit_rows, _edit_facts, _edit_manifest])
 def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
-    assert (folder / CACHED_VALUES_FILE).is_file(), "kept by the run's own report"
+    assert (folder / CACHED_VALUES_FILE).is_file(), "the run's report stored the values"
     edit(folder)
     assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 

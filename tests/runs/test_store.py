@@ -129,7 +129,7 @@ def test_half_a_shard_is_named(folder):
     _write(folder, "b", CLEAN, (0,))
     (path,) = [path for path in folder.rows_folder.iterdir() if path.name.startswith("b")]
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(RunError, match=f"{path.name} is damaged .* delete it and run its command again"):
+    with pytest.raises(RunError, match=f"{path.name} is damaged .* delete it and run the same command again"):
         folder.rows()
     path.unlink()
     assert folder.rows()["sample"].to_list() == ["a"]
@@ -154,7 +154,9 @@ def test_a_shard_without_a_digest_is_refused(folder):
     _write(folder, "a", "fog", (1, 2, 3))
     (path,) = list_shards(folder.rows_folder)
     path.rename(folder.rows_folder / f"{shard_name(path)}.parquet")
-    with pytest.raises(RunError, match=r"is damaged .its name has no digest.; delete it and run its command again"):
+    with pytest.raises(
+        RunError, match=r"is damaged .its name has no digest.; delete it and run the same command again"
+    ):
         folder.rows()
 
 
@@ -220,7 +222,7 @@ def test_clean_flows_come_back_bit_for_bit(tmp_path):
     write_clean(tmp_path / "a.npy", flow, "a")
     np.testing.assert_array_equal(read_clean(tmp_path / "a.npy", "a"), flow)
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), flow)
-    assert read_clean(tmp_path / "a.npy", "b") is None, "it was computed from something else"
+    assert read_clean(tmp_path / "a.npy", "b") is None, "it was computed from different inputs"
 
 
 def test_a_clean_flow_that_is_not_whole_counts_as_missing(tmp_path):
@@ -236,7 +238,7 @@ def test_a_clean_flow_that_is_not_whole_counts_as_missing(tmp_path):
         path.write_bytes(damaged)
         assert read_clean(path, "a") is None
     np.save(path, flow)
-    assert read_clean(path, "a") is None, "nothing tells whether this one is whole"
+    assert read_clean(path, "a") is None, "its integrity cannot be checked"
 
 
 @pytest.mark.parametrize(

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
-    """Raise for unknown corruptions and for unplanned or missing rows; otherwise return a one-sentence summary."""
+    """Return the problems found (unknown corruptions, unplanned or missing rows, ...) and a summary."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan), *_attack_problems(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
-        problems.append(f"severities {list(plan.selection.severities)}: they are 1 to 5")
+        problems.append(f"severities {list(plan.selection.severities)}: valid severities are 1 to 5")
     if problems:
         return problems, ""
     planned, present = {*run.planned(), *planned_attacks(plan)}, set(reader.frame.select(ROW_KEY).iter_rows())
@@ -41,8 +41,8 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     if extra:
         sample, corruption, severity = min(extra)
         problems.append(
-            f"{len(extra)} rows were not planned, the first of sample '{plain(sample)}', {plain(corruption)} severity "
-            f"{severity}"
+            f"{len(extra)} rows were not planned; the first one is for sample '{plain(sample)}', {plain(corruption)} "
+            f"severity {severity}"
         )
     if bool(missing) == reader.facts.complete:
         message = "complete" if reader.facts.complete else "not complete"
@@ -54,18 +54,18 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
         problems.append(f"sample '{plain(min(without))}' has no row for its clean frames")
     problems += _digest_problems(reader.frame)
     if not plan.identity.measuring.allow_invalid and reader.frame["n_invalid"].sum():
-        problems.append("pixels that are NaN or infinite were counted, but the run did not allow them")
+        problems.append("the rows count NaN or infinite pixels, which the run did not allow")
     return problems, f"{len(present)} of {len(planned)} planned rows"
 
 
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
-    """Raise for implausible frame digests.
+    """Find implausible frame digests.
 
     A sample has different frames under different conditions, except for uniform frames, which no filter changes, and
     streams without bit errors. Most digests of most samples must therefore differ.
     """
     if (rows["frames_digest"].str.strip_chars("0") == "").any():
-        return ["a frames_digest consists of zeros, which no frames have"]
+        return ["a frames_digest consists of zeros and cannot be the digest of any frames"]
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
     shared = of_sample.filter((pl.col("len") > 1) & (pl.col("shared") > _MOST_SHARED))
     if 2 * shared.height > of_sample.filter(pl.col("len") > 1).height:
@@ -89,18 +89,18 @@ def training_problems(plan: Manifest) -> list[str]:
     due = Provenance.of(known, frames.benchmark, plan.samples, frames.protocol)
     if (declared.setting, declared.basis, declared.trained_on) != (due.setting, due.basis, due.trained_on):
         return [
-            f"the manifest says {declared.setting} by {declared.basis}, trained on {_sets(declared.trained_on)}; for "
-            f"this model and benchmark it is {due.setting} by {due.basis}, trained on {_sets(due.trained_on)}"
+            f"the manifest states {declared.setting} ({declared.basis}), trained on {_sets(declared.trained_on)}; for "
+            f"this model and benchmark, it should be {due.setting} ({due.basis}), trained on {_sets(due.trained_on)}"
         ]
     return []
 
 
 def _sets(names: Sequence[str] | None) -> str:
-    return "+".join(names) if names else "nothing it names"
+    return "+".join(names) if names else "unknown data"
 
 
 def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
-    """Raise for corruption names that are not from this package, an installed package, the identity's list of
+    """Find corruption names that are not from this package, an installed package, the identity's list of
     user-defined corruptions, or a benchmark that provides corrupted frames."""
     frames = plan.identity.frames
     of_benchmark = benchmark_facts(frames.benchmark).paper_corruptions
@@ -124,7 +124,7 @@ def _attack_problems(plan: Manifest) -> list[str]:
     if len(set(attacks)) != len(attacks):
         return ["an attack is selected twice"]
     if attacks and not set(CONTROLS) <= set(attacks):
-        return [f"attacks without {' and '.join(CONTROLS)}, which every run with attacks has"]
+        return [f"attacks without {' and '.join(CONTROLS)}, which every run with attacks includes"]
     return []
 
 
@@ -133,9 +133,9 @@ def _left_out(plan: Manifest) -> list[str]:
     scale, severities = plan.identity.frames.scale, plan.selection.severities
     for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
         if name not in plan.selection.corruptions or _unknown([name], plan):
-            return [f"left_out names '{plain(name, 60)}', which was not selected"]
+            return [f"left_out contains '{plain(name, 60)}', which was not selected"]
         lacking = sorted({*levels_of(name, severities)} - {*levels_of(name, severities, scale)})
         left_out = list(plan.left_out.get(name, ()))
         if left_out != lacking:
-            return [f"{name} was left out at severities {left_out}; the {scale} scale lacks {lacking}"]
+            return [f"{name} was left out at severities {left_out}, but the {scale} scale lacks {lacking}"]
     return []

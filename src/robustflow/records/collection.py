@@ -44,7 +44,7 @@ class Added:
 
 
 def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
-    """Verify records and copy them into a collection, either all or none. A missing collection is created.
+    """Verify records and copy either all or none of them into a collection. A missing collection is created.
 
     Args:
         folder: path of the collection.
@@ -109,7 +109,7 @@ def collected(folder: Path) -> list[Path]:
         paths.append(folder / entry["file"])
         if hashlib.sha256(read_file(paths[-1])).hexdigest() != entry["sha256"]:
             raise DataError(
-                f"{paths[-1]}: not the file that {LIST} names; restore it, or drop its entry and add it again"
+                f"{paths[-1]}: not the file listed in {LIST}; restore it, or remove its entry and add it again"
             )
     return paths
 
@@ -125,10 +125,10 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"{path}: not a list of records; restore it, or add the records to a new folder") from error
     if version != VERSION:
-        raise DataError(f"{path}: version {str(version)[:20]} is not the {VERSION} that this RobustFlow reads")
+        raise DataError(f"{path}: has version {str(version)[:20]}, but version {VERSION} is required")
     for entry in entries:
         if entry["file"] != f"{RECORDS}/{entry['sha256'][:16]}{SUFFIX}" or not entry["sha256"].isalnum():
             raise DataError(f"{path}: {entry['file'][:60]!r} is not named after its hash; add the record again")
         if not (folder / entry["file"]).is_file():
-            raise DataError(f"{folder / entry['file']}: listed in {LIST} but not there; restore it, or drop its entry")
+            raise DataError(f"{folder / entry['file']}: listed in {LIST} but missing; restore it, or remove its entry")
     return entries

@@ -28,7 +28,7 @@ LIMITS = {
 REQUIRED = ("record.json", "manifest.json", "rows.csv", "summary.json")
 
 _LOCAL, _CENTRAL, _END = 30, 46, 22
-"""Size of the zip format's headers without names, in bytes."""
+"""Sizes of the zip format's headers without names, in bytes."""
 _UNREADABLE = (
     *(zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError),
     *(struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError),
@@ -53,7 +53,7 @@ def container_bytes(entries: Mapping[str, bytes]) -> bytes:
             if name not in entries:
                 continue
             if len(entries[name]) > limit:
-                raise DataError(f"{name} of this run has {len(entries[name])} bytes; a record holds at most {limit}")
+                raise DataError(f"{name} of this run has {len(entries[name])} bytes; the limit for a record is {limit}")
             info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             info.create_system, info.external_attr = 3, 0o100644 << 16
             file.writestr(info, entries[name])
@@ -67,15 +67,15 @@ def read_file(path: Path) -> bytes:
         DataError: the path is not a file, or the file exceeds the maximum size of a record.
     """
     if path.exists() and not path.is_file():  # reading a pipe could block forever
-        raise DataError(f"{path} is not a file; give one that 'robustflow pack' wrote")
+        raise DataError(f"{path} is not a file; give a file written by 'robustflow pack'")
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
             data = b"" if size > _LARGEST else file.read(_LARGEST + 1)
     except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}; give a file that 'robustflow pack' wrote") from error
+        raise DataError(f"{path} cannot be read: {error.strerror}; give a file written by 'robustflow pack'") from error
     if max(size, len(data)) > _LARGEST:
-        raise DataError(f"{path} has more than {_LARGEST >> 20} MiB, the most that a record may have")
+        raise DataError(f"{path} is larger than {_LARGEST >> 20} MiB, the maximum size of a record")
     return data
 
 
@@ -99,10 +99,12 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
     except DataError:
         raise
     except _UNREADABLE as error:
-        raise DataError(f"{name} is not a record or is damaged ({_reason(error)}); fetch or pack it again") from error
+        raise DataError(
+            f"{name} is not a record or is damaged ({_reason(error)}); download it or pack it again"
+        ) from error
     # Header fields that readers ignore could contain anything; one run would have many possible SHA-256 sums.
     if container_bytes(entries) != data:
-        raise DataError(f"{name}: its zip headers are not those that 'robustflow pack' writes; pack the run again")
+        raise DataError(f"{name}: its zip headers differ from those of 'robustflow pack'; pack the run again")
     return entries
 
 
@@ -110,20 +112,20 @@ def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name:
     names = [info.orig_filename for info in infos]
     if names != [entry for entry in LIMITS if entry in REQUIRED or entry in names]:
         wrong = next((entry for entry in names if entry not in LIMITS), None)
-        reason = f"it holds {wrong[:60]!r}" if wrong is not None else f"it holds {', '.join(names[:9]) or 'nothing'}"
-        raise DataError(f"{name} is not a record: {reason}, where {', '.join(REQUIRED)} are expected, once each")
+        reason = f"found {wrong[:60]!r}" if wrong is not None else f"found {', '.join(names[:9]) or 'nothing'}"
+        raise DataError(f"{name} is not a valid record: {reason}; expected each of {', '.join(REQUIRED)} exactly once")
     end = 0
     for info in infos:
         if info.file_size > LIMITS[info.filename]:
             raise DataError(
-                f"{name}: {info.filename} claims {info.file_size} bytes; a record holds at most {LIMITS[info.filename]}"
+                f"{name}: {info.filename} claims {info.file_size} bytes; the limit is {LIMITS[info.filename]}"
             )
         if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
-            raise DataError(f"{name}: {info.filename} is compressed, but a record's entries are stored as they are")
+            raise DataError(f"{name}: {info.filename} is compressed, but the entries of a record must not be")
         if info.flag_bits or info.external_attr != 0o100644 << 16 or info.extra or info.comment:
-            raise DataError(f"{name}: {info.filename} is encrypted, a link, or otherwise not a plain entry of a record")
+            raise DataError(f"{name}: {info.filename} is not a plain entry (encrypted, a link, or with extra fields)")
         if info.header_offset != end:
-            raise DataError(f"{name}: there are bytes between its entries, or two entries share some")
+            raise DataError(f"{name}: there are bytes between its entries, or two entries overlap")
         end += _LOCAL + len(info.filename) + info.file_size
     directory = sum(_CENTRAL + len(info.filename) for info in infos)
     if file.start_dir != end or size != end + directory + _END or file.comment:

@@ -61,7 +61,7 @@ def parsed(parse: Callable[[_Given], _Model], given: _Given, name: str) -> _Mode
     try:
         return parse(given)
     except ValidationError as error:
-        raise DataError(f"{name}: {plain(first_misfit(error), 200)} ({error.error_count()} misfit)") from error
+        raise DataError(f"{name}: {plain(first_misfit(error), 200)} ({error.error_count()} in total)") from error
 
 
 def check_version(record: dict[str, Any], name: str) -> None:
@@ -72,10 +72,10 @@ def check_version(record: dict[str, Any], name: str) -> None:
     """
     version = record.get("version")
     if record.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise DataError(f"{name} is not a record of a run; give a file that 'robustflow pack' wrote")
+        raise DataError(f"{name} is not a record of a run; give a file written by 'robustflow pack'")
     if version != VERSION:
         remedy = "upgrade robustflow to read it" if version > VERSION else "use the version that packed it"
-        raise DataError(f"{name} is a record of version {version}, but this version reads {VERSION}: {remedy}")
+        raise DataError(f"{name} has record version {version}, but this RobustFlow reads version {VERSION}: {remedy}")
 
 
 def shareable_manifest(manifest: Manifest, keep_paths: bool = False) -> Manifest:
@@ -83,13 +83,13 @@ def shareable_manifest(manifest: Manifest, keep_paths: bool = False) -> Manifest
 
     Raises:
         RunError: a text contains a path on this machine, but is part of the run's identity and cannot be left out;
-            `keep_paths` packs it nevertheless.
+            `keep_paths` allows such texts.
     """
     out = manifest.judged().shareable()
     for where, text in () if keep_paths else texts(out.record()):
         if holds_path(text):
             raise RunError(
-                f"manifest.json: {where or 'a name'} holds '{plain(text, 60)}', a path of this machine that would be "
-                "published; run again from a relative path, or give --keep-paths"
+                f"manifest.json: {where or 'a name'} contains '{plain(text, 60)}', a path on this machine that would "
+                "be published; run again with a relative path, or give --keep-paths"
             )
     return out

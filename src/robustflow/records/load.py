@@ -55,13 +55,13 @@ def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
             continue
         inside = [each for each in sorted(path.iterdir()) if (each / "manifest.json").is_file() or is_record(each)]
         if not inside:
-            raise RunError(f"{path} contains no run or record; give a folder that 'run' wrote, or a folder with runs")
+            raise RunError(f"{path} contains no run or record; give a run folder, or a folder that contains runs")
         found += inside
     return found
 
 
 def is_record(path: str | Path) -> bool:
-    """Return whether a path is a file that begins like a record: a zip file whose first entry is `record.json`."""
+    """Return whether a path looks like a record: a zip file whose first entry is `record.json`."""
     try:
         with open(path, "rb") as file:
             head = file.read(64)
@@ -76,7 +76,9 @@ def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     from .verify import verify_read
 
     if not is_record(path):
-        raise RunError(f"{path} is neither a run's folder nor a record; give what 'run' or 'pack' wrote")
+        raise RunError(
+            f"{path} is neither a run folder nor a record; give a folder written by 'run' or a file written by 'pack'"
+        )
     reader = Reader(read_file(path), str(path))
     verification = verify_read(reader)
     if not verification.ok:

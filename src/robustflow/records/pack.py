@@ -37,7 +37,8 @@ def pack(
     keep_paths: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Write a run as a record; `docs/records.md` describes its contents. The same run and texts give the same bytes.
+    """Write a run as a record; `docs/records.md` describes its contents. The same run and texts always produce the same
+    bytes.
 
     Args:
         run: the run; neither it nor its folder is changed.
@@ -59,12 +60,14 @@ def pack(
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
     target = Path(path).expanduser() if path is not None else Path(run.path.absolute().name + SUFFIX)
     if target.suffix != SUFFIX:
-        raise UsageError(f"{target}: a record's name ends in {SUFFIX}")
+        raise UsageError(f"{target}: the name of a record must end in {SUFFIX}")
     verification = verify_read(Reader(data, str(target)))
     if not verification.ok:
         raise RunError(f"{run.path} cannot be packed, because it would not verify: {verification.first_failure()}")
     if not overwrite and target.exists() and _run_of(target) != run.manifest.identity_digest:
-        raise RunError(f"{target} does not hold this run; name another file with -o, or give --overwrite")
+        raise RunError(
+            f"{target} exists and is not a record of this run; choose a different file with -o, or give --overwrite"
+        )
     write_bytes(target, data)
     return target
 
@@ -89,7 +92,7 @@ def record_bytes(
     partial: bool = False,
     keep_paths: bool = False,
 ) -> bytes:
-    """Return the path of the file that `pack` writes."""
+    """Return the bytes of the file that `pack` writes."""
     manifest = shareable_manifest(run.manifest, keep_paths)
     attacked = run.attack_rows.filter(pl.col("corruption").is_in(manifest.selection.attacks))
     missing = sum(len(units.samples) for units in run.summary.missing)
@@ -97,7 +100,7 @@ def record_bytes(
     if missing and not partial:
         raise RunError(
             f"{run.path} is not finished: {missing} rows are missing; run the same command again to continue, or "
-            "pack it as it is with --partial"
+            "pack the unfinished run with --partial"
         )
     entries = {
         "manifest.json": json_bytes(manifest.record()),

@@ -82,65 +82,64 @@ class Reader:
         others = [name for name in LIMITS if name in self.entries and name != "record.json"]
         if sorted(self.facts.entries) != sorted(others):
             raise DataError(
-                f"record.json lists {', '.join(sorted(self.facts.entries))[:200]}, which is not what the file holds"
+                f"record.json lists {', '.join(sorted(self.facts.entries))[:200]}, but the file has different entries"
             )
         for name in others:
             entry, data = self.facts.entries[name], self.entries[name]
             if (entry.bytes, entry.sha256) != (len(data), hashlib.sha256(data).hexdigest()):
-                raise DataError(f"{name} does not have the SHA-256 in record.json: it was changed or damaged")
+                raise DataError(f"{name} does not match its SHA-256 in record.json: it was changed or damaged")
         return f"{len(others)} entries"
 
     def manifest(self) -> str:
-        """Check that `manifest.json` matches its schema, and that its digest follows from its identity."""
+        """Check that `manifest.json` matches its schema, and that its digest is that of its identity."""
         content = read_json(self.entries["manifest.json"], "manifest.json")
         if (schema := content.get("schema")) != MANIFEST_SCHEMA or isinstance(schema, bool):
             raise DataError(
-                f"manifest.json has schema {plain(str(schema), 20)}, this version reads {MANIFEST_SCHEMA}; use the "
+                f"manifest.json has schema {plain(str(schema), 20)}, but this version reads {MANIFEST_SCHEMA}; use the "
                 "version that packed it"
             )
         self.plan = parsed(Manifest.read, content, "manifest.json")
         self._check_extent()
         if self.plan.shareable().record() != content:
             raise DataError(
-                "manifest.json has parts that a record leaves out (environment.command, places, the version of the "
-                "system, fields with their default values); pack the run again"
+                "manifest.json has fields that a record must leave out (environment.command, places, the version of "
+                "the operating system, fields with their default values); pack the run again"
             )
         measuring, digest = self.plan.identity.measuring, self.plan.identity_digest
         versions = (measuring.version, self.plan.identity.frames.streams, measuring.rows)
         if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION):
             raise DataError(
-                f"manifest.json is of versions {versions} (identity, streams, rows), this version reads "
+                f"manifest.json has versions {versions} (identity, streams, rows), but this version reads "
                 f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION)}; use the version that packed it"
             )
         made = self.plan.identity.digest()
         if not made == digest == self.facts.run:
             raise DataError(
-                f"the digest is {self.facts.run} in record.json and {digest} in manifest.json, that of the identity is "
-                f"{made}"
+                f"the digest is {self.facts.run} in record.json and {digest} in manifest.json, but the identity "
+                f"has {made}"
             )
         if PROFILE in self.entries:
             read_json(self.entries[PROFILE], PROFILE)
             if parse_cost(self.entries[PROFILE], PROFILE).run != digest:
-                raise DataError(f"{PROFILE} belongs to another run")
+                raise DataError(f"{PROFILE} belongs to a different run")
         return f"run {digest}"
 
     def _check_extent(self) -> None:
-        """Check that at least one corruption of one sample is planned, and that the number of rows is within a record's
-        limit."""
+        """Check that at least one corruption of one sample is planned, and that a record may contain that many rows."""
         selection = self.plan.selection
         if not (self.plan.samples and selection.corruptions and selection.severities):
             raise DataError("manifest.json: samples, corruptions and severities must each have at least 1 entry")
         conditions = len(selection.corruptions) + len(selection.attacks)
         planned = len(self.plan.samples) * (1 + conditions * len(selection.severities))
         if planned > MOST_ROWS:
-            raise DataError(f"manifest.json: {planned} rows are planned; a record holds at most {MOST_ROWS}")
+            raise DataError(f"manifest.json: {planned} rows are planned; the limit for a record is {MOST_ROWS}")
 
     def rows(self) -> str:
         """Check that rows have the right types, are unique, and contain only numbers in range and printable text."""
         frame = rows_from_text(self.entries["rows.csv"])
         nulls = [name for name in _ALWAYS if frame[name].null_count()]
         if nulls:
-            raise DataError(f"rows.csv: cells of '{nulls[0]}' are empty")
+            raise DataError(f"rows.csv: the column '{nulls[0]}' has empty cells")
         twice = frame.select(ROW_KEY).is_duplicated()
         if twice.any():
             sample, corruption, severity = frame.filter(twice).select(ROW_KEY).row(0)
@@ -151,18 +150,18 @@ class Reader:
             for text in frame[column].unique():
                 check_text(text, f"rows.csv, {column}")
                 if not 0 < len(text) <= 500:
-                    raise DataError(f"rows.csv: a {column} of {len(text)} characters; 1 to 500 are expected")
+                    raise DataError(f"rows.csv: a {column} has {len(text)} characters; expected 1 to 500")
         for column in ("frames_digest", "truth_digest"):
             if not frame[column].drop_nulls().str.contains("^[0-9a-f]{32}$").all():
-                raise DataError(f"rows.csv: a {column} that is not 32 hexadecimal digits")
+                raise DataError(f"rows.csv: a {column} does not consist of 32 hexadecimal digits")
         if not frame["truth_digest"].is_null().equals(frame["n_valid"].is_null()):
-            raise DataError("rows.csv: a truth_digest without pixels of ground truth, or pixels without one")
+            raise DataError("rows.csv: a row has a truth_digest but no pixels with ground truth, or the reverse")
         for column, kind in ROW_SCHEMA.items():
             if kind is pl.Int64 and not frame[column].drop_nulls().is_between(0, _LARGEST_INT).all():
-                raise DataError(f"rows.csv: a '{column}' below 0 or too large to be a count")
+                raise DataError(f"rows.csv: a value of '{column}' is negative or too large")
             lowest = -_LARGEST_SUM if column == "attack_way_gone" else -1.0 if column in SIGNED else 0.0
             if kind is pl.Float64 and not frame[column].drop_nulls().is_between(lowest, _LARGEST_SUM).all():
-                raise DataError(f"rows.csv: a '{column}' that is negative, not finite, or too large")
+                raise DataError(f"rows.csv: a value of '{column}' is negative, not finite, or too large")
         self.frame = frame
         read_json(self.entries["summary.json"], "summary.json")
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"

@@ -1,4 +1,4 @@
-"""Rows as canonical CSV text, so that equal rows always give equal bytes.
+"""Rows as canonical CSV text, so that equal rows always have equal bytes.
 
 A run stores Parquet. A record does not, because the bytes of Parquet depend on the version of the library, and because
 the size of its compressed pages is unknown until they are decompressed. Numbers are written with the fewest digits that
@@ -48,7 +48,7 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, UnicodeError, ValueError) as error:
         raise DataError(f"rows.csv cannot be read ({' '.join(str(error).split())[:120]})") from error
     if not same:
-        raise DataError("rows.csv is not written as a record writes it: sorted by sample, corruption and severity")
+        raise DataError("rows.csv is not in canonical form: sorted by sample, corruption and severity")
     return rows
 
 

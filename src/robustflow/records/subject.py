@@ -85,6 +85,6 @@ def unproven(frames_compared: bool, predictions_compared: bool, attacked: bool) 
     if not predictions_compared:
         out.append("that this model made the predictions: --data FOLDER --model NAME predicts some rows again")
     if attacked:
-        out.append("that the attacks were made on this model: no check repeats them, run them again")
-    out.append("what the model was trained on, if that is declared and not known from a checkpoint's hash")
+        out.append("that the attacks were run on this model: no check repeats them; run them again")
+    out.append("what the model was trained on, if that is only declared and not known from a checkpoint's hash")
     return out

@@ -42,7 +42,7 @@ def read_json(data: bytes, name: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise DataError(f"{name} is not JSON ({plain(str(error), 80)})") from error
     if not canonical:
-        raise DataError(f"{name} is not written as a record writes it (order of names, notation of numbers, spaces)")
+        raise DataError(f"{name} is not in canonical form (order of keys, notation of numbers, spaces)")
     return value
 
 
@@ -58,7 +58,7 @@ def check_text(text: str, where: str) -> None:
     robustflow.errors.DataError: author: 'RAFT�[31m' contains a character that cannot be displayed; remove it
     """
     if len(text) > LONGEST:
-        raise DataError(f"{where}: {len(text)} characters, where a record holds at most {LONGEST}; shorten it")
+        raise DataError(f"{where}: {len(text)} characters, but a record allows at most {LONGEST}; shorten it")
     if not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Zl", "Zp") for c in text):
         raise DataError(f"{where}: '{plain(text, 60)}' contains a character that cannot be displayed; remove it")
 

@@ -22,12 +22,12 @@ VERIFICATION_CHECKS = {
     "container": "the file contains exactly the entries of a record",
     "record": "this version can read the format",
     "hashes": "every entry has its SHA-256",
-    "manifest": "the description of the run is complete, and its digest follows from it",
-    "rows": "rows have the right columns, occur once each, are finite and in range",
-    "training": "the setting follows from the training sets",
-    "cells": "rows are the planned ones, under known corruptions",
+    "manifest": "the description of the run is complete, and matches its digest",
+    "rows": "rows have the right columns, are unique, finite and in range",
+    "training": "the setting matches the training sets",
+    "cells": "all rows were planned, and their corruptions are known",
     "measurements": "rows are plausible and consistent with each other",
-    "summary": "means follow from the rows",
+    "summary": "means match the rows",
     "frames": "corrupted frames computed here match the digests in the rows",
     "predictions": "predictions of the model here match the rows",
     "exported": "files exported from the run match the record",
@@ -121,7 +121,7 @@ def verify_read(
     predictions: DataCheck | None = None,
     exported: DataCheck | None = None,
 ) -> Verification:
-    """Like `verify`, for a file in memory. Also return the reader, which contains the parsed record."""
+    """Like `verify`, for a record in memory."""
     outcomes: dict[str, _Outcome] = {}
     subject = None
     try:
@@ -152,7 +152,7 @@ def verify_read(
 
 
 def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
-    """Yield the results of the checks of a record's claims, by name, and its subject if everything could be read."""
+    """Check a record's claims; return the results by check, and its subject if everything could be read."""
     problems = training_problems(reader.plan)
     out = {"training": _outcome(problems, reader.plan.judged().provenance.setting)}
     with TemporaryDirectory(prefix="robustflow-") as folder:
@@ -180,7 +180,7 @@ def _outcome(problems: list[str], message: str) -> _Outcome:
 
 
 def _later(*comparisons: DataCheck | None) -> dict[str, DataCheck]:
-    """Run the requested comparisons of `_ON_REQUEST`."""
+    """Return the requested comparisons by name."""
     return {name: compare for name, compare in zip(_ON_REQUEST, comparisons, strict=True) if compare is not None}
 
 

@@ -34,7 +34,7 @@ _NEEDS: tuple[tuple[str, str], ...] = (
 )
 """Pairs (column of a count, column that has a value in every row with a positive count)."""
 _FEW_ROWS = 10_000
-"""Up to this number, lazy rows are read once instead of once per column."""
+"""Up to this number of rows, lazy rows are read once instead of once per column."""
 
 
 def summarize(
@@ -49,14 +49,14 @@ def summarize(
     Args:
         rows: rows with the columns of `ROW_SCHEMA`, in any order; lazy rows are read a few columns at a time.
         averaging: "image" (the paper's averaging) or "pixel" (one mean over the pixels of all images).
-        planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default
+        planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default,
             every sample in the rows, clean and at every (corruption, severity) in the rows.
         paper: corruptions over which the paper averages on the benchmark.
 
     Returns:
         A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
-        pixels where both flows are predicted. Overall means are over every corruption in the rows, including
-        elastic_transform, a user's own and stacks "a+b"; `Summary.paper` is the paper's mean.
+        and pixels where both flows are predicted. Overall means are over every corruption in the rows, including
+        elastic_transform, user-defined corruptions and stacks ("a+b"); `Summary.paper` is the paper's mean.
 
     Raises:
         RunError: columns or sums are missing, or a (sample, corruption, severity) occurs twice.
@@ -200,7 +200,7 @@ def _regions(rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, averaging: Ave
 
 
 def summary_in_order(summary: Summary) -> Summary:
-    """Reorder the keys of a summary read from a file as in a computed one."""
+    """Sort the keys of a summary read from a file as in a computed one."""
     return summary.model_copy(
         update={
             "corruptions": {name: summary.corruptions[name] for name in ordered(summary.corruptions)},

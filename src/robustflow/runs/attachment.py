@@ -37,7 +37,7 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
         kind: class of the contents.
         data: bytes of the file.
         name: name of the file, for messages.
-        command: the `robustflow` command that writes it again.
+        command: the `robustflow` command that recreates it.
 
     Raises:
         RunError: the file is damaged, or its fields are invalid; the message names the first one.
@@ -45,15 +45,13 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
     content = unsealed(data)
     if content is None:
         raise RunError(
-            f"{name} is damaged (its content does not match its digest); delete it, or write it again with robustflow "
+            f"{name} is damaged (its content does not match its digest); delete it, or recreate it with robustflow "
             f"{command}"
         )
     try:
         return kind.model_validate_json(content)
     except ValidationError as error:
-        raise RunError(
-            f"{name}: {first_misfit(error)}; delete it, or write it again with robustflow {command}"
-        ) from error
+        raise RunError(f"{name}: {first_misfit(error)}; delete it, or recreate it with robustflow {command}") from error
 
 
 def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
@@ -64,7 +62,7 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
         run: run whose folder contains the file.
         file: name of the file.
         largest: maximum size of the file, in bytes.
-        command: the `robustflow` command that writes it again.
+        command: the `robustflow` command that recreates it.
 
     Raises:
         RunError: the file is damaged, or belongs to a different run.
@@ -79,5 +77,5 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
         return None
     contents = parse_attachment(kind, data, str(path), command)
     if contents.run != run.manifest.identity_digest:
-        raise RunError(f"{path} belongs to another run ({contents.run}); delete it, or create it again")
+        raise RunError(f"{path} belongs to a different run ({contents.run}); delete or recreate it")
     return contents

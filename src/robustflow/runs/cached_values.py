@@ -1,4 +1,4 @@
-"""Cache the values, besides means, that pages show about a run, in a hidden file of its folder; they are valid only for
+"""Cache values that pages show about a run, except for means, in a hidden file in its folder; they are valid only for
 the same rows."""
 
 from __future__ import annotations

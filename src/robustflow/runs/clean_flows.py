@@ -1,7 +1,8 @@
 """Store clean flows on disk: computed once per sample, and kept until the sample's last unit is finished.
 
-A file contains a NumPy array, then 16 bytes: the digest of the array, the sample's key and the frames. If the digest
-does not match (truncated or changed file, or different frames), the file counts as missing and the flow is recomputed.
+A file contains a NumPy array, followed by 16 bytes: the digest of the array, the sample's key and the frames. If the
+digest does not match (truncated or changed file, or different frames), the file counts as missing and the flow is
+recomputed.
 """
 
 from __future__ import annotations

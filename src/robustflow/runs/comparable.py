@@ -1,10 +1,10 @@
-"""Decide what may be compared, for all tables, marks, boards, tests, trends, figures and exports.
+"""Decide which runs may be compared, for all tables, leaderboards, tests, trends, figures and exports.
 
 Results of two runs may be compared if both measured the same rows: the same pairs under the same corruptions and
 severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they require
 that all rows are the same and were made with the same settings (`sample_set`); tests require only common rows
-(`common_to`). Differences between runs are described in words, from the settings (seed, draws, the source of a user's
-corruption, ...) and the rows.
+(`common_to`). Differences between runs are described in words, based on the settings (seed, draws, the source of a
+user's corruption, ...) and the rows.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def sample_set(run: Run) -> str:
     """
 
     def made() -> str:
-        _clean_cells(run)  # cached from the same rows: the description of a difference needs these values later
+        _clean_cells(run)  # cached now, from the same rows, because describing a difference needs these values
         missing = [unit.model_dump() for unit in run.summary.missing]
         return sample_set_of(run.manifest.identity.frames.record(), measured_cells(run.rows), missing)
 
@@ -68,7 +68,7 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
     """Return the rows that several runs have in common on the same frames and ground truth, and a remark about omitted
     rows ("" if there are none).
 
-    A pair whose clean rows differ, and a corruption for which any frames differ, are omitted entirely.
+    Pairs whose clean rows differ, and corruptions for which any frames differ, are omitted entirely.
 
     Args:
         rows: rows of each run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA`.
@@ -100,10 +100,10 @@ def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[lis
     cells = kept.select(ROW_KEY)
     remark = ""
     if any(one.height != cells.height for one in rows):
-        counts = joined([f"the {one.height} of {name}" for name, one in zip(names, rows, strict=True)])
+        counts = joined([f"the {one.height} in {name}" for name, one in zip(names, rows, strict=True)])
         measured = "both" if len(rows) == 2 else "all"
         remark = (
-            f"Only rows that {measured} measured are compared: {cells.height} rows (a pair, clean or corrupted) of "
+            f"Only rows that {measured} measured are compared: {cells.height} rows (clean or corrupted pairs) out of "
             f"{counts}."
         )
     for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
@@ -122,7 +122,8 @@ def _nothing_alike(names: Sequence[str], same: pl.DataFrame) -> str:
     sample, corruption, severity = first.row(0)
     where = f"sample '{plain(sample)}', {plain(corruption)}" + (f" severity {severity}" if severity else "")
     return (
-        f"{joined(list(names))} were {what} under the same name ({where}; {first.height} of {same.height} common rows)"
+        f"{joined(list(names))} were {what} in the same cell ({where}; {first.height} of {same.height} common rows "
+        "differ)"
     )
 
 
@@ -132,7 +133,7 @@ class CommonRows:
 
     Attributes:
         rows: rows by name of the run, with the same cells in each.
-        remark: description of omitted rows and of differences between the runs; "" if they measured the same.
+        remark: description of omitted rows and of differences between the runs; "" if there are none.
     """
 
     rows: Mapping[str, pl.DataFrame]
@@ -152,13 +153,13 @@ def common_to(runs: Mapping[str, Run]) -> CommonRows:
         if len(set(titles.values())) > 1 and not _in_common(runs):
             (first, title), *others = titles.items()
             of = joined([f"{first} was measured on {title}", *(f"{name} on {title}" for name, title in others)])
-            raise RunError(f"{of}, which have no frames in common; compare runs of one benchmark") from None
-        raise RunError(f"{error}: {differences(runs)}; compare runs of the same frames and ground truth") from None
+            raise RunError(f"{of}, which have no frames in common; compare runs on the same benchmark") from None
+        raise RunError(f"{error}: {differences(runs)}; compare runs on the same frames and ground truth") from None
     remarks = [remark]
     if words := differences(runs):
         remarks.append(f"The runs differ: {words}.")
     remarks += [
-        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors are only over these."
+        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors cover only these pixels."
         for name, run in runs.items()
         if has_gaps(run.summary)
     ]
@@ -186,7 +187,7 @@ def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
 
 
 def conditions_of(runs: Sequence[Run]) -> list[str]:
-    """Return a short name for what each run measured, made from the differences between the runs; "" for all if there
+    """Return a short name for what each run measured, based on the differences between the runs; "" for all if there
     are none."""
     words, sets = _distinguishing_words(measured_in_words(runs)), [sample_set(run) for run in runs]
     of_words: dict[str, set[str]] = {}
@@ -204,8 +205,7 @@ def _distinguishing_words(parts: Sequence[Mapping[str, str]], among: Sequence[st
 
 
 def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return the parts of `measured_in_words` that differ between runs, without digests that a different part
-    explains."""
+    """Return the parts of `measured_in_words` that differ between runs, except digests that another part explains."""
     names = dict.fromkeys(name for one in parts for name in one)
     differing = [name for name in names if len({one.get(name, "") for one in parts}) > 1]
     other_data = any(name in ("benchmark", "dataset") or name.startswith("protocol ") for name in differing)
@@ -214,7 +214,7 @@ def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
-    """Describe what each of several runs measured, in parts, the most informative first."""
+    """Describe what each of several runs measured, part by part; the most informative parts come first."""
     clean = [_clean_cells(run) for run in runs]
     shared = sorted(set.intersection(*(set(one) for one in clean)))
     named = [set(run.summary.corruptions) for run in runs]
@@ -259,12 +259,12 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "seed": lambda value: f"seed {value}",
     "variant": lambda value: f"{value} corruptions",
     "severity_scale": lambda value: f"{value or 'paper'} severities",
-    "common_draws": lambda value: "one draw for all severities" if value else "a draw for each severity",
+    "common_draws": lambda value: "one draw for all severities" if value else "one draw for each severity",
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",
     "attacks": lambda value: f"attacks {value}",
 }
-"""Names of the fields of `FrameIdentity` in words, the most informative first."""
+"""Descriptions of the fields of `FrameIdentity`, the most informative first."""
 
 
 def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:

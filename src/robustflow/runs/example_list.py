@@ -1,6 +1,6 @@
 """Read and write `examples.json`: which example pictures a run's folder contains and what they show.
 
-RUN/examples/examples.json   with the run's own numbers
+RUN/examples/examples.json   with the numbers from the run's rows
 RUN/examples/*.jpg           the folder is complete or absent
 """
 
@@ -80,7 +80,7 @@ def are_current(result: Run) -> bool:
 
 
 def drop_examples(run: Path) -> None:
-    """Remove a run's pictures, whose numbers are out of date."""
+    """Remove a run's outdated example pictures."""
     home = run / FOLDER
     if home.is_dir():
         gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # readers must never see an incomplete folder

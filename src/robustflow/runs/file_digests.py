@@ -80,7 +80,7 @@ def check_listed(files: Mapping[Path, str | None]) -> None:
     if differing:
         folder = nearest[differing[0].absolute().parent]
         raise DataError(
-            f"{differing[0]} has a different digest than {DIGEST_LIST} in {folder} lists ({len(differing)} of "
+            f"{differing[0]} does not match its digest in the {DIGEST_LIST} of {folder} ({len(differing)} of "
             f"{counted(len(wanted), 'file')} differ); copy the data again, or, if the change is intended, write the "
             f"list again with robustflow prepare digests --data {folder} --overwrite"
         )
@@ -109,7 +109,7 @@ def digests_in(folder: Path) -> Iterator[tuple[str, str]]:
     names = {path: path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))}
     for name in names.values():
         if "\n" in name or "\\" in name:
-            raise DataError(f"{folder}: the name {plain(name)} has a line break or a backslash; rename the file")
+            raise DataError(f"{folder}: the name {plain(name)} contains a line break or a backslash; rename the file")
     return ((names[path], digest) for path, digest in _digests(names))
 
 
@@ -176,7 +176,7 @@ def _digests(paths: Iterable[Path]) -> Iterator[tuple[Path, str]]:
 
 def _digest(path: Path) -> str:
     if not path.is_file():
-        raise RunError(f"{path}: not a file (a pipe, a device or a folder), or gone; remove it or restore the file")
+        raise RunError(f"{path}: missing, or not a regular file; restore or remove it")
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=8)).hexdigest()

@@ -28,7 +28,8 @@ _ADDED = {"corruption": "your corruption", "attack": "the attack"}
 
 
 class _IdentityPart(Untrusted):
-    """Fields with their default values are not written, so that a new field does not change existing digests."""
+    """Base of the parts. Fields with default values are not written, so that a new field does not change existing
+    digests."""
 
     def record(self) -> dict[str, Any]:
         """Return this part as stored in a manifest, with JSON types only."""
@@ -51,7 +52,7 @@ class FrameIdentity(_IdentityPart):
         psf: point spread functions of the user's lenses; None for those of the package.
         depth: digest of the user's depth maps and focal length; None for the dataset's depth.
         corruptions: digests of the source of the user's corruptions and those of installed packages, by name.
-        attack_sources: digests, by attack, of everything besides its name that determines its frames, such as a second
+        attack_sources: digests, by attack, of everything except its name that determines its frames, such as a second
             model.
     """
 
@@ -77,7 +78,7 @@ class FrameIdentity(_IdentityPart):
 
 class ModelIdentity(_IdentityPart):
     """The model's description of itself (`robustflow.models.base.model_identity`), and the window of frames around a
-    pair that the model takes; None for a two-frame model."""
+    pair that the model receives; None for a two-frame model."""
 
     settings: dict[str, JsonValue]
     window: dict[str, JsonValue] | None = None
@@ -153,7 +154,8 @@ def checked_name(name: str) -> str:
     'My model'
 
     Raises:
-        UsageError: empty, longer than `LONGEST_NAME` characters, or with characters that cannot be printed.
+        UsageError: the name is empty, has more than `LONGEST_NAME` characters, or contains characters that cannot be
+            printed.
     """
     name = name.strip()
     if not name or len(name) > LONGEST_NAME or not name.isprintable():

@@ -42,7 +42,7 @@ class Selection(Untrusted):
 
 
 class Clip(Untrusted):
-    """The effects of one video corruption on a clip, as its dataset records them; `warnings` are shown."""
+    """The effects of one video corruption on a clip, as recorded by its dataset; `warnings` are shown to the user."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, JsonValue]
@@ -177,7 +177,8 @@ def read_manifest(path: Path) -> Manifest | None:
 
 def _changed(path: Path, why: str) -> RunError:
     return RunError(
-        f"{path} was changed after it was written ({why}); restore a copy of it, or choose another folder with --output"
+        f"{path} was changed after it was written ({why}); restore it from a backup, or choose another folder "
+        "with --output"
     )
 
 
@@ -190,7 +191,7 @@ def _other_version(path: Path, what: str, here: int) -> RunError:
 
 def _damaged(path: Path, why: str) -> RunError:
     return RunError(
-        f"{path} is damaged ({why}); restore a copy of it, or leave it and choose another folder with --output"
+        f"{path} is damaged ({why}); restore it from a backup, or leave it and choose another folder with --output"
     )
 
 

@@ -87,7 +87,7 @@ def scores_by_condition(
 
     Args:
         rows: rows, always read in the same order.
-        where: row numbers for the same rows.
+        where: row numbers of the samples and conditions in these rows.
         columns: columns of each metric; must include "epe".
         averaging: averaging as for `summarize`.
     """
@@ -114,7 +114,7 @@ def _means(
     columns: tuple[str, str, float],
     averaging: Averaging,
 ) -> dict[tuple[str, int], float | None]:
-    """Return the mean of one metric at each condition; only its two columns are in memory."""
+    """Return the mean of one metric for each condition; only its two columns are in memory."""
     total, count, factor = columns
     sums, counts = _array(rows, total), _array(rows, count)
     return {at: _mean_over(sums[mine], counts[mine], factor, averaging) for at, mine in places.items()}

@@ -25,7 +25,7 @@ from .store import RunFolder
 def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     """Return the folder's manifest, updated with a plan; raise a RunError if they do not match.
 
-    A manifest is ignored if its run ended before the first row.
+    The manifest of a run that ended before its first row is ignored.
     """
     identity = plan.identity()
     old = folder.manifest()
@@ -103,7 +103,7 @@ def _selection(
 
 
 def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
-    """Return the samples of a run that are not in the plan, for data that only their files distinguish: any two clips
+    """Return the samples of a run that are not in the plan, if only their files distinguish the data: any two clips
     have the same frame names.
 
     Raises:
@@ -115,8 +115,8 @@ def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> li
     for key in old.samples:
         if key not in known:
             raise RunError(
-                f"{folder.path} was made from different frames, with a sample '{key}'; choose another folder with "
-                "--output"
+                f"{folder.path} was made from different frames that include a sample '{key}'; choose another "
+                "folder with --output"
             )
     return [key for key in old.samples if key not in plan.benchmark.keys]
 

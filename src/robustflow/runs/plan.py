@@ -43,7 +43,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options that change the results, besides benchmark and model, and the handling of NaN or infinite predictions."""
+    """Options that change the results, apart from the benchmark and the model."""
 
     seed: int = 0
     variant: str = "default"
@@ -52,7 +52,7 @@ class RunOptions:
     sources: Mapping[str, Any] = field(default_factory=dict)
     """Keys of the user's files that affect corrupted frames (see `corruptions.sources`)."""
     window: Window | None = None
-    """The frames around each pair that a multi-frame model takes; None for a two-frame model."""
+    """The frames around each pair that a multi-frame model receives; None for a two-frame model."""
     common_draws: bool = False
     """Whether the five severities of a pair share one draw."""
     own: tuple[Any, ...] = ()
@@ -66,7 +66,7 @@ class RunOptions:
     learned: Mapping[str, Mapping[int, Any]] = field(default_factory=dict)
     """Trained perturbations by attack and severity."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
-    """Digests, by attack, of everything besides its name that affects it."""
+    """Digests, by attack, of everything except its name that affects it."""
     confidence: str | None = None
     """The confidence that the model predicts in addition to its flow (see `models.confidence`)."""
     depth: Depths | None = None
@@ -74,7 +74,7 @@ class RunOptions:
     draws: int = 1
     """The number of draws of each corruption, with `seed` and the following seeds, for the spread of the flow."""
     pictures: Path | None = None
-    """The folder in which workers store small pictures of corrupted frames; None for none. It does not affect
+    """The folder in which workers store small pictures of corrupted frames; None to store none. It does not affect
     results."""
 
 
@@ -83,7 +83,7 @@ class Plan:
     """A benchmark, the options of the run, and the identity of the model.
 
     `provenance` is the manifest's information about the model's training. It does not affect results, so it is not part
-    of the identity: a run can continue when its model's training sets are declared later.
+    of the identity: a run can be continued after its model's training sets are declared.
     """
 
     benchmark: Benchmark

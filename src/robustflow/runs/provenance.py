@@ -47,7 +47,7 @@ class Provenance(Untrusted):
         return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note)
 
     def on(self, benchmark: str, keys: Collection[str], protocol: Mapping[str, Any]) -> Provenance:
-        """Return the provenance of the same training for a benchmark and the given samples."""
+        """Return the provenance of the same training data for a benchmark and the given samples."""
         own = "; ".join(part for part in self.note.split("; ") if not part.startswith(PAIRS_NOTE))
         training = Training(self.trained_on, self.basis, own, trained=self.basis not in (RANDOM, KNOWLEDGE))
         return Provenance.of(training, benchmark, keys, protocol)

@@ -46,9 +46,7 @@ class Run:
         self.path = self._folder.path
         manifest = self._folder.manifest()
         if manifest is None:
-            raise RunError(
-                f"{self.path} is not a run's folder (it has no manifest.json); give the folder that 'run' wrote"
-            )
+            raise RunError(f"{self.path} is not a run folder (it has no manifest.json); give a folder written by 'run'")
         self.manifest: Manifest = manifest
 
     @cached_property
@@ -93,7 +91,7 @@ class Run:
         return self._stored_means() or self._means
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
-        """Return means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
+        """Return means by the paper's averaging ("image"), or over the pixels of all images together ("pixel")."""
         paper = benchmark_facts(self.benchmark).paper_corruptions
         if "rows" not in self.__dict__:
             _ = self.rows_digest  # computed before the rows are read, as in `_every_row`
@@ -132,7 +130,7 @@ class Run:
     @property
     def name(self) -> str:
         """Return the model's name for headings, tables and figures: `--name` if given, else the name of a registered
-        method as in `list models` ("DIS" for `dis`), else the name that the model gives itself. Never blank."""
+        method as in `list models` ("DIS" for `dis`), else the model's own name. Never blank."""
         model = self.manifest.identity.model.settings
         given = self.manifest.name.strip()
         method = None if {"spec", "object"} & model.keys() else methods().get(str(model.get("name")))
@@ -186,8 +184,7 @@ class Run:
             note_made(self.path, SUMMARY, self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """Return a value that is costly to compute from the rows: from the cache for exactly these rows, or computed
-        now.
+        """Return a value that is costly to compute from the rows, from the cache if it was computed from the same rows.
 
         Args:
             name: name of the value.

@@ -15,7 +15,7 @@ def files_of_sample(dataset: Dataset, key: str, window: Window | None, depths: D
     Args:
         dataset: dataset that contains the sample.
         key: key of the sample.
-        window: window of frames that a multi-frame model takes; None for a two-frame model.
+        window: window of frames that a multi-frame model receives; None for a two-frame model.
         depths: source of the depth; None if depth is not read.
     """
     files = dataset.files(key)

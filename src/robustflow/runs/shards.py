@@ -37,7 +37,7 @@ def list_shards(folder: Path) -> list[Path]:
     """Return the shards of a folder, by name.
 
     A process that merges shards writes the merged one before it removes the parts; a listing taken in between may miss
-    both. So the folder is listed until two listings agree.
+    both. So the folder is listed until two consecutive listings agree.
     """
     before: list[Path] | None = None
     for _ in range(20):
@@ -89,7 +89,7 @@ def _checked_bytes(path: Path) -> bytes:
     if digest is None:
         raise _damaged(path, "its name has no digest")
     if digest[1] != digest_of_bytes(data):
-        raise _damaged(path, "its bytes are not those that were written")
+        raise _damaged(path, "its bytes have changed since it was written")
     return data
 
 
@@ -102,12 +102,13 @@ def _check_schema(path: Path, schema: Mapping[str, Any], columns: Sequence[str] 
 def read_shards(
     paths: Iterable[Path], columns: Sequence[str] | None = None, corruption: str | None = None
 ) -> pl.DataFrame:
-    """Read the rows of some shards, each once, in the order of their keys.
+    """Read the rows of some shards, without duplicates, sorted by their keys.
 
     Args:
         paths: paths of the shards; rows that occur in two of them, as after a crash during merging, count once.
         columns: columns to read, including those of `ROW_KEY`; all by default.
-        corruption: corruption whose rows are read; all by default. Rows of the others are discarded shard by shard.
+        corruption: corruption whose rows are read; all by default. Rows of other corruptions are discarded shard by
+            shard.
 
     Raises:
         RunError: a shard cannot be read, or two shards contain different rows of the same cell.
@@ -172,7 +173,8 @@ def merge_shards(paths: Sequence[Path], name: str) -> Path:
 
 
 def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
-    """Return the cells of some shards, and the shards that share a cell with another one after a crash during merging.
+    """Return the cells of some shards, and the shards that share a cell with another shard after a crash during
+    merging.
 
     Raises:
         RunError: a shard cannot be read.
@@ -207,4 +209,6 @@ def _refuse_contradictions(rows: pl.DataFrame, paths: list[Path], parts: list[pl
 
 
 def _damaged(path: Path, why: str) -> RunError:
-    return RunError(f"{path} is damaged ({why}); delete it and run its command again: only its rows are computed again")
+    return RunError(
+        f"{path} is damaged ({why}); delete it and run the same command again: only its rows are recomputed"
+    )

@@ -49,7 +49,7 @@ _INSIDE = ("rows", "clean", "examples")
 """Subfolders of a run's folder."""
 _CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
 _RETRIES = 1000
-"""Maximum number of times that a reader lists the shards again while a different process writes."""
+"""Maximum number of times that a reader lists the shards again while another process writes."""
 
 
 class RunFolder:
@@ -72,7 +72,7 @@ class RunFolder:
         killed run.
 
         Raises:
-            RunError: the folder is locked by a different process, cannot be written, or contains a link.
+            RunError: the folder is locked by another process, cannot be written, or contains a link.
         """
         refuse_links(self.path, *_INSIDE)
         for folder in (self.path, self.rows_folder, self.path / "clean"):
@@ -211,7 +211,7 @@ class RunFolder:
             except FileNotFoundError as error:  # merged between listing and reading, so list again
                 gone = error.filename
         raise RunError(
-            f"{gone} is listed but missing; run the command again when no other process writes to its folder"
+            f"{gone} is listed but missing; run the command again when no other process is writing to its folder"
         )
 
     def scan(self) -> pl.LazyFrame:
@@ -230,7 +230,7 @@ class RunFolder:
             except FileNotFoundError as error:  # merged between listing and reading, so list again
                 gone = error.filename
         raise RunError(
-            f"{gone} is listed but missing; run the command again when no other process writes to its folder"
+            f"{gone} is listed but missing; run the command again when no other process is writing to its folder"
         )
 
     def cells(self) -> set[Cell]:
@@ -252,5 +252,5 @@ def _unit_name(unit: Unit) -> str:
 
 
 def _slug(text: str) -> str:
-    """Return a readable file name for any text, different for different texts."""
+    """Return a readable file name that is unique to a text."""
     return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest_of_bytes(text.encode(), size=4)}"
