@@ -2,7 +2,7 @@
 
     python bench/attacks.py [--steps 5] [--rounds 3]
 
-The script uses one thread. The same gradients are computed without an attack and by steps of PGD; the reported ratio is
+The script uses one thread. The same gradients are computed once alone and once within PGD steps; the reported ratio is
 that of the fastest rounds.
 """
 
@@ -27,11 +27,11 @@ from robustflow.models.torch.reproducible import reproducible
 from robustflow.testing import TexturePairs
 
 CASES = (("tiny", {}, (375, 1242)), ("raft_small", {"checkpoint": "random"}, (256, 320)))
-"""A model, its options, and the size (H, W) of the frames."""
+"""A model, its options, and the frame size (H, W)."""
 
 
 def passes(model: Any, ball: Ball, steps: int) -> None:
-    """Run only forward and backward passes."""
+    """Run the forward and backward passes alone."""
     images = torch.from_numpy(ball.clean)
     with reproducible():
         for _ in range(steps):
@@ -70,7 +70,7 @@ def main() -> None:
         ]
         alone, attacked = (min(times) / given.steps for times in zip(*rounds, strict=True))
         share = 100 * (attacked / alone - 1)
-        print(f"{name} {size[0]}x{size[1]}: passes {alone:.3f} s, a step of PGD {attacked:.3f} s, {share:+.1f} %")
+        print(f"{name} {size[0]}x{size[1]}: passes {alone:.3f} s, PGD step {attacked:.3f} s, {share:+.1f} %")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""Compare the time for augmenting a training pair with that of the originals' implementation.
+"""Compare the time for augmenting a training pair with that of the original implementation.
 
     python bench/augmentation.py [--rounds 40]
 
-The script prints CPU milliseconds per pair with one thread: the mean over the draws of each round, the best of three
-rounds. Both apply the same draws: ours in the way of `train`, the originals' in the way of RAFT's loader, with
-torchvision's colour jitter on Pillow images, OpenCV's resize of the whole frame, and NumPy's scattering of sparse
-points. Results are compared first: the frames are equal byte for byte.
+The script prints CPU milliseconds per pair with one thread: the mean over the draws of a round, for the best of three
+rounds. Both implementations apply the same draws: ours as in `train`, the original as in RAFT's loader, with
+torchvision's colour jitter on Pillow images, OpenCV's resize of the full frame, and NumPy's scattering of sparse
+points. The script first checks that the frames are byte-identical.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from robustflow.training.augmentation.augment import Augmentation, apply_augment
 from robustflow.training.recipe import Part, mix_parts
 
 CASES = (("Sintel", "ood", 0, (436, 1024), (368, 768)), ("KITTI", "id", 0, (375, 1242), (288, 960)))
-"""Title, mix, part of the mix, size (H, W) of the frames, crop."""
+"""Title, mix, part of the mix, frame size (H, W), crop size."""
 
 
 def as_the_originals(frames: Any, flow: Any, valid: Any, drawn: Augmentation) -> Any:
@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=40, help="draws in each of three rounds")
     draws = parser.parse_args().rounds
     cv2.setNumThreads(1)
-    print(f"{'':8}{'ours':>10}{'theirs':>10}  milliseconds for a pair")
+    print(f"{'':8}{'ours':>10}{'theirs':>10}  milliseconds per pair")
     for title, mix, number, shape, crop in CASES:
         sample = TexturePairs(count=1, size=shape, reach=8, seed=4).load("0")
         part: Part = mix_parts(mix)[number]

@@ -1,9 +1,10 @@
-"""Measure the peak memory and seconds for averaging a run of a million rows, as `run` does at its end.
+"""Measure the peak memory and time for averaging a run of a million rows, as `run` does at the end.
 
     python bench/averaging.py [--pairs 9901]
 
-The script generates a run with every image-pair corruption at every severity, 101 rows per pair, in shards as large as
-those of `run`. A separate process then computes the means; its memory before it reads the run is also printed.
+The script generates a run with every image-pair corruption at every severity (101 rows per pair), in shards of the same
+size as those of `run`. A separate process then computes the means; the script also prints its memory use before it
+reads the run.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ print(f"{mib():.0f} MiB at most, {before:.0f} MiB before, {time.perf_counter() -
 
 
 def generate(folder: Path, pairs: int) -> Path:
-    """Write a run of `pairs` pairs: copies of a small run's rows, with sums scaled by a different factor
-    in each row.
+    """Write a run of `pairs` pairs by copying the rows of a small run and scaling the sums in each row by a
+    different factor.
     """
     (small,) = synthetic_runs(folder, 1, SHARD)
     run, rng = Run(small), np.random.default_rng(0)
@@ -63,7 +64,7 @@ def generate(folder: Path, pairs: int) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=9901, help="101 rows each (9901: a million rows)")
-    parser.add_argument("--run", type=Path, help="a run's folder to average instead of a generated one")
+    parser.add_argument("--run", type=Path, help="run folder to average instead of a generated run")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path = options.run or generate(Path(folder), options.pairs)

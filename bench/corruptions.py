@@ -1,19 +1,22 @@
-"""Measure the milliseconds per pair of each corruption, beside `imagecorruptions` and the reference code.
+"""Measure the time per pair of each corruption, compared with `imagecorruptions` and the reference code.
 
     python bench/corruptions.py [--size 375x1242] [--images A.png B.png] [--threads 2]
     python bench/corruptions.py --reference CLONE --reference-python PYTHON
 
-The script measures CPU time with one thread. Every figure is the mean over the five severities of the best of several
-rounds, each of which draws and applies the corruption to both frames; the implementations alternate.
+The script measures CPU time with one thread, in milliseconds. In each round, a corruption is drawn and applied to both
+frames, and the implementations alternate. Every result is the best time of several rounds, averaged over the five
+severities.
 
-`imagecorruptions-imaug` is timed where it is installed. It brings a second OpenCV, which would overwrite ours, so
-install it without its dependencies: `pip install --no-deps imagecorruptions-imaug`. The reference code is a clone of
-the repository of the paper's authors; PYTHON is that of an environment with the (older) packages that the code needs.
+`imagecorruptions-imaug` is timed if it is installed. It depends on a different OpenCV package, which would overwrite
+ours, so install it without its dependencies: `pip install --no-deps imagecorruptions-imaug`. The reference code is a
+clone of the paper authors' repository; PYTHON is the interpreter of an environment with the (older) packages that the
+code needs.
 
-Corruptions that need depth use that of the embedded pair, resized with it. For other images the depth is that of a
-road: the ground is 1.65 m below the camera, which moves forward by 1 m.
+Corruptions that need depth use the embedded pair's depth, resized with the pair. For other images, the depth is that of
+a flat road: the ground is 1.65 m below the camera, which moves forward by 1 m.
 
-`--threads N` measures instead the speed-up of N threads, and of N processes, over one for the same work.
+With `--threads N`, the script instead measures the speed-up of N threads and of N processes over a single one for the
+same work.
 """
 
 from __future__ import annotations
@@ -54,7 +57,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def load_pair(images: list[Path] | None, size: str | None) -> Pair:
-    """The given images or the embedded pair, resized to "HxW"."""
+    """The given images, or the embedded pair, resized to "HxW"."""
     frames = [read_image(path) for path in images] if images else Motorcycle().load("motorcycle").frames[:2]
     if size or not images:
         height, width = map(int, (size or "375x1242").split("x"))
@@ -82,9 +85,9 @@ def load_depth(images: list[Path] | None, shape: tuple[int, int]) -> SceneDepth:
 
 
 def best_of(jobs: list[Callable[[], float | None]], seconds: float) -> list[float | None]:
-    """Return the best milliseconds of each job, which alternate for at least `seconds` and three rounds.
+    """Return the best time of each job, in milliseconds; the jobs alternate for at least `seconds` and three rounds.
 
-    A job returns its milliseconds, or None if it cannot run, and is then not called again.
+    A job returns its time, or None if it cannot run, in which case it is not called again.
     """
     best = [None if job() is None else float("inf") for job in jobs]  # this call compiles and fills caches
     rounds, end = 0, time.perf_counter() + seconds
@@ -97,7 +100,7 @@ def best_of(jobs: list[Callable[[], float | None]], seconds: float) -> list[floa
 
 
 def timed(call: Callable[[], Any]) -> Callable[[], float]:
-    """Return a job that measures the CPU milliseconds of a call."""
+    """Return a job that measures the CPU time of a call, in milliseconds."""
 
     def job() -> float:
         start = time.process_time()
@@ -116,7 +119,7 @@ def other_package() -> Any:
 
 
 class Reference:
-    """The reference code in a process with a separate Python, which measures its own CPU time."""
+    """The reference code in a process of a separate Python interpreter, which measures its own CPU time."""
 
     def __init__(self, clone: Path, python: str, pair: Pair) -> None:
         self.folder = tempfile.TemporaryDirectory()
@@ -133,16 +136,17 @@ class Reference:
         self.process.stdin.flush()
         answer = self.process.stdout.readline().strip()
         if not answer:
-            raise SystemExit("the reference code ended; see its messages above")
+            raise SystemExit("the process of the reference code exited; see its messages above")
         return None if answer == "-" else float(answer)
 
 
 Rivals = dict[str, Callable[[str, int], float | None]]
-"""Other implementations by name: the milliseconds of a corruption at a severity, None where it is missing."""
+"""Other implementations by name: functions that return the milliseconds of a corruption at a severity, or None if it is
+missing."""
 
 
 def rivals(pair: Pair, reference: Reference | None) -> Rivals:
-    """Return the alternative implementations that can be measured here."""
+    """Return the alternative implementations that can be measured on this machine."""
     found: Rivals = {}
     package = other_package()
     if package is None:
@@ -163,7 +167,7 @@ def rivals(pair: Pair, reference: Reference | None) -> Rivals:
 
 
 def measure(name: str, pair: Pair, depth: SceneDepth, others: Rivals, seconds: float) -> list[float | None]:
-    """Mean milliseconds per pair over severities, ours first; None where a different implementation lacks the
+    """Milliseconds per pair, averaged over severities, ours first; None if an implementation lacks the
     corruption.
     """
     rows = []
@@ -179,7 +183,9 @@ def table(names: list[str], pair: Pair, depth: SceneDepth, others: Rivals, secon
     copy = best_of([timed(lambda: [frame.copy() for frame in pair])], 0.2)[0]
     assert copy is not None
     height, width = pair[0].shape[:2]
-    print(f"ms per pair, {height}x{width}, one thread, mean over severities; copying the pair takes {copy:.2f} ms")
+    print(
+        f"ms per pair, {height}x{width}, one thread, mean over severities; copying the pair alone takes {copy:.2f} ms"
+    )
     print(f"{'corruption':20} {'ours':>8} {'copies':>8}" + "".join(f" {other:>17} {'ratio':>7}" for other in others))
     everything, shared = 0.0, {other: [0.0, 0.0] for other in others}
     for name in names:
@@ -207,7 +213,7 @@ _PAIR: Pair | None = None
 
 
 def _start(pair: Pair, names: list[str]) -> None:
-    """Prepare a worker: keep the pair, compile, and fill the caches."""
+    """Prepare a worker: store the pair, compile functions, and fill caches."""
     global _PAIR
     cv2.setNumThreads(1)
     _PAIR = pair
@@ -222,8 +228,8 @@ def _work(job: tuple[str, int, int]) -> None:
 
 
 def scaling(names: list[str], pair: Pair, count: int, rounds: int) -> None:
-    """Wall time of the same jobs with one worker and with `count`, as threads and as processes; the best
-    of three each.
+    """Wall time of the same jobs with one worker and with `count` workers, as threads and as processes; each is the
+    best of three.
     """
     usable = []
     for name in names:
@@ -252,14 +258,24 @@ def scaling(names: list[str], pair: Pair, count: int, rounds: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", help="HxW to resize to (375x1242 for the embedded pair, else the images' own)")
+    parser.add_argument(
+        "--size",
+        help="size HxW to which images are resized (default: 375x1242 for the embedded pair, otherwise unchanged)",
+    )
     parser.add_argument("--images", nargs=2, type=Path, metavar=("FRAME1", "FRAME2"), help="a pair of real images")
     parser.add_argument("--corruptions", nargs="+", default=[*IMAGE_PAIR, *FURTHER_NAMES], metavar="NAME")
-    parser.add_argument("--seconds", type=float, default=1.0, help="time for each corruption (at least 3 rounds)")
-    parser.add_argument("--threads", type=int, help="measure scaling to this many threads and processes instead")
-    parser.add_argument("--rounds", type=int, default=4, help="with --threads: times every severity is computed")
-    parser.add_argument("--reference", type=Path, metavar="CLONE", help="a clone of the code of the paper's authors")
-    parser.add_argument("--reference-python", default=sys.executable, metavar="PYTHON", help="the Python that runs it")
+    parser.add_argument("--seconds", type=float, default=1.0, help="seconds per corruption (at least 3 rounds)")
+    parser.add_argument("--threads", type=int, help="measure the scaling to N threads and processes instead")
+    parser.add_argument(
+        "--rounds", type=int, default=4, help="with --threads: number of times every severity is computed"
+    )
+    parser.add_argument("--reference", type=Path, metavar="CLONE", help="clone of the paper authors' code")
+    parser.add_argument(
+        "--reference-python",
+        default=sys.executable,
+        metavar="PYTHON",
+        help="Python interpreter that runs the reference code",
+    )
     options = parser.parse_args()
     cv2.setNumThreads(1)
     pair = load_pair(options.images, options.size)

@@ -1,11 +1,11 @@
-"""Measure the end-point error and time of `dis_rgb` beside OpenCV's grey `dis` in one run.
+"""Compare the end-point error and time of `dis_rgb` with those of OpenCV's greyscale `dis` in one run.
 
     python bench/dis_rgb.py [--data kitti2015=~/kitti2015 middlebury=~/middlebury ...] [--points 1,2,3] [--rounds 3]
 
-The script prints the mean end-point error in pixels and the median milliseconds with one thread, per pair and as the
-average of each dataset (by default for the embedded pair). The columns are each operating point of `dis_rgb`; OpenCV
-at the same scales, patches and iterations, with and without its spatial propagation, which the paper's method does not
-have; and OpenCV's presets.
+The script prints the mean end-point error in pixels and the median milliseconds with one thread, for each pair and as
+the average of each dataset (by default for the embedded pair only). There is one column for each operating point of
+`dis_rgb`; for OpenCV with the same scales, patches and iterations, with and without spatial propagation (which the
+paper's method does not have); and for OpenCV's presets.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Predict = Callable[[Frame, Frame], Flow]
 
 
 def opencv(number: int, propagation: bool) -> Predict:
-    """OpenCV's method at an operating point."""
+    """OpenCV's method at the given operating point."""
     point = OPERATING_POINTS[number]
 
     def predict(frame1: Frame, frame2: Frame) -> Any:
@@ -51,7 +51,7 @@ def opencv(number: int, propagation: bool) -> Predict:
 
 
 def methods(points: list[int]) -> dict[str, Predict]:
-    """The compared methods by the heading of their column."""
+    """The compared methods, by column heading."""
     columns: dict[str, Predict] = {}
     for number in points:
         columns[f"dis_rgb {number}"] = load_model("dis_rgb", operating_point=number).predict
@@ -76,7 +76,7 @@ def samples(data: list[str]) -> Iterator[tuple[str, Sample]]:
 
 
 def measured(predict: Predict, sample: Sample, rounds: int) -> tuple[float, float]:
-    """Error in pixels, and median milliseconds after a first round that compiles and fills caches."""
+    """Error in pixels, and median milliseconds after a warm-up round, which compiles functions and fills caches."""
     assert sample.flow is not None
     flow, times = predict(*sample.frames[:2]), []
     for _ in range(rounds):

@@ -1,14 +1,15 @@
-"""Measure how the time of the README's first command, `robustflow run --model dis` on the embedded pair, is spent.
+"""Measure where the README's first command, `robustflow run --model dis` on the embedded pair, spends its time.
 
     python bench/first_command.py [--model tiny] [--rounds 1] [--top 12] [--against ../other/src]
 
-Runs the command cold (nothing compiled, no cache of any library) and warm (the same caches again), in a temporary
-folder; the user's caches are neither read nor written. Every process of the command, including workers, counts the CPU
-time that its main thread spends in each part, without nested parts: imports by package, reading or compiling each numba
-function, every corruption, the model, measuring, pictures, pages. A column per process follows the sum.
+The script runs the command cold (without any compiled code or library cache) and warm (with the caches of the cold
+run), in a temporary folder; the user's caches are neither read nor written. Every process of the command, including
+workers, measures the CPU time that its main thread spends in each part, excluding nested parts: imports by package,
+reading or compiling each Numba function, every corruption, the model, measuring, images, pages. The first column is the
+total, followed by one column per process.
 
-On a busy machine wall-clock times are unreliable: compare CPU times, and two versions by alternating runs
-(`--against`, a folder that contains `robustflow`).
+Wall-clock times are unreliable on a busy machine: compare CPU times. To compare two versions in alternating runs, use
+`--against` with a folder that contains the other version of `robustflow`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 REPORTS = "FIRST_COMMAND_REPORTS"
-"""Environment variable with the folder for the reports of the processes."""
+"""Environment variable that contains the folder for the processes' reports."""
 
 PARTS: dict[str, dict[str, str]] = {
     "numba.core.dispatcher": {"Dispatcher.compile": "numba: compile {0.py_func.__module__}.{0.py_func.__qualname__}"},
@@ -46,11 +47,11 @@ PARTS: dict[str, dict[str, str]] = {
     "robustflow.report.site.write": {"write_report": "page"},
     "robustflow.cli.tables": {"print_result": "table"},
 }
-"""The timed functions: module -> function -> its name in the report, a format of the function's arguments."""
+"""The timed functions: module -> function -> name in the report, as a format string for the function's arguments."""
 
 
 class Probe:
-    """CPU seconds of this process's main thread by part, written to a file as they grow."""
+    """CPU seconds of this process's main thread by part, saved to a file repeatedly."""
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / f"{os.getpid()}.json"
@@ -59,7 +60,7 @@ class Probe:
         self._written = 0.0
 
     def timed(self, function: Callable[..., Any], name: Callable[..., str]) -> Callable[..., Any]:
-        """Wrap the function so that its time is counted under the name that `name` makes from its arguments."""
+        """Wrap the function so that its time is recorded under the name that `name` returns for its arguments."""
 
         def call(*arguments: Any, **options: Any) -> Any:
             start = time.thread_time()
@@ -78,12 +79,12 @@ class Probe:
 
     def _write(self) -> None:
         now = time.process_time()
-        if now - self._written > 0.02:  # a worker is ended by a signal, so it cannot write later
+        if now - self._written > 0.02:  # a worker is terminated by a signal, so it cannot write later
             self._written = now
             self._file.write_text(json.dumps({"parts": self._parts, "total": now}))
 
     def start(self) -> None:
-        """Count imports from now on, and the functions of `PARTS` as soon as their modules are imported."""
+        """Start timing imports, and the functions in `PARTS` as soon as their modules are imported."""
         from importlib import machinery
 
         for loader in (machinery.SourceFileLoader, machinery.ExtensionFileLoader):
@@ -106,7 +107,7 @@ class Probe:
 
 
 def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, float, list[dict[str, Any]]]:
-    """Run the command with its caches in `folder`; returns wall-clock and CPU seconds, and the processes' reports."""
+    """Run the command with its caches in `folder`; return wall-clock and CPU seconds, and the processes' reports."""
     import resource
     import shutil
     import subprocess
@@ -126,7 +127,10 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
     which = [sys.executable, "-c", "import robustflow; print(robustflow.__file__)"]
     used = subprocess.run(which, env=environment, cwd=folder, capture_output=True, text=True).stdout.strip()
     if not used.startswith(f"{source}{os.sep}"):
-        sys.exit(f"this Python imports {used or 'no robustflow'} in place of that in {source}; use one without it")
+        sys.exit(
+            f"this Python interpreter imports {used or 'no robustflow'} instead of the version in {source}; "
+            "use an environment without it"
+        )
     command = [sys.executable, "-m", "robustflow", "run", "--model", model, "--output", str(folder / "run")]
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
@@ -138,11 +142,12 @@ def run(model: str, source: Path, folder: Path, reports: Path) -> tuple[float, f
 
 
 def print_parts(processes: list[dict[str, Any]], top: int) -> None:
-    """Print the parts of all processes, the largest first; those beyond `top` of a kind are combined in one line."""
+    """Print the parts of all processes, largest first; for each kind, parts beyond the first `top` are combined in one
+    line."""
     parts: dict[str, list[float]] = {}
     for number, process in enumerate(processes):
         rest = process["total"] - sum(process["parts"].values())
-        for name, spent in (process["parts"] | {"the rest: start, threads of libraries": rest}).items():
+        for name, spent in (process["parts"] | {"the rest: startup, library threads": rest}).items():
             parts.setdefault(name, [0.0] * len(processes))[number] += spent
     kinds: dict[str, list[tuple[str, list[float]]]] = {}
     for name, spent in parts.items():
@@ -170,10 +175,10 @@ def main() -> None:
     parser.add_argument("--model", default="dis")
     parser.add_argument("--rounds", type=int, default=1, help="warm runs of each version")
     parser.add_argument(
-        "--top", type=int, default=12, help="parts of a kind to print (packages, functions, corruptions)"
+        "--top", type=int, default=12, help="number of parts to print of each kind (packages, functions, corruptions)"
     )
     parser.add_argument(
-        "--against", type=Path, help="folder with a different version's `robustflow`, run in turns with this one"
+        "--against", type=Path, help="folder with a different version of `robustflow`, run alternately with this one"
     )
     options = parser.parse_args()
     sources = {"here": Path(__file__).resolve().parents[1] / "src"}
@@ -186,7 +191,7 @@ def main() -> None:
                 wall, cpu, processes = run(options.model, source, folder, folder / f"reports{number}")
                 label = f"{kind}, {name}: " if len(sources) > 1 else f"{kind}: "
                 print(
-                    f"{label}{wall:.1f} s wall clock, {cpu:.1f} s of processor time in {len(processes)} processes",
+                    f"{label}{wall:.1f} s wall clock, {cpu:.1f} s of CPU time in {len(processes)} processes",
                     flush=True,
                 )
                 if name == "here" and number in (0, options.rounds):

@@ -1,14 +1,14 @@
-"""Run all GPU checks in one command of at most nine minutes that needs no network:
+"""Run all GPU checks in a single command, which takes at most nine minutes and needs no network:
 
     python bench/gpu.py [--device cuda] [--data FOLDER_OF_KITTI_2015] [--output gpu-results] [--quick] [SECTION ...]
 
-Beforehand, on a machine with a network, `python bench/gpu.py --prepare FOLDER` writes wheels for the other machine and
-three pairs of 375x1242 (flying shapes, in KITTI's layout). Networks have random weights generated from seeds, so that
-no weights have to be copied.
+Beforehand, on a machine with a network, `python bench/gpu.py --prepare FOLDER` saves the wheels for the GPU machine and
+three pairs of 375x1242 pixels (flying shapes, in KITTI's layout). The networks' random weights are generated from
+seeds, so that no weights have to be copied.
 
-Each section is a process with a time budget in seconds. A failure becomes a row with its message, and earlier rows are
-kept; `results.json` and `results.md` in the output folder are written after every section. `--quick` runs the same
-checks on small frames with few repetitions, to try the script on a CPU.
+Each section runs in a separate process with a time budget in seconds. A failure is reported as a row with its message,
+and earlier rows are kept; `results.json` and `results.md` in the output folder are written after every section.
+`--quick` runs the same checks on small frames with few repetitions, to test the script on a CPU.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from gpu_sections import ROOT, SECTIONS, Bench
 
 
 def in_child(name: str, options: argparse.Namespace, rows: Path) -> None:
-    """Compute one section, and write its rows as they arrive."""
+    """Run one section, and write each of its rows as soon as it is available."""
     with rows.open("a") as file:
 
         def add(what: str, figures: dict[str, Any], good: bool | None) -> None:
@@ -47,9 +47,9 @@ def supervised(name: str, options: argparse.Namespace, scratch: Path) -> list[di
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=budget)
         last = next((line for line in reversed(done.stderr.splitlines()) if line.strip()), "")
-        ended = f"the process ended with {done.returncode}: {last[:300]}" if done.returncode else ""
+        ended = f"the process exited with {done.returncode}: {last[:300]}" if done.returncode else ""
     except subprocess.TimeoutExpired:
-        ended = f"stopped after its budget of {budget} s; what it reported before is above"
+        ended = f"stopped after its time budget of {budget} s; its earlier results are above"
     found = [json.loads(line) for line in rows.read_text().splitlines()] if rows.exists() else []
     seconds = {"s": round(time.perf_counter() - start, 1), **({"failed": ended} if ended else {})}
     return [*found, {"section": name, "what": "the whole section", "figures": seconds, "as expected": not ended}]
@@ -102,24 +102,27 @@ def make_pairs(folder: Path, size: tuple[int, int]) -> None:
 
 
 def prepare(folder: Path) -> None:
-    """Write the pairs, and the wheels of everything except PyTorch, which is already installed on a
-    machine with a GPU.
+    """Write the pairs and the wheels of all packages except PyTorch, which is already installed on a machine
+    with a GPU.
     """
     make_pairs(folder / "kitti", (375, 1242))
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", str(folder / "wheels")]
     command += ["--constraint", str(ROOT / "constraints.txt"), f"{ROOT}[ptlflow]"]
     subprocess.run(command, check=True)
-    print(f"copy {folder} and this checkout; there: pip install --no-index --find-links wheels 'robustflow[ptlflow]'")
+    print(
+        f"copy {folder} and this checkout to the GPU machine, and run there: "
+        "pip install --no-index --find-links wheels 'robustflow[ptlflow]'"
+    )
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sections", nargs="*", choices=[[], *SECTIONS], help="by default all")
     parser.add_argument("--device", default="cuda")
-    parser.add_argument("--data", type=Path, help="KITTI 2015, or the folder kitti/ that --prepare made")
+    parser.add_argument("--data", type=Path, help="folder of KITTI 2015, or the folder kitti/ created by --prepare")
     parser.add_argument("--output", type=Path, default=Path("gpu-results"))
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--budget", type=int, help="seconds for every section, instead of its default")
+    parser.add_argument("--budget", type=int, help="time budget of every section in seconds, instead of its default")
     parser.add_argument("--prepare", type=Path, metavar="FOLDER")
     parser.add_argument("--section", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()

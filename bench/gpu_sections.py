@@ -1,4 +1,4 @@
-"""The sections of `bench/gpu.py`: each reports rows, and a failure within a section is also a row."""
+"""The sections of `bench/gpu.py`. Each section reports rows; a failure within a section is also reported as a row."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ PAPER = (
 NEWEST = ("ptlflow:sea_raft_s", "ptlflow:dpflow", "ptlflow:rpknet", "ptlflow:neuflow2", "ptlflow:waft_twins_a2")
 MEASURED = ("raft", "flowformer", "ptlflow:sea_raft_s")
 TOLERANCES = {"fp32": 2e-3, "batched": 1e-3, "tf32": 0.01, "bf16": 0.03}
-"""Tolerances relative to the flow's largest component (at least 1 px): of the maximum difference in fp32, of the mean
-difference in the other precisions.
+"""Tolerances relative to the flow's largest component (at least 1 px): for the maximum difference in fp32, and for the
+mean difference in the other precisions.
 """
 GOAL = 1.05
-"""Largest acceptable ratio of wall time to the model's own time, after the first row."""
+"""Maximum acceptable ratio of wall time to the model's own time, after the first row."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Bench:
         device: name of the device: "cuda", "cpu", ...
         data: folder of KITTI 2015.
         quick: whether to use small frames and few repetitions.
-        add: function that reports a row: a title, its figures, and whether they are as expected (None without an
+        add: function that reports a row: a title, the results, and whether they are as expected (None without an
             expectation).
     """
 
@@ -67,7 +67,7 @@ class Bench:
 
 
 def networks(bench: Bench) -> None:
-    """Compare every network on the device with the CPU: in fp32, in a batch, with TF32, in bf16."""
+    """Compare every network on the device with the same network on the CPU: in fp32, in a batch, with TF32, in bf16."""
     first, second = bench.frames(2)
     height, width = (128, 160) if bench.quick else (256, 448)
     pairs = [tuple(np.ascontiguousarray(frame[:height, :width]) for frame in pair) for pair in (first, second)]
@@ -96,8 +96,8 @@ def _agreement(bench: Bench, name: str, pairs: list[Any]) -> tuple[dict[str, Any
 
 
 def _network(name: str, device: str, **options: Any) -> Any:
-    """A network with weights by the parity packs' rule; with PyTorch's random weights most networks hardly react to the
-    frames.
+    """A network with the weights that the parity packs use; with PyTorch's random weights, most networks hardly react
+    to the frames.
     """
     from robustflow import load_model
     from robustflow.models.construct import parameters_of
@@ -110,7 +110,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
     try:
         model = load_model(name, checkpoint="random", device=device, **options)
     except Exception:
-        options.pop("iterations", None)  # some networks of ptlflow are missing here
+        options.pop("iterations", None)  # some ptlflow networks do not have this option
         model = load_model(name, checkpoint="random", device=device, **options)
     if device == "cpu":
         fill_by_rule(model.net, 2**0.5 if name in ("arflow", "upflow") else 0.8)
@@ -118,7 +118,7 @@ def _network(name: str, device: str, **options: Any) -> Any:
 
 
 def _by_hand(model: Any, pair: Any, bf16: bool) -> np.ndarray:
-    """The model's flow of a pair, without its own safeguards against TF32."""
+    """The model's flow for a pair, without its own safeguards against TF32."""
     import torch
 
     from robustflow.models.torch.fit import fitted_images, unfitted_flow
@@ -133,7 +133,7 @@ def _by_hand(model: Any, pair: Any, bf16: bool) -> np.ndarray:
 
 
 class _Clock:
-    """Records when each unit was on disk, and the seconds that the model spent on it."""
+    """Records when each unit was written to disk, and how many seconds the model spent on it."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -170,8 +170,8 @@ def _run(bench: Bench, name: str, what: str, **changes: Any) -> None:
 
 
 def runs(bench: Bench) -> None:
-    """Run three pairs under every corruption of pairs: staged, serial and compiled; wall time relative to the model's
-    own.
+    """Run three pairs under every image-pair corruption: staged, serial and compiled; report the wall time relative to
+    the model's own time.
     """
     for name in MEASURED[:1] if bench.quick else MEASURED:
         staged: dict[str, Any] = {"workers": 2} if bench.device == "cpu" else {}
@@ -181,7 +181,7 @@ def runs(bench: Bench) -> None:
             ("staged, compiled", {**staged, "options": {"compile": True}}),
         ):
             if bench.quick and how == "staged, compiled":
-                continue  # the compiler alone takes minutes
+                continue  # compiling alone takes minutes
             with bench.row(f"{name}, {how}"):
                 _run(bench, name, f"{name}, {how}", **changes)
 
@@ -207,7 +207,7 @@ def memory(bench: Bench) -> None:
 
 @contextmanager
 def _watched(device: str) -> Iterator[dict[str, Any]]:
-    """Seconds of a block, and on a GPU the peak memory of its tensors in GiB."""
+    """The duration of a block in seconds and, on a GPU, the peak memory of its tensors in GiB."""
     figures: dict[str, Any] = {"s": float("nan")}
     gpu = device != "cpu"
     if gpu:
@@ -224,7 +224,7 @@ def _watched(device: str) -> Iterator[dict[str, Any]]:
 
 
 def training(bench: Bench) -> None:
-    """Make three training steps of every method, in fp32 and in bf16."""
+    """Run three training steps of every method, in fp32 and in bf16."""
     from robustflow.training.recipe import trained_methods
 
     for method in ("raft_small", "arflow") if bench.quick else trained_methods():
@@ -275,12 +275,12 @@ def _steps(bench: Bench, method: str, precision: str) -> tuple[dict[str, Any], b
 
 
 def resume(bench: Bench) -> None:
-    """Continue a run that began on the device on the CPU, and the reverse."""
+    """Start a run on the device and continue it on the CPU, and vice versa; different devices must be rejected."""
     import robustflow as rf
     from robustflow.models import ModelSpec
 
     for began, continued in ((bench.device, "cpu"), ("cpu", bench.device)):
-        what = f"raft_small began on {began}, continued on {continued}"
+        what = f"raft_small started on {began}, continued on {continued}"
         with bench.row(what), tempfile.TemporaryDirectory() as scratch:
             for device, severities in ((began, [1]), (continued, [1, 2])):
                 options = (("checkpoint", "random"), ("device", device), ("iterations", 2))
@@ -321,7 +321,7 @@ def loader(bench: Bench) -> None:
 
 
 class _Corrupted:
-    """One pair, corrupted differently every time."""
+    """A single pair that is corrupted differently every time."""
 
     def __init__(self, pair: list[np.ndarray], count: int) -> None:
         from robustflow.corruptions.transforms.transform import CorruptionTransform
@@ -337,7 +337,7 @@ class _Corrupted:
 
 
 def attacks(bench: Bench) -> None:
-    """Run PGD and PCFA on RAFT at KITTI's size; reports seconds and the number of flow computations."""
+    """Run PGD and PCFA on RAFT at KITTI's frame size; report seconds and the number of flow computations."""
     import robustflow as rf
 
     ((first, second),) = bench.frames()
@@ -362,4 +362,4 @@ SECTIONS: dict[str, tuple[Callable[[Bench], None], int]] = {
     "loader": (loader, 25),
     "attacks": (attacks, 45),
 }
-"""Function and time budget in seconds by name of the section; 530 s together."""
+"""Function and time budget in seconds of each section, by name; 530 s in total."""

@@ -1,12 +1,13 @@
-"""Measure the cost of a run around its model: wall time relative to the model's own time, and CPU time per cell.
+"""Measure the overhead of a run in addition to its model: wall time relative to the model's own time, and CPU time per
+cell.
 
     python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--workers 2] [--latency 40 20] [--cells-only]
 
-The model sleeps, to imitate a GPU model that leaves the CPU idle. The data are three pairs of 375x1242 (KITTI's, or
-drawn textures without --data), under the paper's 20 corruptions of pairs at five severities. *Start-up* is the time
-until the first row is on disk, *steady* is the remaining time relative to that of its predictions; the best possible
-ratio is 1. The fused engine (`serial`) comes first in the same run. A second table lists the work around the model in
-one thread, by stage and corruption: CPU time, the minimum of three runs of every cell.
+The model sleeps, to imitate a GPU model that leaves the CPU idle. The data are three pairs of 375x1242 pixels (from
+KITTI, or generated textures without --data) under the paper's 20 image-pair corruptions at five severities. *Start-up*
+is the time until the first row is on disk, *steady* is the remaining time relative to the time of its predictions; the
+best possible ratio is 1. The fused engine (`serial`) is measured first. A second table lists the CPU time of all work
+except the model, by stage and corruption, in one thread; it is the minimum over three runs of every cell.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-# processes that only predict load this file too, so modules that they do not need are imported late
+# processes that only predict also load this file, so modules that they do not need are imported late
 if __name__ == "__main__":
     from robustflow.benchmarks import Benchmark
     from robustflow.corruptions.registry import IMAGE_PAIR
@@ -51,7 +52,7 @@ ROUNDS = 3
 
 
 class Sleeper:
-    """A model that sleeps, like a GPU model from the CPU's point of view."""
+    """A model that sleeps, which is what a GPU model looks like to the CPU."""
 
     def __init__(self, milliseconds: float = 40.0, device: str = "cuda:0") -> None:
         self.device = device
@@ -70,7 +71,7 @@ class Sleeper:
 
 
 class Clock:
-    """Records when each unit was on disk."""
+    """Records when each unit was written to disk."""
 
     def __init__(self) -> None:
         self.begun = time.perf_counter()
@@ -84,7 +85,7 @@ class Clock:
 
 
 def cpu_seconds() -> float:
-    """CPU seconds of this process and of its finished children."""
+    """CPU seconds of this process and its finished children."""
     usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in usage)
 
@@ -116,12 +117,12 @@ def run(benchmark: Benchmark, milliseconds: float, engine: str, workers: int | N
     return (
         f"{milliseconds:4.0f} ms  {name:36}  start-up {first:5.2f} s  steady {steady:5.3f}  "
         f"together {wall / (cells * milliseconds / 1e3):5.3f}  wall {wall:6.2f} s  "
-        f"CPU {1e3 * spent / cells:5.1f} ms a cell"
+        f"CPU {1e3 * spent / cells:5.1f} ms per cell"
     )
 
 
 def cells(benchmark: Benchmark) -> None:
-    """Measure the CPU time by stage and corruption for the first pair, as a table."""
+    """Measure the CPU time by stage and corruption for the first pair, and print it as a table."""
     seconds = no_seconds()
     key = benchmark.keys[0]
     frame_stage = FrameStage(benchmark.dataset, RunOptions(), seconds)
@@ -143,7 +144,7 @@ def cells(benchmark: Benchmark) -> None:
     row = best(lambda: measure_stage.row(loaded, clean, flow, "", (key, CLEAN, 0)))
     per_sample = best(lambda: frame_stage.load(key))
     total = 0.0
-    print(f"\nprocessor time around the model, {shape[0]}x{shape[1]}, one thread, ms a cell")
+    print(f"\nCPU time without the model, {shape[0]}x{shape[1]}, one thread, ms per cell")
     for name in benchmark.corruptions:
         frame_stage.corrupt(loaded.sample, name, 3)  # this call compiles and reads resources
         each = [best(partial(frame_stage.corrupt, loaded.sample, name, severity)) for severity in SEVERITIES]
@@ -154,7 +155,7 @@ def cells(benchmark: Benchmark) -> None:
     print(f"  corrupt  mean of {number:3d} cells    {total / number:7.2f}")
     print(f"  digest of the frames          {digest:7.2f}")
     print(f"  measure                       {row:7.2f}")
-    print(f"  load, {per_sample:5.1f} ms a sample      {per_sample / number:7.2f}")
+    print(f"  load, {per_sample:5.1f} ms per sample      {per_sample / number:7.2f}")
     print(f"  all                           {around:7.2f}")
 
 

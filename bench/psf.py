@@ -1,12 +1,12 @@
-"""Compare time, memory and error of psf_blur's tiles with a plain implementation of 16-pixel tiles in one run.
+"""Compare the time, memory and error of psf_blur's tiles with a simple implementation of 16-pixel tiles in one run.
 
     python bench/psf.py [--severity 5] [--rounds 5] [--plain]
 
-For each image size the script prints milliseconds to prepare the kernels (the first image), milliseconds per image
-afterwards (best of the rounds), peak extra memory, and the error against exact kernels at 300 pixels. `--plain` adds
-the method of the reference code as its description says, vectorised over tiles but with one kernel and one direct
-convolution per 16-pixel tile: every kernel is computed for every image, and pixels outside whole tiles are omitted.
-This takes tens of seconds.
+For each image size, the script prints the milliseconds for the first image, which include preparing the kernels, the
+milliseconds per image afterwards (best of the rounds), the peak additional memory, and the error relative to exact
+kernels at 300 pixels. `--plain` adds the method of the reference code, following its description: it is vectorised over
+tiles, but uses one kernel and one direct convolution per 16-pixel tile, computes every kernel for every image, and
+ignores pixels outside complete tiles. This takes tens of seconds.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def photograph(height: int, width: int) -> np.ndarray[Any, Any]:
 
 
 def exact(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any], x: int, y: int) -> np.ndarray[Any, Any]:
-    """One pixel blurred with its own kernel."""
+    """A single pixel blurred with its own kernel."""
     height, width = frame.shape[:2]
     padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
     kernel = np.empty((1, 3, 61, 61))
@@ -48,8 +48,8 @@ def exact(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any], x: int, y: i
 
 
 def plain_tiles(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Blur with 16-pixel tiles: for each tile a weighted mean of all field points' PSFs, rotated, and a direct
-    convolution.
+    """Blur with 16-pixel tiles: each tile is convolved directly with a weighted mean of the PSFs of all field points,
+    rotated.
     """
     size, reach = 16, 30
     rows, columns = frame.shape[0] // size, frame.shape[1] // size
@@ -73,7 +73,7 @@ def plain_tiles(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any]) -> np.
 
 
 class PeakMemory:
-    """Peak increase of the resident memory since the start, in MB, sampled every 2 ms."""
+    """Peak increase in resident memory since the start, in MB, sampled every 2 ms."""
 
     def __enter__(self) -> PeakMemory:
         self.start = self.most = self._resident()
@@ -100,7 +100,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--severity", type=int, default=5)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--plain", action="store_true", help="also time 16-pixel tiles written plainly")
+    parser.add_argument("--plain", action="store_true", help="also time a simple implementation of 16-pixel tiles")
     options = parser.parse_args()
     field = shipped_field(options.severity)
     blur(photograph(64, 64), field)  # compile
@@ -122,7 +122,7 @@ def main() -> None:
         errors = np.array([got[y, x] - exact(frame, field.stack, int(x), int(y)) for x, y in points])
         print(
             f"{height}x{width}: {min(rounds) * 1e3:.0f} ms per image "
-            f"({min(cpu) * 1e3:.0f} ms of processor time), first {first * 1e3:.0f} ms, "
+            f"({min(cpu) * 1e3:.0f} ms of CPU time), first {first * 1e3:.0f} ms, "
             f"{memory.extra:.0f} MB extra, error {np.sqrt((errors**2).mean()):.3f} rms {np.abs(errors).max():.2f} max"
         )
         if options.plain:

@@ -1,24 +1,25 @@
-"""Find the fewest corruptions, severities and pairs that rank models as all of KITTI-FC does.
+"""Find the smallest sets of corruptions, severities and pairs that rank models in the same way as the full KITTI-FC.
 
     python bench/quick_subset.py measure ERRORS.npz --data kitti2015=DIR --data kitti2012=DIR --data middlebury=DIR
     python bench/quick_subset.py choose ERRORS.npz
 
-`measure` runs the methods that need no download (presets of DIS and Farneback, DIS-RGB, the shipped networks, and some
-of these on filtered frames) under every corruption at every severity, on pairs of reduced size: those of the given data
-sets, the demo's, and flying shapes, 80 in all. It writes after every pair and can be stopped early, because fewer pairs
-also suffice.
+`measure` runs the methods that do not need a download (presets of DIS and Farneback, DIS-RGB, the shipped networks, and
+some of these on filtered frames) under every corruption at every severity. The 80 pairs, reduced in size, are taken
+from the given datasets, the demo and flying shapes. Results are saved after every pair, and the command can be stopped
+early, because fewer pairs are also sufficient.
 
-`choose` looks for the fewest conditions that keep two rankings: of these methods, by EPE, CRE and RCRE over all
-conditions and pairs, and of the 29 published variants, whose tables contain means over severities and pairs. A set
-consists of some corruptions at some severities. Its quality is the smallest of Kendall's tau (a) of the three metrics
-in the two rankings. For each number of severities, corruptions are left out one after the other, then exchanged while
-that helps. A trial follows for each method and variant: corruptions and severities are chosen without it, and tau is
-computed over all of them. A set that can replace the full run should reach 0.95 in 95 % of these trials.
+`choose` searches for the smallest set of conditions that preserves two rankings: that of these methods, by EPE, CRE and
+RCRE over all conditions and pairs, and that of the 29 published variants, whose tables contain means over severities
+and pairs. A set consists of some corruptions at some severities. Its quality is the smallest of Kendall's tau (a) of
+the three metrics in the two rankings. For each number of severities, corruptions are removed one by one, then swapped
+as long as that improves the set. Each method and variant is then left out in a trial: corruptions and severities are
+chosen without it, and tau is computed over all methods or variants. A set that can replace the full run should reach
+0.95 in 95 % of these trials.
 
-**Pairs.** KITTI-FC's pairs are not among the measured ones, so only their number could be chosen. The last lines of the
-output show how a share of the pairs changes the ranking when all corruptions and severities are kept.
+**Pairs.** The pairs of KITTI-FC are not among the measured ones, so only their number can be chosen. The last lines of
+the output show how using a fraction of the pairs changes the ranking when all corruptions and severities are kept.
 
-The result is `benchmarks/kitti_fc.py:KittiFC.facts.quick`.
+The result is stored in `benchmarks/kitti_fc.py:KittiFC.facts.quick`.
 """
 
 from __future__ import annotations
@@ -63,7 +64,8 @@ class Population:
     full: np.ndarray
 
     def tau(self, chosen: Sequence[int], without: int = -1) -> float:
-        """The smallest tau of the three metrics between the chosen corruptions and all; model `without` is left out."""
+        """The smallest tau of the three metrics between the rankings by the chosen corruptions and by all corruptions,
+        without the model `without`."""
         first, second = np.triu_indices(self.errors.shape[1], 1)
         kept = (first != without) & (second != without)
         means, full = self.errors[:, :, list(chosen)].mean(-1), self.full.mean(-1)
@@ -72,17 +74,17 @@ class Population:
 
 
 Without = tuple[int, int]
-"""Index of the model that each of the two populations leaves out, -1 for none."""
+"""Index of the model that is left out of each of the two populations, -1 for none."""
 
 
 def quality(populations: Sequence[Population], chosen: Sequence[int], without: Without) -> tuple[float, float]:
-    """The smallest tau, then the sum of both taus."""
+    """The smaller tau, then the sum of both taus."""
     taus = [each.tau(chosen, lost) for each, lost in zip(populations, without, strict=True)]
     return min(taus), sum(taus)
 
 
 def best(populations: Sequence[Population], count: int, without: Without = (-1, -1)) -> list[int]:
-    """Find `count` corruptions whose ranking agrees well with that of all."""
+    """Find `count` corruptions whose ranking agrees well with the ranking by all corruptions."""
 
     def of(chosen: list[int]) -> tuple[float, float]:
         return quality(populations, chosen, without)
@@ -129,7 +131,7 @@ class Measured:
 
 
 def choose(path: Path, most: int) -> None:
-    """Print the best sets, the trials of those that preserve both rankings, and the effect of fewer pairs."""
+    """Print the best sets, the trials of those that preserve both rankings, and the effect of using fewer pairs."""
     measured, tables = Measured(path), published()
     full = measured.means(SEVERITIES)
     counts = full.shape[1], tables.shape[1]
@@ -141,7 +143,7 @@ def choose(path: Path, most: int) -> None:
     }
 
     def chosen(size: int, count: int, without: Without = (-1, -1)) -> tuple[tuple[int, ...], list[int]]:
-        """The best severities and corruptions of the given numbers."""
+        """The best severities and corruptions for the given numbers of each."""
         sets = [(levels[each], each, best(levels[each], count, without)) for each in levels if len(each) == size]
         _, severities, corruptions = max(sets, key=lambda one: quality(one[0], one[2], without))
         return severities, corruptions
@@ -163,7 +165,7 @@ def choose(path: Path, most: int) -> None:
         names = ", ".join(IMAGE_PAIR[one] for one in corruptions)
         print(
             f"{size * count:3d} conditions: severities {severities}, tau {taus[0]:.3f} and {taus[1]:.3f}, "
-            f"{100 * share:.0f} % of {len(trials)} trials (least {min(found):.3f}), {count} corruptions: {names}",
+            f"{100 * share:.0f} % of {len(trials)} trials (minimum {min(found):.3f}), {count} corruptions: {names}",
             flush=True,
         )
         if share >= WANTED:
@@ -172,7 +174,7 @@ def choose(path: Path, most: int) -> None:
 
 
 def of_pairs(measured: Measured, full: np.ndarray) -> None:
-    """Print how well random shares of the pairs preserve the ranking under all conditions."""
+    """Print how well random subsets of the pairs preserve the ranking under all conditions."""
     rng, pairs = np.random.default_rng(0), len(measured.errors)
     for share in (0.25, 0.5, 0.75, 0.9):
         count = round(share * pairs)
@@ -184,7 +186,8 @@ def of_pairs(measured: Measured, full: np.ndarray) -> None:
 
 
 def methods() -> dict[str, Predict]:
-    """Methods that run without a download: the shipped models, presets, and the same methods on filtered frames."""
+    """Methods that run without a download: the shipped models, presets, and the same methods applied to filtered
+    frames."""
 
     def named(name: str, **options: object) -> Predict:
         return load_model(name, **options).predict  # type: ignore[union-attr]
@@ -224,7 +227,7 @@ def methods() -> dict[str, Predict]:
 
 
 def reduced(sample: Sample, step: int) -> Sample:
-    """A sample reduced by the factor `step`: frames by area averaging, the flow of every `step`-th pixel."""
+    """A sample reduced by the factor `step`: frames are area-averaged, flow is taken from every `step`-th pixel."""
     assert sample.flow is not None
     assert sample.valid is not None
     height, width = (side // step for side in sample.shape)
@@ -236,7 +239,7 @@ def reduced(sample: Sample, step: int) -> Sample:
 
 
 def samples(data: Sequence[str]) -> Iterator[tuple[str, Sample]]:
-    """The 80 pairs by name, with real and generated ones mixed."""
+    """The 80 pairs by name; real and generated pairs are interleaved."""
     real = [("motorcycle", load_dataset("motorcycle"), "motorcycle")]
     for given in data:
         name, _, root = given.partition("=")
@@ -281,7 +284,7 @@ def main() -> None:
     measuring.add_argument("--data", action="append", default=[], metavar="NAME=DIR")
     choosing = commands.add_parser("choose")
     choosing.add_argument("errors", type=Path)
-    choosing.add_argument("--most", type=int, default=100, help="the most conditions to try")
+    choosing.add_argument("--most", type=int, default=100, help="maximum number of conditions to try")
     options = parser.parse_args()
     if options.command == "measure":
         measure(options.errors, options.data)

@@ -1,10 +1,10 @@
-"""Compare the Ray engine with processes: its start-up time, and the throughput of two actors and of two processes.
+"""Compare the Ray engine with the processes engine: the start-up time, and the throughput of two workers.
 
     python bench/ray_engine.py
 
-The model sleeps, like one that waits for a GPU, so that a busy machine has little influence. A run of few units
-measures the start-up time, and its difference from a run of many units measures the throughput. The engines alternate,
-and the best of several repetitions counts.
+The model sleeps, like a model that waits for a GPU, so that other load on the machine has little influence. The
+start-up time is measured in a run of few units, the throughput by the additional time of a run of many units. The
+engines alternate, and the best of several repetitions is used.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FEW, MANY = ("contrast",), ("contrast", "high_light", "over_exposure", "impulse_
 
 
 def main() -> None:
-    """Print both engines' times and the two figures."""
+    """Print both engines' times and the comparison."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=12)
     parser.add_argument("--repeat", type=int, default=3)
@@ -45,10 +45,12 @@ def main() -> None:
         shutil.rmtree(folder)
     slept = SLEEP_S * (options.pairs * (1 + 5 * len(MANY)) - 2 * (1 + 5 * len(FEW))) / WORKERS
     for engine in ("processes", "ray"):
-        print(f"{engine}: {(best[engine, True] - best[engine, False]) / slept:.2f} of the time that the model takes")
+        print(f"{engine}: {(best[engine, True] - best[engine, False]) / slept:.2f} of the model's time")
     rate = {engine: 1 / (best[engine, True] - best[engine, False]) for engine in ("processes", "ray")}
-    print(f"start of ray over processes: {best['ray', False] - best['processes', False]:.1f} s (goal: at most 15)")
-    print(f"throughput of ray over processes: {rate['ray'] / rate['processes']:.2f} (goal: at least 0.9)")
+    print(
+        f"start-up time, ray minus processes: {best['ray', False] - best['processes', False]:.1f} s (goal: at most 15)"
+    )
+    print(f"throughput, ray relative to processes: {rate['ray'] / rate['processes']:.2f} (goal: at least 0.9)")
 
 
 def sleeping(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:

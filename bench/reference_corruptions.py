@@ -1,6 +1,6 @@
-"""Time the corruptions of the benchmark's authors for `bench/corruptions.py --reference`.
+"""Time the benchmark authors' corruptions for `bench/corruptions.py --reference`.
 
-The script runs in a clone of their code, with a Python environment that has its dependencies. It reads lines "NAME
+The script runs in a clone of their code, in a Python environment with its dependencies. It reads lines "NAME
 SEVERITY" from standard input, and answers each line with the CPU milliseconds for the pair in PAIR.npy, or with "-" if
 their code lacks the corruption or fails.
 """
@@ -26,7 +26,7 @@ def main() -> None:
                 start = time.process_time()
                 get_corruption(name, int(severity))(*pair)
                 answer = f"{1e3 * (time.process_time() - start):.3f}"
-        except Exception as error:  # a corruption that their code cannot compute here must not end the others
+        except Exception as error:  # a corruption that their code cannot compute here must not stop the others
             print(f"{name} at severity {severity}: {error}", file=sys.stderr)
             answer = "-"
         print(answer, flush=True)

@@ -1,11 +1,12 @@
-"""Measure the cost of a run of many cells around the model: a model without cost, the real store, the real driver loop.
+"""Measure the overhead of a run of many cells, with the real store and driver loop and a model that takes no time.
 
     python bench/scale.py [--cells 1000 100000 1000000] [--folder DIR]
 
-A run of the given number of cells (101 per sample: 20 corruptions at 5 severities, and clean) passes through
-`runner/compute_missing.py` with an engine that assigns units as real engines do and answers immediately: clean rows are
-measured on tiny frames, the other rows follow from a counter. Each step runs in a separate process: the output is
-wall-clock and CPU seconds, memory before, during and at the peak of the step, and the number of row files.
+A run of the given number of cells (101 per sample: 20 corruptions at 5 severities, and clean) goes through
+`runner/compute_missing.py` with an engine that assigns units like the real engines and returns rows immediately: clean
+rows are measured on tiny frames, all other rows are generated from a counter. Each step runs in a separate process. The
+output contains wall-clock and CPU seconds, the memory before, during and at the peak of the step, and the number of row
+files.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ STEPS = ("drive", "resume", "resume again", "summary", "show", "report")
 
 
 class Tiny:
-    """Frames of noise, 16 x 24 pixels, determined by the key."""
+    """Frames of noise, 16x24 pixels, determined by the key."""
 
     name = "tiny"
     has_flow = True
@@ -88,7 +89,7 @@ def answers(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
 
 
 def synthetic(unit: Unit, clean: dict[str, object]) -> Iterator[dict[str, object]]:
-    """Rows of a unit, determined by its name."""
+    """The rows of a unit, determined by its name."""
     for severity in unit.severities:
         more = 1.0 + 0.01 * (CORRUPTIONS.index(unit.corruption) + int(unit.key) % 97) * severity
         yield {**clean, "corruption": unit.corruption, "severity": severity, "rcre_sum": more, "rcre_all_sum": more,
@@ -120,7 +121,7 @@ class Watch:
 
 
 def drive(folder: Path, cells: int) -> list[float]:
-    """The finished run without its summary, and the memory during the run."""
+    """The finished run without its summary, and the memory use during the run."""
     setup, watch = set_up(still, benchmark(cells)), Watch()
     store = RunFolder(folder)
     store.lock()
@@ -130,7 +131,7 @@ def drive(folder: Path, cells: int) -> list[float]:
 
 
 def step(name: str, folder: Path, cells: int) -> list[float]:
-    """Run one step in this process; returns its memory over time, in MB."""
+    """Run one step in this process; return its memory use over time, in MB."""
     from robustflow.api import Result
     from robustflow.cli.show import show
 

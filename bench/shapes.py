@@ -1,9 +1,9 @@
-"""Measure how many flying-shapes pairs one core generates per second, as a training requests them.
+"""Measure how many flying-shapes pairs one core generates per second during training.
 
     python bench/shapes.py [--size 160x224] [--pairs 200]
 
-The script measures CPU time and wall time with one thread; the first pairs, which compile, are left out. Every request
-has a different seed, so that nothing can be cached.
+The script measures CPU time and wall time with one thread; the first pairs are left out, because they include
+compilation. Every request has a different seed, so that nothing can be cached.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ def main() -> None:
         pairs.load(key)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     count = arguments.pairs
-    print(f"{count} pairs of {arguments.size}: {count / cpu:.1f} a second of CPU time, {count / wall:.1f} of wall time")
+    print(
+        f"{count} pairs of {arguments.size}: {count / cpu:.1f} per second of CPU time, "
+        f"{count / wall:.1f} per second of wall time"
+    )
 
 
 if __name__ == "__main__":

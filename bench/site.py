@@ -1,12 +1,13 @@
-"""Measure how long the pages take: to write after a run, to write for many models or runs, and to load in a browser.
+"""Measure how long it takes to write the pages after a run, to write them for many models or runs, and to load them in
+a browser.
 
     python bench/site.py [--models 100] [--loads 5]
     python bench/site.py --runs 200 [--pairs 20]
 
-Writing is counted in CPU seconds, so other work on the machine matters little; loading times are the minimum over
-several visits of the browser's `performance.timing`, until the page's script has finished and until the page is loaded.
-With `--runs`, the given number of run folders is created first, and `robustflow leaderboard` writes their page in a
-separate process, whose CPU and wall-clock seconds and peak memory are printed.
+Writing is measured in CPU seconds, so that other load on the machine has little influence. Loading times are from the
+browser's `performance.timing`: the minimum over several visits until the page's script has finished, and until the page
+is loaded. With `--runs`, the given number of run folders is created first; `robustflow leaderboard` then writes their
+page in a separate process, whose CPU and wall-clock seconds and peak memory are printed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ _QUIET = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-backgrou
 
 
 def many_models(count: int) -> pl.DataFrame:
-    """Results of `count` models: a published model, each time slightly worse and with a different name."""
+    """Results of `count` models: copies of a published model, each slightly worse than the previous one and with a
+    different name."""
     source = published_results().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
     settings = ("OOD", "ID", "own")
     return pl.concat(
@@ -52,14 +54,14 @@ def many_models(count: int) -> pl.DataFrame:
 
 
 def seconds(make: Callable[[], str]) -> tuple[str, float]:
-    """The result of a function, and the CPU seconds of its second call (the first one imports modules)."""
+    """The result of a function, and the CPU seconds of its second call (the first call imports modules)."""
     make()
     start = time.process_time()
     return make(), time.process_time() - start
 
 
 def load_times(path: Path, loads: int) -> tuple[float, float] | None:
-    """Minimum milliseconds until the script has run and until the page is loaded; None without a browser."""
+    """Minimum time in milliseconds until the script has run and until the page is loaded; None without a browser."""
     chromium = shutil.which("chromium")
     try:
         from playwright.sync_api import sync_playwright
@@ -81,7 +83,7 @@ def load_times(path: Path, loads: int) -> tuple[float, float] | None:
 
 
 def leaderboard_of(count: int, pairs: int, loads: int, folder: Path) -> None:
-    """Print the cost of a leaderboard of `count` run folders over `pairs` pairs."""
+    """Print the cost of a leaderboard of `count` run folders with `pairs` pairs each."""
     paths = synthetic_runs(folder / "runs", count, pairs)
     output = folder / "site"
     command = [
@@ -93,13 +95,13 @@ def leaderboard_of(count: int, pairs: int, loads: int, folder: Path) -> None:
         "-o",
         str(output),
     ]
-    for state in ("as the runs were left", "once more, with what was kept"):
+    for state in ("first call, without caches", "second call, with caches"):
         before, start = os.times(), time.perf_counter()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         wall, after = time.perf_counter() - start, os.times()
         user = after.children_user - before.children_user
         system = after.children_system - before.children_system
-        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024  # of the largest process so far
+        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024  # maximum over all child processes so far
         print(
             f"{count} runs of {pairs} pairs, {state}: {wall:.1f} s, {user:.1f} user s, {system:.1f} system s, ", end=""
         )

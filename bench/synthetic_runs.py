@@ -1,4 +1,4 @@
-"""Run folders of imaginary models, real in every file: manifest, row shards and summary, as `run` leaves them."""
+"""Run folders of imaginary models, with all files that `run` writes: manifest, row shards and summary."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _SCALED = [name for name in ROW_SCHEMA if name.startswith(("epe_sum", "rcre_sum"
 
 
 def synthetic_runs(folder: Path, count: int, pairs: int) -> list[Path]:
-    """Write `count` run folders over the same `pairs` pairs: every image-pair corruption at every severity.
+    """Write `count` run folders for the same `pairs` pairs, with every image-pair corruption at every severity.
 
-    Each model has different errors: those of DIS on the embedded pair, times a factor for the pair, the model, the
-    corruption and the severity.
+    The errors are those of DIS on the embedded pair, multiplied by factors for the pair, the model, the corruption and
+    the severity, so that every model has different errors.
     """
     first = evaluate("dis", "demo", output=folder / "template", corruptions=["contrast"], severities=[1])
     keys = [f"{index:06d}" for index in range(pairs)]

@@ -1,11 +1,11 @@
-"""Measure the memory that a training keeps for its backward pass, by method: the table behind `train --plan`.
+"""Measure the memory that training keeps for the backward pass of each method, for the table used by `train --plan`.
 
     python bench/training_memory.py [METHOD ...] > src/robustflow/training/memory.csv
 
-For each method the bytes of all tensors that autograd keeps after a forward pass are counted, once each and without the
-weights, for one pair at two crops and with one and three iterations. Four numbers follow from the four counts: the
-bytes kept for each pixel and for each pair of pixels, once and per iteration. Such a count does not depend on the
-device; half precision keeps less.
+For each method, the script counts the bytes of all distinct tensors, except weights, that autograd keeps after a
+forward pass, for one pair at two crop sizes and with one and three iterations. The four counts determine four numbers:
+the bytes kept for each pixel and for each pair of pixels, once and per iteration. The counts do not depend on the
+device; half precision needs less memory.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robustflow.training.networks import load_network
 from robustflow.training.recipe import load_recipe, recipes_of, trained_methods
 
 CROPS, ITERATIONS = ((224, 224), (224, 336)), (1, 3)
-"""Crops that windows of 7 pixels at 1/8 divide, so that no padding is counted."""
+"""Crops that are divisible into windows of 7 pixels at 1/8 resolution, so that no padding is counted."""
 
 _SCALES = np.array([1e3, 1e-2, 1e3, 1e-2])
 

@@ -1,8 +1,8 @@
-"""Measure the frames per second of every video stage at 720p on one core, and of the ffmpeg program.
+"""Measure the frames per second of every video stage at 720p on one core, and compare it with the ffmpeg program.
 
     python bench/video.py [--frames 48] [--preset veryslow] [--ffmpeg /usr/bin/ffmpeg]
 
-CPU seconds are counted (ours and ffmpeg's alike), so other work on the machine matters little.
+CPU seconds are measured for both, so that other load on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ HEIGHT, WIDTH, FPS = 720, 1280, Fraction(960)
 
 
 def frames(count: int) -> list[np.ndarray]:
-    """A slow pan over a photograph, with sensor noise, as high-frame-rate footage has it."""
+    """A slow pan over a photograph with sensor noise, similar to high-frame-rate footage."""
     image = np.tile(np.asarray(data.astronaut()), (2, 4, 1))
     rng = np.random.default_rng(0)
     noise = [rng.normal(0, 1.5, (HEIGHT, WIDTH, 1)) for _ in range(8)]
@@ -41,7 +41,7 @@ def frames(count: int) -> list[np.ndarray]:
 
 
 def rate(count: int, work: Callable[[], object]) -> float:
-    """Frames per second of CPU time of this process and its children."""
+    """Frames per second of CPU time, for this process and its children."""
     before = _cpu()
     work()
     return count / max(_cpu() - before, 1e-9)
@@ -53,7 +53,7 @@ def _cpu() -> float:
 
 
 def by_program(ffmpeg: str, raw: Path, out: Path, encoding: Encoding) -> Callable[[], object]:
-    """Encode with the ffmpeg program, one thread."""
+    """Encode with the ffmpeg program, in one thread."""
     options = [part for name, value in encoding.options for part in (f"-{name}", value)]
     source = [
         "-f",
