@@ -70,7 +70,7 @@ def test_every_lens_renders_to_the_shipped_bytes(severity):
 @pytest.mark.parametrize(
     ("stack", "words"),
     [
-        (np.zeros((64, 3, 61, 61)), "no energy"),
+        (np.zeros((64, 3, 61, 61)), "is zero"),
         (np.full((64, 3, 61, 61), np.nan), "non-finite"),
         (np.ones((63, 3, 61, 61)), "shape"),
         (np.ones((64, 3, 61)), "shape"),

@@ -1,1 +1,1 @@
-"""Lens design at build time: prescriptions, ray tracing, and automated search."""
+"""Lens design at build time: prescriptions, ray tracing and automated search."""

@@ -1,4 +1,4 @@
-"""Design the lens for a severity: search for a lens, then convert the result to a prescription."""
+"""Design the lens for a severity: search for a lens and convert the result to a prescription."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .residuals import build_lens, clear_radii
 from .search import SAMPLES, Budget, Candidate, search
 
 SHIPPED_SEEDS = (0, 0, 0, 0, 0)
-"""Seeds with which the search found the shipped lenses of severities 1 to 5."""
+"""Seeds with which the search found the shipped lenses for severities 1 to 5."""
 
 
 def design(
     severity: int, seed: int, budget: Budget | None = None, report: Callable[[str], None] = lambda line: None
 ) -> Lens:
-    """Search for the lens of a severity; the same seed gives the same lens on every machine.
+    """Search for the lens for a severity; the same seed always results in the same lens, on every machine.
 
     Args:
-        severity: 1 to 5.
-        seed: the seed for the search, any integer; `SHIPPED_SEEDS` reproduces the shipped lenses.
+        severity: severity, 1 to 5.
+        seed: seed for the search, any integer; `SHIPPED_SEEDS` reproduces the shipped lenses.
         budget: number of steps in each stage of the search.
         report: function called with progress messages.
     """
@@ -36,7 +36,7 @@ def design(
 
 
 def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: str) -> Lens:
-    """Convert a candidate to a prescription, rounded to the precision of a drawing (1e-8 1/mm, 1e-6 mm)."""
+    """Convert a candidate to a prescription, rounded to drawing precision (1e-8 1/mm, 1e-6 mm)."""
     structure = candidate.structure
     index, stop = structure.indices(SAMPLES), structure.stop_surface
     curvature, thickness, radius, pupil, magnification = build_lens(
@@ -66,7 +66,7 @@ def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: s
 
 
 def structure_line(lens: Lens) -> str:
-    """Return the glasses of the elements in order, with a bar for the stop.
+    """Return the glasses of the elements in order, with a vertical bar at the position of the stop.
 
     >>> from robustflow.lenses.shipped import shipped_lens
     >>> structure_line(shipped_lens(2)).startswith("| ")

@@ -1,4 +1,4 @@
-"""Draw figures of a lens: section with rays, spot diagrams, modulation transfer, PSFs over the field."""
+"""Draw figures of a lens: cross-section with rays, spot diagrams, modulation transfer, and PSFs over the field."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FIELD_POINTS = (0.0, 0.35, 0.7, 1.0)
 
 @default_style()
 def lens_figure(lens: Lens, field: PsfField) -> Figure:
-    """Draw a one-page overview of a lens: section with rays, spot diagrams, modulation transfer and PSFs."""
+    """Draw a one-page overview of a lens: cross-section with rays, spot diagrams, modulation transfer and PSFs."""
     figure = Figure(figsize=(11.0, 8.5), layout="constrained")
     grid = figure.add_gridspec(3, 1, height_ratios=(3.0, 2.2, 2.0))
     upper, middle, lower = (figure.add_subfigure(grid[k]) for k in range(3))
@@ -49,7 +49,7 @@ def lens_figure(lens: Lens, field: PsfField) -> Figure:
 
 @default_style()
 def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
-    """Draw the PSFs of several lenses, one row each, from the image centre (left) to its corner (right)."""
+    """Draw the PSFs of several lenses, one row per lens, from the image centre (left) to the corner (right)."""
     figure = Figure(figsize=(8.8, 1.12 * len(fields) + 0.3), layout="constrained")
     grid = figure.subplots(len(fields), 8, squeeze=False)
     for row, (label, field) in enumerate(fields):
@@ -62,8 +62,8 @@ def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
 def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
     """Plot the blur over the field per severity and colour: our PSFs as lines, the measured reference PSFs as points.
 
-    The upper row is the RMS radius in pixels, the lower row the modulation at 0.04 cycles per pixel. Sagittal values
-    have dashed lines and open markers.
+    The upper row shows the RMS radius in pixels, and the lower row shows the modulation at 0.04 cycles per pixel.
+    Sagittal values have dashed lines and open markers.
     """
     figure = Figure(figsize=(2.2 * len(fields) + 0.6, 4.2), layout="constrained")
     grid = figure.subplots(2, len(fields), squeeze=False, sharex=True)
@@ -93,20 +93,21 @@ def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
 
 @default_style()
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of its suffix (.png, .pdf, .svg), without a date, so equal content gives equal
-    bytes.
+    """Write a figure in the format given by the suffix (.png, .pdf, .svg).
+
+    No date is written, so identical figures result in identical bytes.
     """
     dated = {".png": "Creation Time", ".svg": "Date"}.get(path.suffix, "CreationDate")
     figure.savefig(path, dpi=110, metadata={dated: None})
 
 
 def draw_section(axes: Axes, lens: Lens) -> None:
-    """Draw the meridional section: surfaces, rims, stop, sensor, and rays of three field points."""
+    """Draw the meridional section: surfaces, rims, stop, sensor, and rays from three field points."""
     curvature, conic, radius = lens.column("curvature"), lens.column("conic"), lens.column("semi_diameter")
     vertex = np.concatenate([[0.0], np.cumsum(lens.column("thickness"))])
     glass_before = AIR
     for k, surface in enumerate(lens.surfaces):
-        # The rim of an element is a cylinder as wide as the wider of its two faces.
+        # The rim of an element is a cylinder with the diameter of the larger of its two faces.
         rim = radius[k]
         if surface.glass != AIR:
             rim = max(rim, radius[k + 1])
@@ -143,7 +144,7 @@ def _sag(c: float, k: float, r: npt.NDArray[np.float64]) -> npt.NDArray[np.float
 def _fan(
     lens: Lens, place: float, vertex: npt.NDArray[np.float64]
 ) -> list[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
-    """Return z and y in mm along seven meridional rays of a field point, from in front of the lens to the sensor."""
+    """Return z and y in mm along seven meridional rays from a field point, starting in front of the lens."""
     order, tangent = first_order_of(lens), place * lens.field_tangent
     _, y, _ = aim(
         lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(DESIGN_WAVELENGTH),
@@ -165,7 +166,7 @@ def _fan(
 
 
 def draw_spots(axes: Axes, lens: Lens, place: float) -> None:
-    """Draw the red, green and blue spot diagrams of a field point, in pixels relative to the green centroid."""
+    """Draw the red, green and blue spot diagrams for a field point, in pixels relative to the green centroid."""
     rays = field_rays(lens, np.array([place]), 12, 24, samples=3)[0]
     green = rays[1]
     middle = (green[1] * green[2]).sum() / green[2].sum()
@@ -181,7 +182,8 @@ def draw_spots(axes: Axes, lens: Lens, place: float) -> None:
 
 
 def draw_modulation(axes: Axes, field: PsfField) -> None:
-    """Plot the modulation transfer of green at four field points: tangential solid, sagittal dashed."""
+    """Plot the modulation transfer for green at four field points: tangential as solid lines, sagittal as dashed
+    lines."""
     frequencies = np.linspace(0.0, 0.5, 101)
     tangential, sagittal = modulation(field, frequencies)
     for number, place in enumerate(_FIELD_POINTS):
@@ -196,7 +198,8 @@ def draw_modulation(axes: Axes, field: PsfField) -> None:
 
 
 def draw_row(row: Sequence[Axes], field: PsfField, titles: bool) -> None:
-    """Draw the PSFs at evenly spaced field points as colour images, each scaled to its own peak, at gamma 1/2.2."""
+    """Draw the PSFs at evenly spaced field points as colour images with a gamma of 1/2.2, each scaled to its own
+    peak."""
     for axes, place in zip(row, np.linspace(0.0, 1.0, len(row)), strict=True):
         psf = field.stack[round(place * (FIELDS - 1))].transpose(1, 2, 0)
         axes.imshow((np.clip(psf, 0.0, None) / psf.max()) ** (1 / 2.2), interpolation="nearest")

@@ -1,11 +1,11 @@
-"""Optical glasses of the Schott catalogue and their dispersion.
+"""Optical glasses from the Schott catalogue and their dispersion.
 
 The coefficients are from the Schott data sheets ("Optical Glass: Data Sheets"): dispersion constants B1..B3, and C1..C3
 in micrometres squared, for the Sellmeier equation
 
     n(w)^2 - 1 = sum_i B_i w^2 / (w^2 - C_i)
 
-with the wavelength w in micrometres. The indices n are relative to air.
+where w is the wavelength in micrometres. The indices n are relative to air.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def refractive_index(glass: str, wavelength: float) -> float:
         wavelength: wavelength in micrometres, within the visible band.
 
     Raises:
-        UsageError: the glass is not in the catalogue.
+        UsageError: the catalogue does not contain the glass.
 
     >>> round(refractive_index("N-BK7", 0.5875618), 5)
     1.5168

@@ -1,8 +1,8 @@
-"""Design goals of each severity's lens: the paper's numbers, and the blur measured on the reference lens.
+"""Design goals for the lens of each severity: the paper's values and the measured blur of the reference lens.
 
-The paper gives the RMS radius of five lenses; its reference code states their element count, half field and f-number.
-`data/goals.json` contains measurements of the PSFs released with that code, per severity and colour: modulation
-transfer and its in-phase part at five frequencies, RMS radius and lateral colour, all at six field points.
+The paper specifies the RMS radius of five lenses; the reference code specifies the number of elements, the half field
+and the f-number. `data/goals.json` contains measurements of the PSFs released with that code, per severity and colour:
+modulation transfer and its in-phase part at five frequencies, RMS radius and lateral colour, all at six field points.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .prescription import IMAGE_RADIUS, tangent_of
 
 @dataclass(frozen=True)
 class Specification:
-    """The specification of a lens: number of elements, number of elements in front of the stop, half field in degrees,
+    """Specification of a lens: number of elements, number of elements in front of the stop, half field in degrees,
     f-number, nominal RMS radius in mm.
     """
 
@@ -38,11 +38,11 @@ SPECIFICATIONS = (
     Specification(3, 2, 22.0, 2.0, 0.1588),
     Specification(4, 4, 20.0, 2.0, 0.1939),
 )
-"""Specifications of severities 1 to 5 (RMS radii: the paper, appendix, PSF blur)."""
+"""Specifications for severities 1 to 5 (RMS radii from the paper, appendix, PSF blur)."""
 
 
 def goal_of(severity: int) -> tuple[Specification, Goal]:
-    """Return the specification and the goal of a severity's lens.
+    """Return the specification and the goal for the lens of a severity.
 
     >>> specification, goal = goal_of(2)
     >>> specification.elements, round(goal.focal_length, 1)

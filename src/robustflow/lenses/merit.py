@@ -1,15 +1,16 @@
-"""The merit function of lens design: residuals between the blur of a lens and its goal, for least squares.
+"""Merit function for lens design: least-squares residuals between the blur of a lens and its goal.
 
 A lens is scaled to its focal length, its entrance pupil is found for six field points by aiming four rays each at
-the stop, and a grid of rays is traced per wavelength. The rays' landing points give the following statistics without
-rendering an image:
+the stop, and a grid of rays is traced per wavelength. The following statistics are computed from the landing points of
+the rays, without rendering an image:
 
 * the modulation transfer in the tangential and sagittal direction at five frequencies (`FREQUENCIES`): the modulus
   of the rays' mean of exp(-2 pi i f y), times the sinc of the pixel;
-* the RMS radius, per field and colour, both within a disc of 30 pixels and over all rays.
+* the RMS radius, per field and colour, both within a disk of 30 pixels and over all rays.
 
-Stop and window edges are ramps about as wide as the ray spacing, so residuals change smoothly with the prescription.
-Cosines are polynomials; using only + - * / and sqrt makes a search take the same path on every machine.
+The edges of the stop and the window are ramps about as wide as the ray spacing, so residuals change smoothly with the
+prescription. Cosines are approximated by polynomials: with only + - * / and sqrt, a search takes the same path on every
+machine.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ FREQUENCIES: Array = BASE_FREQUENCY * np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 """Frequencies in cycles per pixel: 0.02, 0.04, ..., 0.32."""
 
 WINDOW_RADIUS = 30.0
-"""Radius in pixels of the disc to which a PSF is clipped, so that rotating it within its 61 x 61 array loses nothing.
+"""Radius in pixels of the disk to which a PSF is clipped, so that it can be rotated within its 61 x 61 array without
+loss.
 """
 
 GRID_X, GRID_Y = 7, 14
@@ -46,10 +48,10 @@ class Goal(NamedTuple):
         f_number: ratio of focal length to entrance pupil diameter.
         field_tangent: tangent of the half field angle.
         tangential, sagittal: modulation transfer in each direction, (6 fields, 3 colours, 5 frequencies).
-        in_phase: real part of the tangential transfer relative to green's centroid, (6 fields, 3 colours, 5
-            frequencies). It affects image quality as much as the modulus does, and it includes lateral colour and coma.
+        in_phase: real part of the tangential transfer relative to the centroid of green, (6 fields, 3 colours, 5
+            frequencies). It is as important for image quality as the modulus and includes lateral colour and coma.
         rms: RMS radius within the window in pixels, (6 fields, 3 colours).
-        lateral: height of each colour's centroid above green's in pixels, (6 fields, 3 colours).
+        lateral: height of each colour's centroid above that of green in pixels, (6 fields, 3 colours).
         nominal_rms: mean RMS radius over fields and colours without a window, in mm.
     """
 
@@ -65,9 +67,11 @@ class Goal(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Manufacturing limits in mm: minimum centre and edge thickness of glass, maximum centre thickness, minimum air gap
-    on the axis and at the edge, maximum length from first surface to sensor (in focal lengths), minimum distance to the
-    sensor.
+    """Manufacturing limits in mm.
+
+    These are the minimum centre and edge thickness of glass, the maximum centre thickness, the minimum air gap on the
+    axis and at the edge, the maximum length from the first surface to the sensor (in focal lengths), and the minimum
+    distance to the sensor.
     """
 
     glass_centre: float = 1.5
@@ -81,7 +85,8 @@ class Limits(NamedTuple):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
-    """Return cosine and sine of 2 pi `turns` to within 1e-9: a polynomial at a quarter of the angle, doubled twice."""
+    """Return cosine and sine of 2 pi `turns` to within 1e-9, from a polynomial at a quarter of the angle, doubled
+    twice."""
     a = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
     q = a * a
     s = a * (1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110)))))
@@ -92,14 +97,15 @@ def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
 
 @njit(cache=True, error_model="numpy")
 def _launch(x: Any, y: Any, tangent: Any) -> Any:
-    """Return rays that start at x and y (R,) in the vertex plane of the first surface, one field tangent per ray."""
+    """Return rays that start at x and y (R,) in the vertex plane of the first surface, with one field tangent per
+    ray."""
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     return (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
 
 
 @njit(cache=True, error_model="numpy")
 def _at_plane(rays: Any) -> Any:
-    """Return x and y where rays cross the plane z = 0."""
+    """Return x and y of the points where rays cross the plane z = 0."""
     t = -rays[2] / rays[5]
     return rays[0] + t * rays[3], rays[1] + t * rays[4]
 
@@ -109,10 +115,10 @@ def aim(
     curvature: Any, conic: Any, thickness: Any, index: Any, stop: int, radius: float, tangents: Any,
     pupil_position: float, magnification: float,
 ) -> Any:  # fmt: skip
-    """Find rays through the centre, top, bottom and side of the stop for each field by the secant method.
+    """Find rays through the centre, top, bottom and side of the stop for each field, using the secant method.
 
-    Returns x and y (4 F,) in the vertex plane of the first surface, in the order centre, top, bottom, side, and
-    the largest miss at the stop relative to its radius.
+    Returns x and y (4 F,) in the vertex plane of the first surface, in the order centre, top, bottom, side, and the
+    largest distance by which a ray misses its target in the stop, relative to the radius of the stop.
     """
     fields = tangents.size
     sign = np.zeros(4 * fields)
@@ -153,12 +159,11 @@ def landing(
     curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, stop: int, radius: float, tangent: float,
     bottom: float, top: float, side: float, columns: int, rows: int, ramp: float, margin: float,
 ) -> Any:  # fmt: skip
-    """Trace a grid of rays of one field and wavelength through the half x > 0 of the pupil; return landing points (mm)
-    and weights.
+    """Trace a grid of rays for one field and wavelength through the half x > 0 of the pupil.
 
-    The grid fills the box [0, side] x [bottom, top] of the first vertex plane, widened by `margin`, so that the stop
-    limits the beam and the grid does not. The rims of the elements, `clear`, block stray rays. `ramp` is the width of
-    the stop's edge as a fraction of its radius.
+    Returns the landing points in mm and the weights. The grid fills the box [0, side] x [bottom, top] in the first
+    vertex plane, widened by `margin`, so that the beam is limited by the stop rather than the grid. The rims of the
+    elements, `clear`, block stray rays. `ramp` is the width of the soft edge of the stop as a fraction of its radius.
     """
     middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin
     x, y = np.empty(columns * rows), np.empty(columns * rows)
@@ -188,10 +193,10 @@ def _window(u: float, v: float) -> float:
 def blur_statistics(
     sx: Any, sy: Any, weight: Any, out_t: Any, out_re: Any, out_s: Any, out_rms: Any, out_mean: Any
 ) -> float:
-    """Fill the transfer (3, 5), RMS radius and centroid (3,) within the window from rays in pixels, (3 colours, R).
+    """Compute the transfer (3, 5), RMS radius and centroid (3,) within the window from rays in pixels, (3 colours, R).
 
-    The rays cover the half x > 0 of the pupil. Centroids are heights above the centre of the window, which is green's
-    centroid. Returns the sum over colours of the RMS radius about each colour's centroid, without any window.
+    The rays cover the half x > 0 of the pupil. Centroids are heights above the centre of the window, which is the
+    centroid of green. Returns the sum over colours of the RMS radius about each colour's centroid, without the window.
     """
     colours, count = sx.shape
     centre = 0.0
@@ -208,7 +213,7 @@ def blur_statistics(
     inner, c, s, cs, ss = np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     for colour in range(colours):
         x, y, outer = sx[colour], sy[colour], weight[colour]
-        for i in range(count):  # elementwise, so that the compiler can vectorise over rays
+        for i in range(count):  # elementwise, so that the compiler can vectorise the loop
             v = y[i] - centre
             inner[i] = outer[i] * _window(x[i], v)
             c[i], s[i] = _cos_sin_turns(BASE_FREQUENCY * v)

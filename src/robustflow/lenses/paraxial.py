@@ -1,4 +1,4 @@
-"""First-order properties: focal length, back focal distance, entrance pupil."""
+"""First-order properties of a lens: focal length, back focal distance and entrance pupil."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from ..compiled import njit
 from .prescription import Lens
 
 DESIGN_WAVELENGTH = 0.55
-"""Reference wavelength of focal length and f-number in micrometres."""
+"""Reference wavelength for focal length and f-number, in micrometres."""
 
 
 class FirstOrder(NamedTuple):
-    """First-order properties of a lens, lengths in mm.
+    """First-order properties of a lens; lengths are in mm.
 
     Attributes:
         focal_length: effective focal length.
@@ -30,8 +30,9 @@ class FirstOrder(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[float, float, float, float]:
-    """Compute the fields of `FirstOrder` from arrays (K,), (K,), (K + 1,): trace one paraxial ray forwards and two
-    backwards from the stop.
+    """Compute the fields of `FirstOrder` from arrays (K,), (K,), (K + 1,).
+
+    One paraxial ray is traced forwards, and two are traced backwards from the stop.
     """
     height, slope = 1.0, 0.0
     surfaces = curvature.size

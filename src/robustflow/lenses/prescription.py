@@ -15,17 +15,18 @@ from ..validated import Frozen
 from .glass import AIR, SELLMEIER, refractive_index
 
 IMAGE_RADIUS = 14.3
-"""Half diagonal of the sensor in mm: 1154 pixels of 12.394 um, the corner of a 1920 x 1280 image."""
+"""Half diagonal of the sensor in mm: 1154 pixels of 12.394 um, the distance from centre to corner at 1920 x 1280."""
 
 PIXEL = 0.012394
-"""Side length of an effective pixel in mm."""
+"""Size of an effective pixel in mm."""
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def tangent_of(degrees: float) -> float:
-    """Return the tangent of an angle, rounded to twelve digits. Math libraries differ in the last bit, and the search
-    and the rendered PSFs must not.
+    """Return the tangent of an angle, rounded to twelve digits.
+
+    Without rounding, differences between math libraries in the last bit would affect the search and the rendered PSFs.
 
     >>> tangent_of(45.0)
     1.0
@@ -34,14 +35,14 @@ def tangent_of(degrees: float) -> float:
 
 
 class Surface(Frozen):
-    """One surface of revolution, z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)).
+    """A surface of revolution, z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)).
 
     Attributes:
-        curvature: c in 1/mm, 0 for a plane, positive when the centre of curvature lies towards the sensor.
+        curvature: c in 1/mm, 0 for a plane, positive if the centre of curvature is on the sensor side.
         conic: conic constant k: 0 for a sphere, -1 for a paraboloid.
         thickness: distance in mm along the axis to the next surface, or from the last surface to the sensor.
-        glass: medium behind the surface, a catalogue name or "air".
-        semi_diameter: clear radius in mm; rays outside it are blocked. For the stop, the radius of the aperture.
+        glass: medium behind the surface: a catalogue name or "air".
+        semi_diameter: clear radius in mm, beyond which rays are blocked; for the stop, this is the aperture radius.
     """
 
     curvature: _Finite
@@ -63,10 +64,10 @@ class Lens(Frozen):
 
     Attributes:
         name: name of the lens.
-        surfaces: surfaces from the object to the sensor; one of them, plane and in air, is the aperture stop.
+        surfaces: surfaces from the object to the sensor; one of them, a plane in air, is the aperture stop.
         stop: index of the aperture stop in `surfaces`; its `semi_diameter` clips the rays.
         f_number: ratio of focal length to entrance pupil diameter.
-        half_field: half of the field of view, from centre to corner, in degrees.
+        half_field: half of the field of view in degrees, from centre to corner.
 
     >>> from robustflow.lenses.prescription import Lens, Surface
     >>> plane = Surface(curvature=0, thickness=2, semi_diameter=3)
@@ -96,17 +97,17 @@ class Lens(Frozen):
 
     @property
     def elements(self) -> int:
-        """The number of glass elements."""
+        """Number of glass elements."""
         return sum(surface.glass != AIR for surface in self.surfaces)
 
     @property
     def stop_radius(self) -> float:
-        """The radius of the aperture stop in mm."""
+        """Radius of the aperture stop in mm."""
         return self.surfaces[self.stop].semi_diameter
 
     @property
     def field_tangent(self) -> float:
-        """The tangent of the half field angle."""
+        """Tangent of the half field angle."""
         return tangent_of(self.half_field)
 
     def column(self, name: str) -> npt.NDArray[np.float64]:
@@ -125,7 +126,7 @@ def read_lens(path: str | Path) -> Lens:
     """Read a prescription.
 
     Raises:
-        DataError: the file is missing or not a valid prescription; the message gives the first error.
+        DataError: the file is missing or not a valid prescription; the message contains the first error.
     """
     path = Path(path)
     try:
@@ -137,5 +138,5 @@ def read_lens(path: str | Path) -> Lens:
 
 
 def write_lens(lens: Lens, path: str | Path) -> None:
-    """Write a prescription as JSON; `read_lens` restores an equal prescription."""
+    """Write a prescription as JSON, from which `read_lens` restores an equal prescription."""
     Path(path).write_text(lens.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n")

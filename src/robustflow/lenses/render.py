@@ -1,4 +1,4 @@
-"""Trace the PSFs of a lens over its field from its prescription."""
+"""Compute the PSFs of a lens over its field by ray tracing."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .spectrum import CHANNELS, channel_wavelengths
 
 
 def field_tangents(lens: Lens, fields: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the tangents of the field angles at fractions 0..1 of the image's half diagonal."""
+    """Return the tangents of the field angles at fractions from 0 to 1 of the image's half diagonal."""
     return np.asarray(fields * lens.field_tangent, np.float64)
 
 
 @njit(cache=True, error_model="numpy")
 def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
-    """Count rays (in pixels, half x > 0) and their mirror images per pixel within a disc about (0, centre)."""
+    """Count rays (in pixels, half x > 0) and their mirror images per pixel within a disk around (0, centre)."""
     half = out.shape[0] // 2
     for i in range(sx.size):
         v = sy[i] - centre
@@ -35,7 +35,7 @@ def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _centroid(sx: Any, sy: Any, weight: Any) -> float:
-    """Return the y centroid of the rays within a disc centred on that centroid."""
+    """Return the y centroid of the rays within a disk that is centred on that centroid."""
     centre = 0.0
     for step in range(60):
         total, moment = 0.0, 0.0
@@ -54,13 +54,14 @@ def _centroid(sx: Any, sy: Any, weight: Any) -> float:
 def field_rays(
     lens: Lens, fields: npt.NDArray[np.float64], columns: int = 96, rows: int = 192, samples: int = 5
 ) -> list[list[npt.NDArray[np.float64]]]:
-    """Return the landing points of the rays of each field (outer list) and colour (inner list), float64 (3, R).
+    """Return the landing points of the rays for each field (outer list) and colour (inner list), float64 (3, R).
 
-    The rows of an entry are x and y on the sensor in pixels from the axis, and the weight: 1 for a ray that passes the
-    stop and every surface, otherwise 0. Only the half x > 0 of the pupil is traced; the other half mirrors it.
+    The rows of an entry are x and y on the sensor in pixels from the axis, and the weight: 1 for a ray that passes
+    through the stop and all surfaces, otherwise 0. Only the half x > 0 of the pupil is traced; the other half is
+    symmetric.
 
     Raises:
-        DataError: no ray of some field point reaches the edge of the stop.
+        DataError: for at least one field point, no ray reaches the edge of the stop.
     """
     arrays = lens.column("curvature"), lens.column("conic"), lens.column("thickness")
     order = first_order_of(lens)
@@ -70,7 +71,7 @@ def field_rays(
         order.pupil_position, order.pupil_magnification,
     )  # fmt: skip
     if not miss < AIM_TOLERANCE:
-        raise DataError(f"lens '{lens.name}': no ray of some field point reaches the edge of the stop")
+        raise DataError(f"lens '{lens.name}': for at least one field point, no ray reaches the edge of the stop")
     clear = lens.column("semi_diameter")
     clear[lens.stop] = np.inf
     count = fields.size
@@ -91,11 +92,10 @@ def field_rays(
 
 
 def render_psfs(lens: Lens) -> PsfField:
-    """Trace the PSFs of a lens: 64 fields, 3 colours with five wavelengths each, 18 000 rays per half pupil and
-    wavelength.
+    """Compute the PSFs of a lens for 64 field points and 3 colours, with 18 000 rays per half pupil and wavelength.
 
-    Every field is centred on the centroid of its green PSF, so the blur does not shift the image; red and blue keep
-    their lateral colour. Distortion and vignetting are ignored.
+    Each colour has five wavelengths. The PSFs at each field point are centred on the centroid of the green PSF, so the
+    blur does not shift the image, and lateral colour is preserved. Distortion and vignetting are ignored.
     """
     stack = np.zeros(SHAPE)
     for f, field in enumerate(np.linspace(0.0, 1.0, FIELDS)):

@@ -1,8 +1,8 @@
-"""Compute the residuals of a lens's merit function from its free parameters, and one damped least-squares step.
+"""Compute the residuals of the merit function from the free parameters of a lens, and minimise them.
 
-The free parameters are the curvatures of the glass surfaces times the focal length, the gaps over the focal length, and
-the distance of the sensor from paraxial focus in mm. The lens is scaled to the goal's focal length before the residuals
-are computed.
+The free parameters are the curvatures of the glass surfaces times the focal length, the gaps divided by the focal
+length, and the distance between the sensor and the paraxial focus in mm. The lens is scaled to the goal's focal length
+before the residuals are computed.
 """
 
 from __future__ import annotations
@@ -19,18 +19,16 @@ from .trace import propagate
 
 STEP = 1e-5
 PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0
-"""Weights relative to the modulation (1): in-phase transfer, relative RMS radius, lateral colour per pixel, relative
-nominal RMS radius.
+"""Weights relative to that of the modulation: in-phase transfer, relative RMS radius, lateral colour per pixel,
+relative nominal RMS radius.
 """
 RIM = 1.03
-"""Ratio of a surface's clear radius to the largest height of the aimed rays on it."""
+"""Ratio of a surface's clear radius to the maximum height of the aimed rays at the surface."""
 
 
 @njit(cache=True, error_model="numpy")
 def build_lens(free: Any, index: Any, stop: int, focal_length: float, f_number: float) -> Any:
-    """Return curvatures, gaps, stop radius, pupil position and magnification; the stop radius is 0 for an infeasible
-    lens.
-    """
+    """Return curvatures, gaps, stop radius (0 for an infeasible lens), pupil position and magnification."""
     surfaces = index.shape[1] - 1
     curvature, thickness = np.zeros(surfaces), np.zeros(surfaces)
     position = 0
@@ -65,8 +63,9 @@ def _sag(c: float, h: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, y: Any, tangent: Any) -> Any:
-    """Return the clear radius of each surface in mm (`RIM` times the largest height of the aimed rays), and the number
-    of aimed rays that fail.
+    """Return the clear radius of each surface in mm and the number of aimed rays that fail.
+
+    The clear radius is `RIM` times the maximum height of the aimed rays.
     """
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     rays = (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
@@ -81,7 +80,8 @@ def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, 
 
 @njit(cache=True, error_model="numpy")
 def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
-    """Fill the residuals of a lens; return False if it cannot be built or traced. `index` is (3 n + 1, K + 1)."""
+    """Compute the residuals of a lens; return False if it is infeasible or cannot be traced. `index` is (3 n + 1, K +
+    1)."""
     focal_length, f_number, field_tangent, tangential, in_phase, sagittal, wanted_rms, lateral, nominal = goal
     curvature, thickness, radius, pupil, magnification = build_lens(free, index, stop, focal_length, f_number)
     if radius <= 0.0:
@@ -156,15 +156,13 @@ def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, lim
 
 @njit(cache=True)
 def residual_count(fields: int, surfaces: int) -> int:
-    """Return the number of residuals that `fill_residuals` fills."""
+    """Return the number of residuals computed by `fill_residuals`."""
     return fields * 51 + 2 + 4 * surfaces - 1
 
 
 @njit(cache=True, error_model="numpy")
 def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, iterations: int) -> Any:
-    """Run Levenberg-Marquardt with forward differences; return the improved parameters and their sum of squared
-    residuals.
-    """
+    """Run Levenberg-Marquardt with forward differences; return the parameters and the sum of squared residuals."""
     rows, columns = residual_count(fields.size, index.shape[1] - 1), free.size
     base, trial, jacobian = np.zeros(rows), np.zeros(rows), np.zeros((columns, rows))
     best = free.copy()
@@ -212,7 +210,8 @@ def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: An
 
 @njit(cache=True, error_model="numpy")
 def solve_damped(normal: Any, gradient: Any, damping: float) -> Any:
-    """Solve (normal + damping diag(normal)) x = gradient by Cholesky's method, in a fixed order of operations."""
+    """Solve (normal + damping diag(normal)) x = gradient by Cholesky decomposition, with operations in a fixed
+    order."""
     size = gradient.size
     lower, x = np.zeros((size, size)), np.zeros(size)
     for a in range(size):

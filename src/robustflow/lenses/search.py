@@ -1,7 +1,8 @@
 """Search for a lens automatically: random structures, screening, damped least squares, global moves.
 
-Every choice comes from a named random stream and every stage has a fixed number of steps instead of a time limit, so a
-severity and a seed determine one lens (Gao et al. 2024 and the paper call this global search of minimalist lenses).
+Every random choice uses a named random stream, and every stage has a fixed number of steps instead of a time limit, so
+the result depends only on the severity and the seed. Gao et al. (2024) and the paper call this a global search for
+minimalist lenses.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _GLASSES = tuple(SELLMEIER)
 
 @dataclass(frozen=True)
 class Structure:
-    """The discrete parameters of a lens: the glasses in order, and the position of the stop among them.
+    """Discrete parameters of a lens: the glasses in order and the position of the stop.
 
     `stop` is the number of elements in front of the stop.
     """
@@ -36,7 +37,7 @@ class Structure:
 
     @property
     def media(self) -> tuple[str, ...]:
-        """The medium in front of the lens, then behind each surface, including the stop; (K + 1,)."""
+        """Medium in front of the lens and behind each surface, including the stop; (K + 1,)."""
         media = [AIR]
         for element, glass in enumerate((*self.glasses, AIR)):
             if element == self.stop:
@@ -47,12 +48,13 @@ class Structure:
 
     @property
     def stop_surface(self) -> int:
-        """The index of the stop among the surfaces."""
+        """Index of the stop among the surfaces."""
         return 2 * self.stop
 
     def indices(self, samples: int) -> Array:
-        """Return the refractive indices at the channels' wavelengths, then at the design wavelength, (3 samples + 1, K
-        + 1).
+        """Return the refractive indices at the wavelengths of the channels, followed by the design wavelength.
+
+        The shape is (3 samples + 1, K + 1).
         """
         wavelengths = [w for channel in CHANNELS for w in channel_wavelengths(channel, samples)]
         return np.array(
@@ -62,7 +64,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A structure, its free parameters (see `residuals`), and its sum of squared residuals."""
+    """A structure, its free parameters (see `residuals`) and its sum of squared residuals."""
 
     structure: Structure
     free: Array
@@ -71,7 +73,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Budget:
-    """The number of steps in each stage of the search."""
+    """Number of steps in each stage of the search."""
 
     structures: int = 1500
     screened: int = 24
@@ -83,7 +85,7 @@ class Budget:
 
 
 SAMPLES = 3
-"""Wavelengths per channel while searching; rendering uses five."""
+"""Number of wavelengths per channel during the search; rendering uses five."""
 
 
 def _cost(structure: Structure, free: Array, goal: Goal, limits: Limits) -> float:
@@ -95,7 +97,7 @@ def _cost(structure: Structure, free: Array, goal: Goal, limits: Limits) -> floa
 
 
 def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) -> Candidate:
-    """Return the candidate after damped least squares, with parameters rounded to 1e-9."""
+    """Refine a candidate by damped least squares; the parameters are rounded to 1e-9."""
     structure = candidate.structure
     free, cost = damped_least_squares(
         candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, limits, iterations
@@ -104,7 +106,7 @@ def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) ->
 
 
 def random_candidate(rng: Rng, elements: int, stop: int) -> Candidate:
-    """Draw a random candidate: glasses, powers that sum to that of the lens, bendings, thicknesses, gaps."""
+    """Draw a random candidate: glasses, powers (whose sum is that of the lens), bendings, thicknesses and gaps."""
     structure = Structure(tuple(_GLASSES[rng.integer(0, len(_GLASSES))] for _ in range(elements)), stop)
     powers = np.array([rng.uniform(-2.0, 2.5) for _ in range(elements)]) if elements > 1 else np.ones(1)
     powers += (1.0 - powers.sum()) / elements
@@ -171,13 +173,13 @@ def search(
     """Return the best lens found within a budget.
 
     Raises:
-        RobustFlowError: in each of the best lenses, some field point fails to fill the stop.
+        RobustFlowError: in each of the best lenses, the stop is not filled from every field point.
 
     Args:
         elements: number of glass elements.
         stop: number of elements in front of the stop.
         goal: target blur.
-        rng: random stream for every choice.
+        rng: random stream for all choices.
         budget: number of steps in each stage.
         limits: manufacturing limits.
         report: function called with progress messages.
@@ -192,11 +194,11 @@ def search(
     drawn.sort(key=lambda candidate: candidate.cost)
     screened = [refine(c, goal, limits, budget.first_iterations) for c in drawn[: budget.screened]]
     pool = sorted(screened, key=lambda candidate: candidate.cost)[: budget.pool]
-    report(f"{len(drawn)} of {budget.structures} structures can be traced; best after screening {pool[0].cost:.4f}")
+    report(f"{len(drawn)} of {budget.structures} structures can be traced; best after screening: {pool[0].cost:.4f}")
     for number in range(budget.moves):
         choices = rng.spawn("move", number)
         share = choices.uniform()
-        place = int(share * share * len(pool))  # better candidates are picked more often
+        place = int(share * share * len(pool))  # better candidates are chosen more often
         tried = refine(move(pool[place], choices), goal, limits, budget.iterations)
         if tried.cost < pool[place].cost:
             pool[place] = tried
@@ -211,8 +213,9 @@ def search(
 
 
 def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:
-    """Return whether rays from every field point, including those between the merit function's six, reach the edge of
-    the stop.
+    """Return whether rays from every field point reach the edge of the stop.
+
+    This includes field points between the six points of the merit function.
     """
     structure = candidate.structure
     index, stop = structure.indices(1)[-1:], structure.stop_surface

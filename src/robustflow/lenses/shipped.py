@@ -1,4 +1,4 @@
-"""Load the prescriptions of the five lenses in the package, check their hashes, and write new lenses to the package."""
+"""Load and verify the prescriptions of the five lenses in the package, and write new lenses to the package."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .prescription import Lens, read_lens
 
 
 def shipped_lens(severity: int) -> Lens:
-    """Return the shipped lens for a severity.
+    """Return the prescription of the shipped lens for a severity.
 
     >>> shipped_lens(1).elements
     6
@@ -29,7 +29,7 @@ def shipped_lens(severity: int) -> Lens:
 
 
 def lens_digest(lens: Lens) -> str:
-    """Return the SHA-256 of a prescription's content, independent of the file's line endings."""
+    """Return the SHA-256 of a prescription, regardless of the line endings in the file."""
     return hashlib.sha256(lens.model_dump_json().encode()).hexdigest()
 
 

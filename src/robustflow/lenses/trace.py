@@ -1,7 +1,7 @@
 """Exact sequential ray tracing through surfaces of revolution (spheres and conics), vectorised over rays.
 
 The arithmetic uses only + - * / and sqrt, each rounded as IEEE 754 requires, in a fixed order and without contraction.
-The same rays therefore give the same bits on every machine, and rendered PSFs can be checked by hash.
+The results are therefore bit-identical on every machine, and rendered PSFs can be verified using hashes.
 
 The intersection uses the closed form for conics (Welford, "Aberrations of Optical Systems", ch. 4): with the surface
 written c (x^2 + y^2 + (1 + k) z^2) = 2 z, the path length t from a point (x, y, z) along (l, m, n) is
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Rays(NamedTuple):
-    """R rays: positions in mm relative to the vertex of a surface, and unit direction cosines, float64 (R,) each.
+    """R rays: positions in mm relative to the vertex of a surface and unit direction cosines, float64 (R,) each.
 
     `alive` is 1 if the ray has hit every surface so far, and 0 if it missed one or was totally reflected.
     """
@@ -40,7 +40,7 @@ class Rays(NamedTuple):
 def propagate(
     curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, first: int, last: int, rays: Any, path: Any
 ) -> None:
-    """Propagate rays, in place, from the vertex plane of surface `first` through surfaces first .. last - 1.
+    """Propagate rays, in place, from the vertex plane of surface `first` through the surfaces first to last - 1.
 
     On return, positions are relative to the vertex of surface `last` (the sensor if `last` is the number of surfaces).
     Rays that hit a surface outside its radius `clear` (K,) are blocked. Unless `path` is empty, the intersections with
@@ -50,7 +50,7 @@ def propagate(
     for k in range(first, last):
         c, shape, ratio, gap = curvature[k], 1.0 + conic[k], index[k] / index[k + 1], thickness[k]
         widest = clear[k] * clear[k]
-        # Without a branch, so that the compiler can vectorise over rays.
+        # Branch-free, so that the compiler can vectorise the loop.
         for i in range(x.size):
             x0, y0, z0, l0, m0, n0 = x[i], y[i], z[i], l[i], m[i], n[i]
             a = c * (1.0 + (shape - 1.0) * n0 * n0)
@@ -84,13 +84,13 @@ def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None,
     """Trace rays from the vertex plane of the first surface to the sensor, or to the plane of a surface's vertex.
 
     Args:
-        rays: rays with positions relative to the first vertex; not modified.
+        rays: rays with positions relative to the first vertex; they are not modified.
         wavelength: wavelength in micrometres.
-        surface: index of the surface at whose vertex plane tracing stops; the sensor by default.
-        clip: whether the rims of the elements and the stop block rays.
+        surface: index of the surface at whose vertex plane tracing ends; by default, this is the sensor.
+        clip: whether rays are blocked by the rims of the elements and by the stop.
 
     Returns:
-        Rays in that plane (z = 0). Rays with `alive` 0 keep their last valid position; ignore them.
+        Rays in that plane (z = 0). Ignore rays whose `alive` is 0; they have their last valid position.
 
     >>> import numpy as np
     >>> from robustflow.lenses.prescription import Lens, Surface
@@ -117,8 +117,9 @@ def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None,
 
 
 def trace_path(lens: Lens, rays: Rays, wavelength: float) -> tuple[Array, Rays]:
-    """Return the intersections with each surface in mm relative to its vertex, float64 (K, 3, R), and the rays at the
-    sensor.
+    """Return the intersections with each surface, float64 (K, 3, R), and the rays at the sensor.
+
+    Intersections are in mm relative to the vertex of the surface.
     """
     carried = Rays(*(np.array(part, np.float64) for part in rays))
     path = np.empty((len(lens.surfaces), 3, carried.x.size))

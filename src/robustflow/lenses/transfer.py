@@ -1,4 +1,4 @@
-"""Statistics of rendered PSFs: modulation transfer, RMS radius, centroid, energy."""
+"""Statistics of rendered PSFs: modulation transfer, RMS radius and centroid."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def moments(field: PsfField) -> Moments:
 
 
 def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
-    """Return the tangential and sagittal modulation transfer, (64, 3, frequencies) each, at frequencies in cycles per
-    pixel.
+    """Return the tangential and sagittal modulation transfer, (64, 3, frequencies) each.
 
-    Tangential is along the radius from the image centre (the stack's rows), sagittal across it.
+    Frequencies are in cycles per pixel. The tangential direction points away from the image centre (along the rows of
+    the stack), and the sagittal direction is perpendicular to it.
     """
     waves = np.exp(-2j * np.pi * np.outer(_PLACE, frequencies))
     stack = field.stack.astype(np.float64)
@@ -56,7 +56,7 @@ def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
 def nominal_rms(lens: Lens, fields: int = 16) -> float:
     """Return the mean RMS radius in mm over evenly spaced field points and the three colours, including all rays.
 
-    The paper names its lenses by this number.
+    The paper identifies its lenses by this value.
     """
     radii = []
     for place in np.linspace(0.0, 1.0, fields):

@@ -1,1 +1,1 @@
-"""Point spread functions at run time: PSF fields, interpolation between nodes, and the blur."""
+"""Point spread functions at run time: PSF fields, interpolation between nodes, and blurring."""

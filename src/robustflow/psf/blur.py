@@ -1,6 +1,6 @@
 """Blur an image with a spatially varying PSF, interpolated between columns of nodes with triangular windows.
 
-The arithmetic is in `strip.py`. docs/optics.md reports the error relative to exact kernels and the run time.
+The arithmetic is in `strip.py`. See docs/optics.md for the error relative to exact kernels and the run time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .strip import BLOCK, CHUNK, UNROLL, convolve_rows, transform, transform_len
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
 GREY = 128.0
-"""Grey level subtracted from the pixels; sums of smaller numbers have smaller rounding errors."""
+"""Grey level subtracted from all pixels, because sums of smaller numbers have smaller rounding errors."""
 
 _REACH = SUPPORT // 2
 
@@ -32,8 +32,8 @@ class Kernels(NamedTuple):
     Attributes:
         spectra: kernels transformed along x and divided by T, in the layout that `convolve_rows` expects, float32
             (columns of nodes, rows of nodes, 3, T / 2 + 1, L, 2).
-        firsts, weights: indices and weights of the rows of nodes for each chunk of image rows from `top` on, in the
-            layout that `convolve_rows` expects.
+        firsts, weights: indices and weights of the rows of nodes for each chunk of image rows, starting at row `top`,
+            in the layout that `convolve_rows` expects.
         top: index of the first image row at which a node below the centre has a non-zero weight.
         reach_x, reach_y: largest lags at which any kernel is non-zero, in pixels.
         length: length T of the transforms along x, in pixels.
@@ -49,7 +49,8 @@ class Kernels(NamedTuple):
 
 
 class KernelCache:
-    """A cache of kernels by (field, height, width) that drops the least recently used ones above a limit in bytes."""
+    """A cache of kernels by (field, height, width); above a limit in bytes, the least recently used ones are
+    removed."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -69,7 +70,7 @@ class KernelCache:
 
     @property
     def nbytes(self) -> int:
-        """The size of the cached kernels in bytes."""
+        """Total size of the cached kernels in bytes."""
         return sum(kernels.spectra.nbytes for kernels in self._entries.values())
 
 
@@ -77,14 +78,14 @@ CACHE = KernelCache(limit=320 * 2**20)
 
 
 def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
-    """Convolve an image with the PSF of each of its points.
+    """Convolve an image with the PSF at each of its points.
 
-    The image centre has field 0 and the corners have field 1 at any image size; the border is reflect-101. Kernels sum
-    to one, so a constant image stays constant to within 1e-4 grey levels.
+    The image centre is at field 0 and the corners are at field 1, regardless of the image size; the border is
+    reflect-101. Kernels sum to one, so a constant image remains constant to within 1e-4 grey levels.
 
     Args:
-        frame: RGB uint8 (H, W, 3), any size.
-        field: the PSFs over the lens's field.
+        frame: image of any size, RGB uint8 (H, W, 3).
+        field: PSFs of the lens over its field.
 
     Returns:
         The blurred image in grey levels, float32 (H, W, 3), not rounded; bit-identical on every machine.
@@ -115,10 +116,10 @@ def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
 def _blur_strip(
     plain: npt.NDArray[np.float32], mirrored: npt.NDArray[np.float32], kernels: Kernels, column: int, height: int
 ) -> npt.NDArray[np.float32]:
-    """Blur the part of an image within reach of one column of nodes, and the same part of the mirrored image.
+    """Blur the part of an image that is affected by one column of nodes, and the same part of the mirrored image.
 
-    The two are the real and imaginary parts of one complex image, which is transformed along x, convolved along y with
-    kernels that vary from row to row, and transformed back.
+    The two parts form the real and imaginary parts of a complex image, which is transformed along x, convolved along y
+    with kernels that vary from row to row, and transformed back.
 
     Args:
         plain, mirrored: image and mirrored image, starting at the first pixel of the transform, float32 (3, X, Y).
@@ -136,7 +137,7 @@ def _blur_strip(
     transform(work, twiddles(length))
     blurred = np.empty((3, -(-height // BLOCK), length, 2, BLOCK), np.float32)
     convolve_rows(kernels.spectra[column], work, (rows, height), kernels.firsts, kernels.weights, kernels.top, blurred)
-    transform(blurred, twiddles(length))  # exchanging real and imaginary parts turns the transform into its inverse
+    transform(blurred, twiddles(length))  # swapping real and imaginary parts turns the transform into its inverse
     inside = blurred[:, :, 2 * kernels.reach_x :, ::-1].transpose(3, 0, 2, 1, 4)
     return inside.reshape(*inside.shape[:3], -1)[..., :height]
 
@@ -150,7 +151,7 @@ def _continued(frame: Frame, margin_x: int, margin_y: int) -> npt.NDArray[np.flo
 
 
 def _kernels(field: PsfField, height: int, width: int) -> Kernels:
-    """Return the kernels of all nodes, without the outer rows and columns that are zero in every kernel."""
+    """Return the kernels of all nodes, cropped to the rows and columns that are non-zero in at least one kernel."""
     pitch = grid_of(height, width)
     rows, columns = Axis.of(height, pitch), Axis.of(width, pitch)
     nodes, corner = rows.offsets.size, math.sqrt(height * height + width * width) / 2.0
@@ -177,7 +178,7 @@ def _kernels(field: PsfField, height: int, width: int) -> Kernels:
 
 
 def _blending(rows: Axis, top: int, height: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-    """Return the first node with a non-zero weight for each chunk of rows from `top` on, and the weights from it on."""
+    """Return, for each chunk of rows starting at `top`, the first node with a non-zero weight, and the node weights."""
     nodes, window = rows.windows.shape
     by_row = np.zeros((nodes, height + CHUNK), np.float32)
     for node, start in enumerate(rows.starts):

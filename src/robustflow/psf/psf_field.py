@@ -30,7 +30,7 @@ class PsfField:
     """
 
     def __init__(self, stack: npt.NDArray[Any]) -> None:
-        """Build a field from a stack of any scale; each PSF is divided by its sum.
+        """Build a field from a stack with arbitrary scaling; each PSF is divided by its sum.
 
         Raises:
             DataError: the stack has the wrong shape, non-finite values, or a PSF that sums to zero or less.
@@ -40,6 +40,6 @@ class PsfField:
             raise DataError(f"expected a PSF stack of shape {SHAPE}, got {values.shape}")
         sums = values.sum((2, 3), keepdims=True)
         if not np.isfinite(values).all() or (sums <= 0.0).any():
-            raise DataError("a PSF in this stack has no energy or non-finite values")
+            raise DataError("a PSF in this stack is zero or has non-finite values")
         self.stack: npt.NDArray[np.float32] = np.ascontiguousarray(values / sums, np.float32)
         self.digest = hashlib.sha256(self.stack.tobytes()).hexdigest()

@@ -1,7 +1,7 @@
-"""Load the rendered PSFs of the five lenses in the package and check their hashes.
+"""Load and verify the rendered PSFs of the five lenses in the package.
 
-Only half of a stack, columns 30 to 60, is stored, as float16: a PSF of a centred lens is symmetric about its meridional
-plane. `data/manifest.json` contains the SHA-256 of each lens and each stored half.
+Only half of each stack (columns 30 to 60) is stored, as float16, because a PSF of a centred lens is symmetric about its
+meridional plane. `data/manifest.json` contains the SHA-256 of each lens and each stored half.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def shipped_field(severity: int) -> PsfField:
 
 
 def halved(field: PsfField) -> npt.NDArray[np.float16]:
-    """Return the half of a field that is stored: columns 30 to 60, float16 (64, 3, 61, 31)."""
+    """Return the half of a field that is stored in the package: columns 30 to 60, float16 (64, 3, 61, 31)."""
     return field.stack[..., _MIDDLE:].astype(np.float16)
 
 
@@ -53,12 +53,12 @@ def whole(half: npt.NDArray[np.float16]) -> npt.NDArray[np.float64]:
 
 
 def half_digest(half: npt.NDArray[np.float16]) -> str:
-    """Return the SHA-256 of a stored half, independent of the machine's byte order."""
+    """Return the SHA-256 of a stored half, regardless of the machine's byte order."""
     return hashlib.sha256(np.ascontiguousarray(half, "<f2").tobytes()).hexdigest()
 
 
 def manifest() -> dict[str, str]:
-    """Return the SHA-256 hashes by name: lens_s1 .. lens_s5, psf_s1 .. psf_s5."""
+    """Return the SHA-256 hashes by name: lens_s1 to lens_s5 and psf_s1 to psf_s5."""
     content: dict[str, str] = json.loads((DATA / "manifest.json").read_text(encoding="utf-8"))
     return content
 

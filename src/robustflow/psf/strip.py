@@ -1,7 +1,7 @@
 """Compiled single-precision arithmetic for `blur`, with every sum in a fixed order.
 
-Loops run over a fixed number of neighbouring values without summing across them, so a compiler can vectorise them
-without reordering additions. Without fast-math, IEEE arithmetic gives the same bits on every machine.
+Loops process a fixed number of neighbouring values without summing across them, so the compiler can vectorise them
+without reordering additions. Without fast-math, IEEE arithmetic is bit-identical on every machine.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ CHUNK = 32
 """Number of rows convolved along y together."""
 
 UNROLL = 4
-"""Number of lags summed before they are added to the running sum; the number of lags is a multiple of it."""
+"""Number of lags summed before they are added to the running sum; the total number of lags is a multiple of this."""
 
 _LAG = 3 * CHUNK
 
 LENGTHS = (24, 27, 32, 36, 48, 54, 64, 72, 81, 96, 108, 128)
-"""Lengths of transforms: products of 2 and 3. The largest fits the widest window and kernel."""
+"""Supported transform lengths, which are products of 2 and 3; the largest fits the widest window and kernel."""
 
 _ZERO, _PLUS, _MINUS = np.float32(0.0), np.float32(1.0), np.float32(-1.0)
 _SIN_60 = np.float32(math.sqrt(3.0) / 2.0)
@@ -56,10 +56,10 @@ def transform_length(least: int) -> int:
 
 @lru_cache(maxsize=16)
 def twiddles(length: int) -> npt.NDArray[np.float32]:
-    """Return the real and imaginary parts of exp(-2 pi i k / length) for k below `length`, float32 (length, 2).
+    """Return the real and imaginary parts of exp(-2 pi i k / length) for all k < `length`, float32 (length, 2).
 
-    Math libraries disagree on sines and cosines in the last bit of a double; this does not affect the values rounded to
-    float32, which a test checks for every length in use.
+    Math libraries differ in the last bit of double-precision sines and cosines. This does not affect the values rounded
+    to float32, as a test verifies for every supported length.
     """
     angles = [2.0 * math.pi * k / length for k in range(length)]
     return np.array([(math.cos(angle), -math.sin(angle)) for angle in angles], np.float32)
@@ -67,10 +67,10 @@ def twiddles(length: int) -> npt.NDArray[np.float32]:
 
 @njit(**_OPTIONS)
 def transform(work: Any, roots: Any) -> None:
-    """Fourier-transform the third axis in place by Stockham's algorithm with radices 4, 3 and 2.
+    """Fourier-transform the third axis in place, using Stockham's algorithm with radices 4, 3 and 2.
 
     Args:
-        work: real and imaginary parts, float32 (m, n, T, 2, BLOCK). If the parts are exchanged before and after, the
+        work: real and imaginary parts, float32 (m, n, T, 2, BLOCK). If the parts are swapped before and after, the
             result is T times the inverse transform.
         roots: roots of unity, `twiddles(T)`.
     """
@@ -138,12 +138,12 @@ def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
 
 @njit(**_OPTIONS)
 def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
-    """Blend the kernels u + iv of the nodes for each row of a chunk and store u, u + v and v - u.
+    """Interpolate the kernels u + iv of the nodes for each row of a chunk, and store u, u + v and v - u.
 
     Args:
         spectrum: kernels of the nodes at one frequency, real and imaginary parts, float32 (n, L, 2).
         first: index of the first node with a non-zero weight in these rows.
-        weights: weights of the nodes from `first` on, float32 (4 g, CHUNK).
+        weights: weights of the nodes starting at `first`, float32 (4 g, CHUNK).
         blended: output array for the three parts, float32 (L * 3 * CHUNK,).
     """
     blended[:] = 0
@@ -167,13 +167,13 @@ def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
 
 @njit(**_OPTIONS)
 def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None:
-    """Convolve two lines with blended kernels: sums of products over the lags.
+    """Convolve two lines with interpolated kernels, by summing products over the lags.
 
     Args:
-        blended: blended kernels from `_blend`, float32 (L * 3 * CHUNK,).
+        blended: interpolated kernels from `_blend`, float32 (L * 3 * CHUNK,).
         lines: parts x + y, y and x of each complex line x + iy, float32 (2, 3, R).
         begin: index along R of the first lag of the first row.
-        sums: work array, overwritten, float32 (2 * 3 * CHUNK,).
+        sums: work array, which is overwritten, float32 (2 * 3 * CHUNK,).
         out: output array for the real and imaginary parts of each line, float32 (2, 2, CHUNK).
     """
     sums[:] = 0
@@ -199,22 +199,22 @@ def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None
 
 @njit(**_OPTIONS)
 def convolve_rows(spectra: Any, image: Any, shape: Any, firsts: Any, weights: Any, top: Any, out: Any) -> None:
-    """Convolve an image along y; the kernel of each row of the lower half is blended from those of the nearest nodes.
+    """Convolve an image along y; in the lower half, the kernel for each row is interpolated between the nearest nodes.
 
-    The upper half uses vertically flipped kernels, which is the same as convolving the flipped image. A kernel's
-    spectrum at frequency T - k is the complex conjugate of that at k, so at T - k the image's spectrum and the result
-    are conjugated. With t = u (x + y), a complex product needs three multiplications:
+    The upper half uses vertically flipped kernels, which is equivalent to convolving the flipped image. A kernel's
+    spectrum at frequency T - k is the complex conjugate of that at k, so at T - k, the image's spectrum and the result
+    are conjugated. With t = u (x + y), a complex product requires three multiplications:
     (u + iv)(x + iy) = (t - (u + v) y) + i (t + (v - u) x).
 
     Args:
         spectra: kernels of n nodes transformed along x, real and imaginary parts, float32 (n, 3, T / 2 + 1, L, 2);
-            along y the last lag comes first, zero-padded to L, a multiple of `UNROLL`.
+            lags along y are in reverse order and zero-padded to L, a multiple of `UNROLL`.
         image: image transformed along x, in blocks of rows, float32 (3, b, T, 2, BLOCK).
         shape: number of valid rows of `image` and number of rows of the blurred image; half the difference is the
             kernels' reach.
         firsts: index of the first node with a non-zero weight for each of c chunks of rows, int64 (c,).
-        weights: weights of the nodes from that index on, float32 (c, 4 g, CHUNK).
-        top: index of the row of the result at which the first chunk begins.
+        weights: weights of the nodes starting at that index, float32 (c, 4 g, CHUNK).
+        top: index of the row in the result at which the first chunk begins.
         out: output array for the blurred rows, with the imaginary part before the real part, float32 (3, h, T, 2,
             BLOCK).
     """

@@ -1,9 +1,9 @@
-"""Positions and values of the kernels of a spatially varying blur.
+"""Positions and values of the kernels for a spatially varying blur.
 
 The blur is out = sum over nodes of w_node * (image convolved with the kernel of the node), with triangular windows w
-that sum to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart. Small images have closer nodes
-because the blur varies faster over their pixels. Nodes are symmetric about the image centre, so the kernels of one
-quadrant, mirrored, cover the whole image.
+that sum to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart. In small images, the nodes are
+closer because the blur changes more from pixel to pixel. Nodes are symmetric about the image centre, so the mirrored
+kernels of one quadrant cover the entire image.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy.typing as npt
 from ..compiled import njit
 
 SUPPORT = 61
-"""Side length of a kernel in pixels."""
+"""Kernel size in pixels."""
 
 PITCHES = (34, 30, 24, 18, 12)
-"""Largest allowed distances between nodes in pixels."""
+"""Maximum distances between nodes in pixels."""
 
 FINENESS = 27.0
-"""Minimum number of node spacings along half of the image diagonal. The interpolation error decreases with the square
-of this number, and the run time increases with it; docs/optics.md has the measurements.
+"""Minimum number of node spacings along half of the image diagonal. The interpolation error is inversely
+proportional to the square of this number, and the run time increases with it; see docs/optics.md for measurements.
 """
 
 
@@ -42,14 +42,14 @@ def grid_of(height: int, width: int) -> int:
 
 @dataclass(frozen=True)
 class Axis:
-    """The nodes along one image axis, from the centre to the last pixel; the other half is its mirror image.
+    """The nodes along one image axis, from the centre to the last pixel; the other half is symmetric.
 
     Attributes:
         length: number of pixels along the axis.
         pitch: distance between nodes in pixels.
         offsets: distance of each node from the image centre in pixels, float64 (n,).
         starts: first pixel of each node's window (may be outside the image).
-        windows: window weights of the pixels from `starts` on, float64 (n, 2 x the largest pitch).
+        windows: window weights of the pixels starting at `starts`, float64 (n, 2 x the largest pitch).
 
     >>> Axis.of(375, 34).offsets[:2]
     array([17., 51.])
@@ -85,8 +85,9 @@ def kernels_at(stack: Any, dx: Any, dy: Any, corner: float, out: Any) -> None:
         corner: distance from centre to corner in pixels; points beyond it use the corner's kernel.
         out: output array for the kernels in image orientation, each with sum 1, (P, 3, 61, 61).
 
-    Neighbouring fields are interpolated linearly in the distance from the centre, then rotated so that the stack's rows
-    point along (dx, dy), with bilinear sampling. Using only + - * / and sqrt gives the same bits on every machine.
+    PSFs at neighbouring fields are interpolated linearly in the distance from the centre and then rotated, with
+    bilinear sampling, so that the stack's rows point along (dx, dy). Only + - * / and sqrt are used, so the result is
+    bit-identical on every machine.
     """
     fields, colours, size, _ = stack.shape
     middle = (size - 1) / 2.0

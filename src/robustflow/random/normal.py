@@ -1,8 +1,8 @@
-"""Compute standard normal numbers with additions, multiplications, divisions and square roots only.
+"""Generate standard normal numbers using only additions, multiplications, divisions and square roots.
 
-Logarithms, sines and exponentials from libm (and numpy's vectorised versions) may differ between machines in the last
-bit; IEEE 754 fixes the results of the four basic operations and the square root exactly. The quantile function is
-algorithm AS 241, PPND16 (Wichura 1988, Applied Statistics 37:477), accurate to about one part in 10**16.
+The last bit of logarithms, sines and exponentials from libm (and numpy's vectorised versions) may differ between
+machines, whereas IEEE 754 specifies the results of the four basic operations and the square root exactly. The quantile
+function is algorithm AS 241, PPND16 (Wichura 1988, Applied Statistics 37:477), accurate to about one part in 10**16.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ _FAR_DENOMINATOR = (
 
 @njit(cache=True, nogil=True)
 def normals_from_bits(bits: Any, out: Any) -> None:
-    """Convert each 64-bit word to a standard normal number: the quantile of p = (top 52 bits + 1/2) / 2**52.
+    """Convert each 64-bit integer to a standard normal number: the quantile for p = (top 52 bits + 1/2) / 2**52.
 
-    `bits` is uint64 (n,), `out` float64 (n,). A vectorised loop evaluates the central approximation (85 % of the
-    distribution) for every word; a second loop overwrites the values in the tails.
+    `bits` is uint64 (n,), and `out` is float64 (n,). A vectorised loop evaluates the central approximation (85 % of the
+    distribution) for every integer; a second loop overwrites the values in the tails.
     """
     for i in range(bits.size):
         out[i] = _centre(_deviation(bits[i]))
@@ -90,7 +90,7 @@ def _tail(q: Any) -> Any:
 def natural_log(x: Any) -> Any:
     """Return the natural logarithm of a float64 in (0, 1], accurate to a few ulp.
 
-    Scales the argument into [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges as 0.03**k.
+    The argument is scaled to [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges as 0.03**k.
     """
     halvings = 0
     while x < 2.0**-16:

@@ -1,12 +1,12 @@
-"""A counter-based random generator: value `i` of stream `key` is a hash of (key, i).
+"""A counter-based random number generator: value `i` of stream `key` is a hash of (key, i).
 
-The only state is a position, so any number of threads can read a stream from any position in any order, and the values
-are the same on every machine: all arithmetic is on 64-bit integers, the conversion to floating point is exact, and
-normal numbers need only operations whose results IEEE 754 fixes exactly. A stream's name describes its purpose
-(`Rng.of(seed, "fog", 3, "000010")`), not its order of creation.
+The only state is a position, so any number of threads can read a stream from any position in any order. The values are
+the same on every machine: all arithmetic is on 64-bit integers, the conversion to floating point is exact, and normal
+numbers only require operations whose results are fully specified by IEEE 754. Streams are named by purpose
+(`Rng.of(seed, "fog", 3, "000010")`), so they do not depend on the order of creation.
 
-The hash is two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
-SplitMix64; Steele, Lea and Flood 2014), keyed by adding the key before each round.
+The hash consists of two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
+SplitMix64; Steele, Lea and Flood 2014); the key is added before each round.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MASK = (1 << 64) - 1
 
 @njit(inline="always", cache=True, nogil=True)
 def hash64(key: Any, counter: Any) -> Any:
-    """Return 64 random bits for position `counter` of stream `key`. For use inside compiled loops."""
+    """Return 64 random bits for position `counter` of stream `key`; for use in compiled loops."""
     z = (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15) + key
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -37,13 +37,14 @@ def hash64(key: Any, counter: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def fill_bits(key: Any, start: Any, out: Any) -> None:
-    """Fill `out` (uint64) with positions `start`, `start` + 1, ... of stream `key`. For use inside compiled loops."""
+    """Fill `out` (uint64) with the values at positions `start`, `start` + 1, ... of stream `key`; for use in compiled
+    loops."""
     for i in range(out.size):
         out[i] = hash64(key, start + np.uint64(i))
 
 
 def key_of(*parts: str | int) -> int:
-    """Hash strings and integers to a 64-bit key; different tuples are encoded as different texts before hashing.
+    """Hash strings and integers to a 64-bit key; different tuples are encoded as different strings before hashing.
 
     >>> key_of("fog", 1) != key_of("fog1") != key_of("fog", "1")
     True
@@ -76,28 +77,29 @@ class Rng:
         return Rng(key_of(self.key, *parts))
 
     def bits(self, count: int) -> npt.NDArray[np.uint64]:
-        """Return the next `count` 64-bit words, uint64 (count,)."""
+        """Return the next `count` random 64-bit integers, uint64 (count,)."""
         out = np.empty(count, np.uint64)
         fill_bits(np.uint64(self.key), np.uint64(self._position), out)
         self._position += count
         return out
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
-        """Return one number from [low, high)."""
+        """Return a uniformly distributed number in [low, high)."""
         return low + (high - low) * float(self.uniforms(1)[0])
 
     def uniforms(self, count: int) -> npt.NDArray[np.float64]:
-        """Return `count` numbers from [0, 1), multiples of 2**-53, float64."""
+        """Return `count` uniformly distributed multiples of 2**-53 in [0, 1), float64."""
         return (self.bits(count) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
     def integer(self, low: int, high: int) -> int:
-        """Return one integer from low, ..., high - 1."""
+        """Return a uniformly distributed integer from low to high - 1."""
         if high <= low:
             raise ValueError(f"no integer in [{low}, {high})")
         return low + ((int(self.bits(1)[0]) * (high - low)) >> 64)
 
     def normals(self, count: int) -> npt.NDArray[np.float64]:
-        """Return `count` standard normal numbers, float64, one per position; bit-identical on every machine."""
+        """Return `count` standard normal numbers, float64, one per position; they are bit-identical on every
+        machine."""
         out = np.empty(count, np.float64)
         normals_from_bits(self.bits(count), out)
         return out
