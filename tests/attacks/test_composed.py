@@ -71,6 +71,8 @@ def test_the_worst_of_attacks_is_never_better_for_the_model_than_one_of_them(see
         ("worst_of", "worst_of:apgd+square"),
         ("worst_of:square+apgd:steps=3:queries=7", "worst_of:square+apgd:queries=7:steps=3"),
         ("worst_of:square+transfer:attack=pgd:steps=4", "worst_of:square+transfer:attack=pgd:steps=4"),
+        ("worst_of:patch+random_patch", "worst_of:patch+random_patch"),
+        ("transfer:attack=patch", "transfer:tiny:attack=patch"),
         ("worst_of:pcfa+apgd:norm=rms:target=zero", "worst_of:pcfa+apgd:target=zero:norm=rms"),
     ],
 )

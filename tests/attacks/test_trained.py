@@ -155,8 +155,14 @@ def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, 
         ("patch:train=2:file=a.npy", UsageError, "samples to train on or a file, not both"),
         ("patch:train=0", UsageError, "leaves nothing to train on"),
         ("patch:moved=joint", UsageError, "moved of attack patch 'joint'"),
-        ("worst_of:patch:train=3", UsageError, "is trained on samples; run it by itself, then give file="),
-        ("transfer:tiny:attack=universal:train=3", UsageError, "is trained on samples"),
+        ("worst_of:patch+universal:train=3", UsageError, "patch has norm area, universal has norm linf"),
+        ("worst_of:patch:train=3", ModelError, "offers no gradient .* the attack patch needs"),
+        ("transfer:dis:attack=universal:train=3", ModelError, "model 'dis' offers no gradient"),
+        (
+            "transfer:tiny:attack=universal:train=3",
+            UsageError,
+            "is trained in a run .robustflow run",
+        ),
     ],
 )
 def test_a_trained_attack_that_cannot_be_made_is_refused_in_one_line(name, error, message):
@@ -330,7 +336,7 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
     keys = tmp_path / "keys.txt"
     keys.write_text("1\n3\n")
 
-    with pytest.raises(UsageError, match=r"would be trained on sample '1', which is measured \(1 are\)"):
+    with pytest.raises(UsageError, match=r"would be trained on sample '1', which is measured \(1 such"):
         _run(tmp_path / "run", f"universal:train={keys}")
     with pytest.raises(UsageError, match="needs 3 training samples that are not measured, but only 2 are available"):
         _run(tmp_path / "run", "universal:train=3")
@@ -340,3 +346,53 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
 def test_other_training_samples_are_another_run(trained):
     with pytest.raises(RunError, match=r"the attack .* has changed since"):
         _run(trained.path, ["universal:train=2:steps=2", "patch:train=2:steps=1"], keys=DATA.keys()[2:])
+
+
+INSIDE = "transfer:tiny:attack=universal:train=2:steps=2:device=cpu"
+WORST = "worst_of:random_sign+universal:train=2:steps=2"
+
+
+@pytest.fixture(scope="module")
+def composed(tmp_path_factory):
+    """A run of trained attacks inside others."""
+    return _run(tmp_path_factory.mktemp("runs") / "run", [INSIDE, WORST])
+
+
+def _digests(run, name):
+    return dict(run.attack_rows.filter(corruption=name).select("sample", "frames_digest").iter_rows())
+
+
+def test_a_trained_attack_inside_a_transfer_is_trained_on_the_surrogate(composed, trained):
+    assert _digests(composed, INSIDE) == _digests(trained, "universal:train=2:steps=2")  # the surrogate is the model
+    assert len(list((composed.path / "attacks").glob("*.npy"))) == 2  # of the surrogate and of worst_of's part
+    assert set(composed.manifest.identity.frames.attack_sources) == {INSIDE, WORST}
+
+
+def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(composed, trained):
+    rows = composed.attack_rows.sort("sample")
+    errors = {name: rows.filter(corruption=name)["epe_sum"].to_list() for name in ("random_sign", WORST)}
+    alone = trained.attack_rows.filter(corruption="universal:train=2:steps=2").sort("sample")["epe_sum"].to_list()
+
+    assert errors[WORST] == [max(pair) for pair in zip(errors["random_sign"], alone, strict=True)]
+
+
+def test_a_trained_attack_inside_another_is_read_again_and_given_to_processes(composed, tmp_path, monkeypatch):
+    from robustflow.attacks.universal import Universal
+
+    spread = _run(tmp_path / "spread", [INSIDE, WORST], engine="processes", workers=1).attack_rows
+    monkeypatch.setattr(Universal, "learn", lambda *_: pytest.fail("trained again"))
+    for shard in (composed.path / "rows").iterdir():
+        shard.unlink()
+    again = _run(composed.path, [INSIDE, WORST]).attack_rows
+
+    assert again.sort("sample", "corruption").equals(spread.sort("sample", "corruption"))
+
+
+def test_a_trained_attack_inside_another_can_be_drawn_again(composed):
+    from robustflow.runner.attack_again import with_attack
+    from robustflow.runner.setup import set_up
+
+    setup = set_up(TINY, Benchmark("drawn", DATA, ("0", "1"), (), (5,), attacks=tuple(composed.attacks)))
+    for name in (INSIDE, WORST):
+        learned = with_attack(setup, composed, name, 5).plan.options.learned
+        assert [pattern.shape for levels in learned.values() for pattern in levels.values()] == [(2, 3, 40, 48)]

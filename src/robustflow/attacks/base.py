@@ -7,10 +7,12 @@ a stream that is passed in, so the same pair, model, options and seed give the s
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import UsageError, unknown_name
 from ..models.base import AnyModel
@@ -25,6 +27,12 @@ from .problem import Pair, Problem, refuse_without_gradient
 from .registry import norm_of
 
 _PACKAGE = __name__.partition(".")[0] + "."
+
+Pattern = npt.NDArray[np.float32]
+"""A trained array: the perturbation of all pairs, or a patch."""
+
+Learned = Mapping[str, Mapping[int, Pattern]]
+"""Trained arrays by the labels of `Attack.training` and by severity."""
 
 FAMILY = "adversarial"
 """The family of all attacks, which is never part of the paper's means."""
@@ -159,6 +167,19 @@ class Attack(ABC):
         """The training samples: their number, or a file that lists them; empty for most attacks, which are not
         trained."""
         return ""
+
+    def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
+        """Return what a run has to train for this attack on a model.
+
+        Returns:
+            For each trained attack, including those inside a composite one, its label, the attack, and the model on
+            which it is trained.
+        """
+        return {}
+
+    def with_learned(self, learned: Learned) -> Self:
+        """Return the attack with the perturbations that a run has trained."""
+        return self
 
     @property
     def needs(self) -> str:

@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from ..errors import DataError, unknown_name
 from ..random.rng import Rng
+from .base import Pattern
 from .images import Images
 from .problem import Problem
-from .trained import Pattern, Trained
+from .trained import Trained
 
 _STRIPE = 4
 """Width of a stripe, pixels."""

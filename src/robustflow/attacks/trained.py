@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ..digest import digest_of_bytes
 from ..errors import DataError, UsageError
 from ..models.base import AnyModel
 from ..random.rng import Rng
 from ..sample import Flow
-from .base import Attack
+from .base import Attack, Learned, Pattern
 from .evaluation import in_lockstep
 from .images import Images
 from .problem import Pair, Problem, refuse_without_gradient
-
-Pattern = npt.NDArray[np.float32]
-"""The trained array: the perturbation of all pairs, or the patch."""
 
 _MOMENTUM = 0.75
 """Weight of the running mean of earlier gradients."""
@@ -72,6 +68,14 @@ class Trained(Attack):
     def trains(self) -> str:
         """See `Attack.trains`."""
         return self.train
+
+    def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
+        """See `Attack.training`."""
+        return {self.label: (self, model)} if self.train else {}
+
+    def with_learned(self, learned: Learned) -> Self:
+        """See `Attack.with_learned`."""
+        return replace(self, learned=learned.get(self.label, {}))
 
     @property
     def source(self) -> str:

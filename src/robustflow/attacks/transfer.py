@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -13,9 +13,11 @@ from ..models.construct import as_model
 from ..models.loading import ModelSpec
 from ..random.rng import Rng
 from .api import load_attack
-from .base import VARIANTS, Attack
+from .ball import NORMS
+from .base import VARIANTS, Attack, Learned
 from .images import Images
 from .problem import Problem
+from .trained import Trained
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,7 @@ class Transfer(Attack):
     name: ClassVar[str] = "transfer"
     needs_gradients: ClassVar[bool] = False
     argument: ClassVar[str] = "on"
+    norms: ClassVar[tuple[str, ...]] = NORMS
     variants: ClassVar[tuple[str, ...]] = VARIANTS
 
     on: Any = "tiny"
@@ -53,10 +56,6 @@ class Transfer(Attack):
             raise UsageError(
                 "attack transfer: give the parts of worst_of, worst_of:transfer+..., and not worst_of itself"
             )
-        if inner.trains:
-            raise UsageError(
-                f"attack transfer: {inner.name} is trained on samples; run it, then give file= what it kept"
-            )
         rest = tuple((option, value) for option, value in options.items() if option not in known)
         if rest and not isinstance(on, str):
             raise UsageError(f"attack transfer: '{rest[0][0]}' is no option of {inner.name}, and the model is built")
@@ -72,6 +71,18 @@ class Transfer(Attack):
             model_options=self.model_options,
             **{each.name: getattr(inner, each.name) for each in fields(Attack)},
         )
+
+    def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
+        """See `Attack.training`; the training is on the surrogate."""
+        inner = self.attack
+        return {self.label: (inner, self._other)} if isinstance(inner, Trained) and inner.train else {}
+
+    def with_learned(self, learned: Learned) -> Self:
+        """See `Attack.with_learned`."""
+        inner = self.attack
+        if not (isinstance(inner, Trained) and inner.train):
+            return self
+        return replace(self, attack=replace(inner, learned=learned.get(self.label, {})))
 
     def known_options(self) -> set[str]:
         """See `Attack.known_options`; the options of the surrogate are checked when it is loaded."""

@@ -13,9 +13,10 @@ from ..errors import DataError, UsageError
 from ..models.base import AnyModel
 from ..random.rng import Rng
 from .ball import Ball
+from .base import Pattern
 from .images import Images
 from .problem import Problem
-from .trained import Pattern, Trained, read_array, read_file
+from .trained import Trained, read_array, read_file
 
 _REACH = 2.5
 """Sum of all training steps, as a multiple of the budget."""

@@ -11,7 +11,8 @@ from ..errors import UsageError, unknown_name
 from ..models.base import AnyModel
 from ..random.rng import Rng
 from .api import load_attack
-from .base import VARIANTS, Attack
+from .ball import NORMS
+from .base import VARIANTS, Attack, Learned
 from .images import Images, frames_of, images_of
 from .problem import Problem
 
@@ -31,6 +32,7 @@ class WorstOf(Attack):
     name: ClassVar[str] = "worst_of"
     needs_gradients: ClassVar[bool] = False
     argument: ClassVar[str] = "parts"
+    norms: ClassVar[tuple[str, ...]] = NORMS
     variants: ClassVar[tuple[str, ...]] = VARIANTS
 
     parts: tuple[Attack, ...]
@@ -48,10 +50,6 @@ class WorstOf(Attack):
             load_attack(name, **{option: value for option, value in options.items() if option in each})
             for name, each in zip(names, known, strict=True)
         ]
-        if trained := [part.name for part in parts if part.trains]:
-            raise UsageError(
-                f"attack worst_of: {trained[0]} is trained on samples; run it by itself, then give file= what it kept"
-            )
         if any(isinstance(part, WorstOf) for part in parts):
             raise UsageError("attack worst_of cannot contain another worst_of; name all parts: worst_of:A+B+C")
         norms = {part.norm for part in parts}
@@ -66,6 +64,14 @@ class WorstOf(Attack):
     def with_variant(self, variant: str) -> Self:
         """See `Attack.with_variant`; applies to every part that has the variant."""
         return replace(self, parts=tuple(part.with_variant(variant) for part in self.parts))
+
+    def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
+        """See `Attack.training`."""
+        return {label: one for part in self.parts for label, one in part.training(model).items()}
+
+    def with_learned(self, learned: Learned) -> Self:
+        """See `Attack.with_learned`."""
+        return replace(self, parts=tuple(part.with_learned(learned) for part in self.parts))
 
     @property
     def label(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from ..attacks.api import attack_pairs, first_warnings, pair_of_sample
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
-from ..attacks.trained import Trained
 from ..benchmarks import Benchmark
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
@@ -44,7 +42,7 @@ class AttackStage:
         for made in options.own_attacks:
             register_attack(made)
         self._attacks = {
-            name: replace(one, learned=options.learned.get(name, {})) if isinstance(one, Trained) else one
+            name: one.with_learned(options.learned)
             for name, one in attacks_in_run(options.attacks, options.variant).items()
         }
         self._model = model
@@ -96,8 +94,8 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
     """Check that all requested attacks work with a model.
 
     Returns:
-        For each attack that is not fully defined by its name, a digest of its source (`Attack.source`) and of its
-        training samples.
+        For each attack that is not fully defined by its name, a digest of its source (`Attack.source`) and the digests
+        of its training samples, separated by spaces.
 
     Raises:
         UsageError: the model needs more than two frames or reads precomputed flows, or no attack supports the variant.
@@ -111,8 +109,11 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
         raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run support it")
     for one in attacks.values():
         one.check(model)
-    trained = {name: training_digest(one, benchmark, seed) for name, one in attacks.items() if one.trains}
-    return {name: one.source for name, one in attacks.items() if one.source} | trained
+    sources = {
+        name: [one.source, *(training_digest(part, benchmark, seed) for part, _ in one.training(model).values())]
+        for name, one in attacks.items()
+    }
+    return {name: " ".join(filter(None, digests)) for name, digests in sources.items() if any(digests)}
 
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 
 from ..attacks import Attack, load_attack
 from ..attacks.api import pair_of_sample
-from ..attacks.trained import Pattern, Trained
+from ..attacks.base import Learned, Pattern
+from ..attacks.trained import Trained
 from ..benchmarks import Benchmark
 from ..datasets.split import read_split
 from ..digest import digest_of_value
@@ -18,9 +19,6 @@ from ..runs.clean_flows import read_clean, write_clean
 from ..runs.file_digests import file_digests
 from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
-
-Learned = dict[str, dict[int, Pattern]]
-"""Trained perturbations by attack and severity."""
 
 
 def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
@@ -73,31 +71,32 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     """
     options = plan.options
     attacks = attacks_in_run(options.attacks, options.variant)
-    trained = {name: one for name, one in attacks.items() if isinstance(one, Trained)}
-    learned: Learned = {name: {} for name, one in trained.items() if one.trains}
+    trained = {name: one.training(model) for name, one in attacks.items()}
+    learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
-        if name not in learned:
-            continue
-        pattern = learned_pattern(folder, plan, name, severity)
-        if pattern is None:
-            pattern = _trained(trained[name], plan, model, severity, batch_size)
-            path = folder.pattern_path(name, severity)
-            path.parent.mkdir(exist_ok=True)
-            write_clean(path, pattern, _made_of(plan, name, severity))
-        learned[name][severity] = pattern
+        for label, (attack, on) in trained.get(name, {}).items():
+            pattern = learned_pattern(folder, plan, label, severity)
+            if pattern is None:
+                pattern = _trained(attack, plan, on, severity, batch_size)
+                path = folder.pattern_path(label, severity)
+                path.parent.mkdir(exist_ok=True)
+                write_clean(path, pattern, _made_of(plan, label, severity))
+            learned.setdefault(label, {})[severity] = pattern
     return learned
 
 
-def learned_pattern(folder: RunFolder, plan: Plan, name: str, severity: int) -> Pattern | None:
-    """Return the perturbation of a trained attack; None if it is damaged or missing from the run folder."""
-    return read_clean(folder.pattern_path(name, severity), _made_of(plan, name, severity))
+def learned_pattern(folder: RunFolder, plan: Plan, label: str, severity: int) -> Pattern | None:
+    """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
+    folder."""
+    return read_clean(folder.pattern_path(label, severity), _made_of(plan, label, severity))
 
 
-def _made_of(plan: Plan, name: str, severity: int) -> str:
-    return f"{plan.digest()} {name} {severity}"
+def _made_of(plan: Plan, label: str, severity: int) -> str:
+    return f"{plan.digest()} {label} {severity}"
 
 
-def _trained(attack: Trained, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
+def _trained(attack: Attack, plan: Plan, model: AnyModel, severity: int, batch_size: int) -> Pattern:
+    assert isinstance(attack, Trained)
     options, benchmark = plan.options, plan.benchmark
     pairs = []
     for key in training_keys(attack, benchmark, options.seed):
