@@ -19,7 +19,7 @@ SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
 def rows_of(
     clean: np.ndarray, corrupted: np.ndarray, rcre: np.ndarray, groups: list[str] | None = None, digest: str = "d"
 ) -> pl.DataFrame:
-    """Rows built from errors per image: clean (n,), corrupted and rcre (n, 3), in pixels."""
+    """Build rows from per-image errors: clean (n,), corrupted and rcre (n, 3), in pixels."""
     records = []
     for index, first in enumerate(clean):
         base = {
@@ -60,15 +60,15 @@ class Truth:
     """A population of images with flow-like errors: positive, skewed, and with hard images that are hard in every
     condition.
 
-    `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, the image has the share `within`
-    of its variance and the sequence the rest.
+    `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, a share `within` of its variance
+    is due to the image and the rest to the sequence.
     """
 
     spread: float = 0.5
     within: float = 1.0
 
     def difficulty(self, rng: np.random.Generator, sizes: np.ndarray) -> np.ndarray:
-        """Factors exp(x) with x normal with mean -s^2/2, so that their mean is 1; one per image, cluster by cluster."""
+        """Log-normal factors with mean 1, one per image, ordered by cluster."""
         shared = np.repeat(rng.normal(0, self.spread * math.sqrt(1 - self.within), len(sizes)), sizes)
         own = rng.normal(0, self.spread * math.sqrt(self.within), int(sizes.sum()))
         return np.exp(shared + own - self.spread**2 / 2)
@@ -82,7 +82,7 @@ class Truth:
 
     @property
     def means(self) -> dict[tuple[str, str], float]:
-        """The true means: fog (3 + 5) / 2 = 4, snow 10, average 7."""
+        """The true means: (3 + 5) / 2 = 4 for fog, 10 for snow, and 7 on average."""
         return {
             ("epe", "clean"): 2.0,
             ("epe", "average"): 7.0,
@@ -95,7 +95,7 @@ class Truth:
 
 
 def coverage(once: Callable[[np.random.Generator], dict[object, bool]], repeats: int, seed: int) -> dict[object, float]:
-    """Percentage of the repetitions in which each statement was true."""
+    """Percentage of repetitions in which each statement was true."""
     rng = np.random.default_rng(seed)
     hits: dict[object, list[bool]] = {}
     for _ in range(repeats):

@@ -1,4 +1,4 @@
-"""The anatomy of error on rows whose components are known."""
+"""Error breakdown for rows with known components."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _summary(*rows: dict):
 
 
 def test_families_share_the_error():
-    """Two weather corruptions have CRE 6 and one noise has CRE 3: weather adds 4 px to a CRE of 5."""
+    """Two weather corruptions have CRE 6 and one noise corruption has CRE 3: weather adds 4 px to the mean of 5 px."""
     found = by_family(
         _summary(_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10), _row("snow", 1, 8, 20), _row("gaussian_noise", 1, 5, 7))
     )

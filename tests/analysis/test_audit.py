@@ -1,4 +1,5 @@
-"""The audit finds the inconsistencies in the published tables and planted ones, and none in consistent tables."""
+"""The audit finds the inconsistencies in the published tables and deliberately added ones, and none in consistent
+tables."""
 
 from __future__ import annotations
 
@@ -62,7 +63,7 @@ def test_both_numbers_are_given():
 
 
 def test_cre_against_exact_decimal_arithmetic():
-    """The same check in exact decimals finds the same cells."""
+    """The same check with exact decimal arithmetic finds the same cells."""
     rows = values_frame(published_results()).filter(benchmark="kitti-fc")
     number = {
         (r["metric"], r["setting"], r["model"], r["corruption"]): Decimal(f"{r['value']:.2f}")

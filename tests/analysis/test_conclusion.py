@@ -34,7 +34,7 @@ WITHOUT_TRUTH = ("n_all", "n_invalid", "rcre_all_sum", "pred_magnitude_sum", "he
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory) -> Path:
-    """Four frames of a moving picture, which form three pairs of one sequence."""
+    """Four frames of a moving image, which form three pairs from one sequence."""
     folder = tmp_path_factory.mktemp("frames")
     for index in range(4):
         write_image(folder / f"{index}.png", data.astronaut()[60:156, 60 + 3 * index : 188 + 3 * index].copy())
@@ -43,14 +43,14 @@ def frames(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def runs(frames, tmp_path_factory) -> list[Result]:
-    """Runs of two real models and a blind one on the same frames."""
+    """Runs of two real models and of a model that ignores its frames, all on the same frames."""
     folder = tmp_path_factory.mktemp("runs")
     models = {"dis": "dis", "dis_rgb": "dis_rgb", "blind": ConstantFlow(1, 1)}
     return [evaluate(model, "folder", frames, folder / name, **OPTIONS) for name, model in models.items()]
 
 
 def _scenes(run: Result, worse: float, scenes: int, seed: int = 0) -> Result:
-    """The run as if it covered many independent scenes, with made-up rows and without ground truth."""
+    """A copy of the run with synthetic rows from many independent scenes, without ground truth."""
     clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(scenes, int))
     moved = corrupted * worse
     rows = rows_of(clean, moved, moved)

@@ -1,7 +1,7 @@
-"""Intervals contain the truth, and tests reject a true hypothesis, as often as they claim.
+"""Intervals contain the true value, and tests reject a true null hypothesis, at their nominal rates.
 
-The truth is known because the images are drawn from a known population. The quick cases guard against gross errors;
-the slow ones measure, with the acceptance limits of 93 to 97 percent.
+The true value is known because the images are drawn from a known population. The fast tests catch gross errors; the
+slow ones measure the rates, with acceptance limits of 93 to 97 percent.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _interval_coverage(truth: Truth, clusters: int, images: int, repeats: int, s
 
 
 def _rejections(truth: Truth, clusters: int, images: int, repeats: int, seed: int) -> dict[object, float]:
-    """Percentage of trials in which two models that are equally good in the population are called different at 5 %."""
+    """Percentage of trials in which two models of equal quality are called significantly different at the 5 % level."""
 
     def once(rng: np.random.Generator) -> dict[object, bool]:
         sizes = _sizes(rng, clusters, images)
@@ -66,8 +66,8 @@ def test_intervals_of_independent_images_cover_roughly():
 
 
 def test_intervals_over_images_of_a_sequence_would_be_too_narrow():
-    """Treating the pairs of a sequence as independent misses the truth too often, so sequences are resampled as a
-    whole.
+    """Intervals that treat the pairs of a sequence as independent miss the true value too often, so
+    entire sequences are resampled.
     """
     truth = Truth(spread=0.5, within=0.2)
 
@@ -116,11 +116,11 @@ def test_level_of_the_paired_test(clusters, images, seed):
 
 
 _UNEQUAL = np.maximum(1, np.round(np.exp(np.random.default_rng(2).normal(1.2, 1.1, 34)))).astype(int)
-"""Pairs of 34 sequences with 1 to 37 pairs each."""
+"""Numbers of pairs in 34 sequences, 1 to 37 each."""
 
 
 def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -> dict[object, float]:
-    """Coverage of CREr's interval, and of an interval with the tails of CREr itself, on the same samples.
+    """Coverage of CREr's interval, and of the interval without the logarithm, on the same samples.
 
     `of_sequence` is the sigma of the logarithm of the factor by which corruption multiplies a sequence's errors.
     """

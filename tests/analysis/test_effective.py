@@ -1,4 +1,4 @@
-"""Effective robustness: planted trends are found, and a model does not affect the line it is compared with."""
+"""Effective robustness: known trends are recovered, and a model does not affect the line with which it is compared."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_a_planted_power_law_and_a_model_off_it():
     assert on_line[0].r_squared == pytest.approx(1.0)
     models["m3"] = (4.0, 0.6 * 3.0 * 4.0**0.7)
     first = effective_robustness(_results(models))["OOD"][0]
-    # The other models lie exactly on their line, so the result is the planted factor, not reduced by the model itself.
+    # The other models lie exactly on a line, so the result is exactly the planted factor.
     assert first.line.name == "m3"
     assert first.factor == pytest.approx(0.6)
 

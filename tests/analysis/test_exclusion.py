@@ -33,7 +33,8 @@ _HARD *= 1 / _HARD.mean()
 
 
 def _rows(clean: float, moved: float, motion: float = 50.0, truth: bool = True) -> pl.DataFrame:
-    """Forty images with a given mean clean EPE, change of error and flow under corruption, and length of both flows."""
+    """Forty images with given mean clean EPE, changes in error and in flow under corruption, and lengths of both
+    flows."""
     rows = rows_of(clean * _HARD, (clean + moved) * _HARD[:, None] * np.ones(3), moved * _HARD[:, None] * np.ones(3))
     lengths = {name: pl.lit(motion * PIXELS) for name in ("magnitude_sum", "pred_magnitude_sum")}
     of_truth = [name for name in rows.columns if name in ("n_valid", "n_truth", "epe_sum", "magnitude_sum")]
@@ -86,7 +87,8 @@ def test_experiments_and_rankings_use_one_guard():
     ids=["slow clip", "fast clip", "constant with noise", "slow constant", "constant"],
 )
 def test_flow_that_does_not_follow_the_frames_is_excluded_relative_to_its_length(motion, moved, blind):
-    """Under the mildest corruption DIS changes by 0.008 px where the motion is 0.24 px, less than a noisy constant."""
+    """Under the mildest corruption, the flow of DIS changes by 0.008 px for a motion of 0.24 px, less than a noisy
+    constant flow does."""
     for truth in (True, False):
         reasons = reasons_from_rows(_rows(0.01 * motion, moved, motion=motion, truth=truth))
         assert [reason.startswith("its flow hardly depends on the frames") for reason in reasons] == [True] * blind
@@ -104,7 +106,7 @@ def test_almost_no_flow_without_ground_truth_is_excluded():
 
 
 class ScaledDis:
-    """DIS with its flow scaled; a tenth of the flow changes a tenth as much under corruption."""
+    """DIS with scaled flow; with a factor of 0.1, the flow also changes a tenth as much under corruption."""
 
     def __init__(self, factor: float) -> None:
         self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
@@ -188,7 +190,8 @@ def test_a_lower_cre_is_not_a_verdict_without_the_accuracy():
 
 
 def test_many_models_are_compared_over_what_all_of_them_measured():
-    """One run has a third of the settings; a mean over three settings must not be compared with a mean over one."""
+    """One run has only a third of the conditions; a mean over three conditions must not be compared with a mean over
+    one."""
     part = _rows(5.0, 2.0).filter(pl.col("corruption").is_in(["clean", "snow"]))
     lines = compare_all({"a": _USELESS, "b": _SOUND, "c": part}, resamples=99)
     values = {}

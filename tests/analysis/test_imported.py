@@ -85,7 +85,7 @@ def test_files_under_the_same_corruptions_are_one_group(tmp_path):
 
 
 def test_files_of_flowbench_are_read_as_one(tmp_path):
-    """The numbers of RAFT equal those in the repository."""
+    """The numbers for RAFT equal those in the repository."""
     attack = _experiment("snow", 3, 69.0) | {"attack": "pgd"}
     files = [
         [_clean(0.643377952510491), _clean(0.6433216004259884)],
@@ -102,7 +102,7 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
     epe = values_of(lines, "epe")
     # the later one takes precedence, as in FlowBench's reader
     assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884
-    assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both files contain
+    assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the only severity in both files
     assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
     assert epe["own", "gma mine", "average"] == 30.0
     cre = values_of(lines, "cre")
@@ -179,7 +179,8 @@ def test_a_file_that_is_not_there_or_too_large(tmp_path):
 
 
 def _attack(attack, epe, **changed):
-    """A row in FlowBench's format; the numbers of the first are those of CCMR in the FlowBench repository."""
+    """An experiment in FlowBench's format; the numbers of the first one are those of CCMR in the FlowBench
+    repository."""
     entry = {"model": "ccmr", "checkpoint": "kitti", "attack": attack, "norm": "inf", "epsilon": 0.0314, "alpha": 0.01}
     entry |= {"iterations": 20, "targeted": False, "loss": "epe", "dataset": "kitti-2015", "metrics": {"epe": epe}}
     return entry | changed

@@ -1,6 +1,6 @@
-"""Intervals and tests on the structure of the 80 evaluated pairs, some of which share a drive.
+"""Intervals and tests for the structure of the 80 evaluated pairs, some of which come from the same drive.
 
-`docs/design/uncertainty.md` has the figures; this prints them:
+The following command prints the numbers in `docs/design/uncertainty.md`:
 
     python -m tests.analysis.test_kitti_structure
 """
@@ -21,7 +21,8 @@ SPREAD = 0.5
 
 
 def _true_drives(unmapped: str) -> list[str]:
-    """Drive of each pair; unmapped pairs form separate drives, groups of five neighbours, or whole runs."""
+    """Drive of each pair. Pairs without a known drive are separate drives, groups of five consecutive numbers, or
+    groups between known drives, depending on `unmapped`."""
     known, groups = drives("kitti2015"), drive_groups("kitti2015")
     of_unmapped = {
         "singles": lambda key: key,
@@ -45,9 +46,9 @@ def _mean(values: np.ndarray, groups: np.ndarray, seed: int, symmetric: bool) ->
 
 def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[str, tuple[float, float]]:
     """For each grouping ("pairs", "drives"), the percentage of 95 % intervals of a mean that contain it, and of tests
-    at 5 % that call two equally good models different.
+    at the 5 % level that call two equally good models different.
 
-    Difficulties are log-normal; `shared` of the variance of the logarithm is the drive's.
+    Difficulties are log-normal; a share `shared` of the variance of the logarithm is due to the drive.
     """
     rng, true = np.random.default_rng(seed), _numbers(_true_drives(unmapped))
     given = {name: _numbers(groups) for name, groups in GROUPS.items()}
@@ -79,7 +80,7 @@ def test_drives_as_groups_cover_more_than_pairs():
 @pytest.mark.slow
 @pytest.mark.parametrize("unmapped", ["singles", "fives", "runs"])
 def test_drives_as_groups_hold_the_level(unmapped):
-    """The statement holds for any drives of the unmapped pairs."""
+    """The statement holds regardless of how the unmapped pairs are assigned to drives."""
     found = simulate(unmapped, 0.6, repeats=600)
     assert found["drives"][0] >= 90, found
     assert found["drives"][1] <= 7.5, found

@@ -1,4 +1,4 @@
-"""The observations on the published data, and on made-up results with known verdicts."""
+"""The observations for the published data, and for synthetic results with known verdicts."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def test_the_verdicts_turn_with_the_numbers():
 
 
 def test_own_models_can_be_described():
-    """A user who states the kind of each model gets the observations about kinds."""
+    """If the user states the kind of each model, the observations about kinds are checked."""
     known = {"encoder": "CNN", "decoder": "", "year": 2025, "source": "own"}
     methods = {
         name: Method(method=name, type=kind, **known)
@@ -218,7 +218,7 @@ def test_costs_on_kitti_fc_are_no_evidence_about_gopro_fc():
 
 
 def test_models_of_equal_error_have_no_correlation():
-    """Five models with the same numbers: no correlation exists and no number is invented."""
+    """For five models with the same numbers, no correlation exists and none is reported."""
     lines = [
         f"OOD,{name},epe,{corruption},{value}"
         for name in "ABCDE"
@@ -231,7 +231,7 @@ def test_models_of_equal_error_have_no_correlation():
 
 
 def _of_pairs(results, pairs):
-    """The entries as if measured on `pairs` pairs."""
+    """Copies of the entries that appear to be measured on `pairs` pairs."""
     run = SimpleNamespace(summary=SimpleNamespace(samples=pairs))
     return [replace(line, run=run) for line in results]
 

@@ -1,4 +1,4 @@
-"""The number of pairs that a comparison needs: the plan is checked with simulated tests."""
+"""The number of pairs required for a comparison, checked with simulated tests."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _GOPRO_ORDER = [n for n in PAPER_ORDER if n not in ("h264_crf", "h264_abr", "bit
 
 
 def _tabular(tex: str, label: str) -> list[str]:
-    """Lines of the tabular that precedes a label, without rules."""
+    """Lines of the tabular environment before a label, without rules."""
     end = tex.index(f"\\label{{{label}}}")
     start = tex.rindex("\\begin{tabular}", 0, end)
     body = tex[start : tex.index("\\end{tabular}", start)]

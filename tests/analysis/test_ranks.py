@@ -1,4 +1,4 @@
-"""Ranks compared with SciPy's, whose import takes a second."""
+"""Ranks are equal to SciPy's; SciPy itself is not imported because that takes a second."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Measured rows violate no rule, for any model; each rule detects the change that it is meant to detect."""
+"""Measured rows satisfy every rule, for any model; each rule detects the change that it is meant to detect."""
 
 from __future__ import annotations
 

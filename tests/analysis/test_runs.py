@@ -1,4 +1,4 @@
-"""Runs beside the published rows: values, names, settings, and marks."""
+"""Runs in tables with the published rows: values, names, settings, and marks."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_an_excluded_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, 
     rows = runs[0].rows
     low = rows.with_columns(epe_sum=pl.col("epe_sum") / 100, clean_epe_sum=pl.col("clean_epe_sum") / 100)
     others = [made("Good", rows), made("Bad", rows.with_columns(epe_sum=2 * pl.col("epe_sum")))]
-    assert _marked([made("Lucky", low), *others])["Lucky"][0] > 0, "if it is ranked it is the best"
+    assert _marked([made("Lucky", low), *others])["Lucky"][0] > 0, "it would be the best if it were ranked"
     useless = made("Useless", low.with_columns(magnitude_sum=pl.col("n_valid") * 0.001))
     best = _marked([useless, *others])
     assert best["Useless"][0] == 0
@@ -219,7 +219,7 @@ def test_runs_over_the_same_frames_are_one_sample_set(runs, tmp_path):
 
 
 def test_what_is_averaged_over_less_is_not_a_rival(runs, tmp_path):
-    """The plan is the same, but the hardest settings are missing, so the average is not comparable."""
+    """The plan is the same, but the hardest conditions are missing, so the averages are not comparable."""
     folder = RunFolder(shutil.copytree(runs[0].path, tmp_path / "part"))
     rows = folder.rows()
     for shard in list_shards(folder.rows_folder):
@@ -247,7 +247,7 @@ def test_runs_that_differ_in_their_files_alone_are_named_by_these(runs, tmp_path
 
 
 def _changed(run, folder, **identity):
-    """A copy of a run with a different identity; `model` is merged into it."""
+    """A copy of a run with a different identity; `model` updates the model's settings in it."""
     copy = Result(shutil.copytree(run.path, folder))
     model = {**copy.manifest.identity.model.settings, **identity.pop("model", {})}
     change_identity(copy, model, **identity)

@@ -24,7 +24,7 @@ IMAGES = 60
 
 
 def _runs(image: float, seed: float, noise: float, seeds: int, rng: np.random.Generator) -> dict[int, pl.DataFrame]:
-    """CRE = 5 + image + seed + noise; all have fog at severities 1 and 3."""
+    """Runs with CRE = 5 + image + seed + noise; all contain fog at severities 1 and 3."""
     clean, own = np.full(IMAGES, 1.0), rng.normal(0, image, IMAGES)
     runs = {}
     for number in range(seeds):

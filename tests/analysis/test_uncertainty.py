@@ -31,7 +31,8 @@ def _rows(count: int = 30, seed: int = 0, groups: int | None = None, shift: floa
 
 
 def test_estimates_are_the_means_of_the_summary():
-    """The rows have gaps: no ground truth at one setting, a missing setting, a corruption outside the paper."""
+    """Rows with gaps: one condition without ground truth, a missing condition, and a corruption that is not in the
+    paper."""
     rows = _rows(12, groups=5)
     rows = rows.with_columns(
         n_valid=pl.when((pl.col("sample") == "00003") & (pl.col("corruption") == "fog")).then(0).otherwise("n_valid")
@@ -99,7 +100,7 @@ def test_means_and_influence_against_loops(data, clusters, settings_):
 )
 @settings(max_examples=60, deadline=None)
 def test_sums_of_products_give_what_influences_give(data, clusters, settings_, complete, kind):
-    """The fast form equals the influence of every cluster, in complete data and with gaps."""
+    """The fast formula gives the same result as the influence of every cluster, for complete data and with gaps."""
     rng = np.random.default_rng(data)
 
     def mean() -> Mean:
@@ -111,7 +112,7 @@ def test_sums_of_products_give_what_influences_give(data, clusters, settings_, c
     first = Statistic([Term(mean(), mean() if "ratio" in kind else None)])
     statistic = first - Statistic([Term(mean(), mean() if "ratio" in kind else None)]) if "diff" in kind else first
     weights = rng.multinomial(clusters, np.full(clusters, 1 / clusters), 50).astype(float)
-    weights = weights[weights[:, 0] > 0]  # the other settings may contain no image at all
+    weights = weights[weights[:, 0] > 0]  # the other clusters may not contain any image
     fast, slow = statistic(weights), statistic.estimates(weights)
     np.testing.assert_allclose(fast.theta, slow.theta, rtol=1e-10)
     np.testing.assert_allclose(fast.standard_error, slow.standard_error, rtol=1e-6, atol=1e-12)
@@ -352,14 +353,14 @@ def test_holm_against_its_definition(p_values):
     for rank, index in enumerate(order):
         steps = [min(1.0, (len(p_values) - j) * p_values[order[j]]) for j in range(rank + 1)]
         assert adjusted[index] == pytest.approx(max(steps))
-        # never milder than control of the false discovery rate, never stricter than Bonferroni
+        # never less strict than control of the false discovery rate, never stricter than Bonferroni
         assert adjusted[index] <= min(1.0, len(p_values) * p_values[index]) + 1e-12
     assert (np.array(adjusted) >= false_discovery_control(p_values) - 1e-9).all()
 
 
 def test_a_lower_cre_is_growth_of_the_error_and_only_rcre_is_change():
-    """DIS with N(0, 2 px) added to its flow has a lower CRE, because its clean error was large, and four times the
-    RCRE.
+    """With Gaussian noise of 2 px added to its flow, DIS has a lower CRE, because its clean error is already large, but
+    four times the RCRE.
     """
     rng = np.random.default_rng(0)
     clean = rng.uniform(1, 2, 40)

@@ -38,8 +38,8 @@ class Visit:
     complaints: list[str] = field(default_factory=list)
 
     def outside(self, *allowed: str) -> list[str]:
-        """Requests that leave the file: the URL has none of the schemes `file:`, `data:`, `blob:` and none of the
-        prefixes `allowed`.
+        """Requests to anything outside the file: those whose URL does not start with `file:`, `data:`, `blob:` or
+        one of the prefixes `allowed`.
         """
         return [url for url in self.requests if not url.startswith(("file:", "data:", "blob:", *allowed))]
 

@@ -73,7 +73,7 @@ def _clean(seen, app: App) -> None:
 def test_the_demo_pair_under_fog_has_the_librarys_numbers(opened, app):
     seen = opened()
     page = seen.page
-    assert page.url == f"http://{app.host}/", "the token is gone from the address"
+    assert page.url == f"http://{app.host}/", "the token is removed from the address"
     page.get_by_label("Corruption", exact=True).select_option("snow")
     expect(page.locator("#status")).to_contain_text("snow 3")
     page.get_by_label("Corruption", exact=True).select_option("fog")
@@ -106,7 +106,7 @@ def test_only_the_last_of_many_changes_counts(opened, app):
     for _ in range(4):
         page.keyboard.press("ArrowRight")
     expect(page.locator("#status")).to_contain_text("dis, fog 5")
-    assert len(asked) < 4, "keys pressed quickly are one request"
+    assert len(asked) < 4, "key presses in quick succession cause a single request"
     _clean(seen, app)
 
 
@@ -119,7 +119,7 @@ def test_a_slow_answer_does_not_come_after_a_newer_one(visit, tmp_path):
         page.locator("#model").select_option("farneback")
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         expect(page.locator("#busy")).to_be_hidden()
-        page.wait_for_timeout(1800)  # by now the slow model's two predictions would have ended
+        page.wait_for_timeout(1800)  # by now the slow model's two predictions would have finished
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         _clean(seen, app)
 
@@ -141,7 +141,7 @@ def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, tmp_path):
 
 
 def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
-    """The second model's numbers do not depend on the first, and the saved picture is as tall as its contents."""
+    """The second model's numbers do not depend on the first, and the saved image is as tall as its contents."""
     seen = opened()
     page = seen.page
     alone = _number(page, "epe")
@@ -234,7 +234,7 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
     expect(page.get_by_role("alert")).to_be_hidden()
     refused = [line for line in seen.complaints if "400" not in line]
-    assert refused == [], "the browser itself notes a refused request, and nothing else"
+    assert refused == [], "the browser logs only the refused request"
 
 
 def test_frames_dropped_on_the_page(opened, app):

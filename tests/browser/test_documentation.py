@@ -1,4 +1,4 @@
-"""The documentation site is built without warnings, loads nothing from elsewhere, and is readable on any screen."""
+"""The documentation site builds without warnings, loads nothing from other sites, and is readable on any screen."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""The pages in a real browser, opened from disk: everything works by pointer and keyboard, and nothing is fetched."""
+"""The pages in a real browser, opened from disk: they work with pointer and keyboard, and make no network requests."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ def test_everything_by_keyboard(opened):
 
 
 def test_pointing_at_a_mark_names_it(opened):
-    """The tooltip names the model at the centre of a bubble on which a dot is drawn."""
+    """The tooltip at the centre of a bubble shows the bubble's label, although a dot is drawn on top of it."""
     page = opened("leaderboard", reduced_motion="reduce")
     _kitti(page)
     mark = page.locator("svg.chart .mark[data-label^='RAFT (ID): clean EPE 1.81 px, CRE 6.70 px']")

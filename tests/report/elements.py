@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 
 class Elements(HTMLParser):
-    """The elements of an HTML text.
+    """The elements of an HTML document.
 
     Attributes:
         found: (tag, attributes) of every element, in order.

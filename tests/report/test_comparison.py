@@ -19,7 +19,7 @@ _HARD = _RNG.gamma(4, 0.25, 40)
 
 
 def _rows(factor: float):
-    """Forty images whose errors at the settings are `factor` times those of a second model."""
+    """Forty images whose errors under corruption are `factor` times those of a second model."""
     corrupted = factor * np.array([3.0, 5.0, 10.0]) * _HARD[:, None] * _RNG.gamma(50, 1 / 50, (40, 3))
     return rows_of(2 * _HARD, corrupted, corrupted)
 

@@ -1,4 +1,4 @@
-"""A run's results in other programs' formats, and files that somebody changed after writing."""
+"""Export of a run's results to other programs' formats, and detection of files that were changed afterwards."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def record(run, tmp_path_factory) -> Path:
 
 
 def exported(run: Result, format: str, folder: Path) -> list[Path]:
-    """The files of a format, written as by `export`."""
+    """The files of one format, written in the same way as by `export`."""
     paths = []
     for name, data in exchange_files(run, format, HUB).items():
         path = folder / name

@@ -1,4 +1,4 @@
-"""Figures draw the given numbers, and draw every name as text."""
+"""Figures show the given numbers, and show every name as text."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def _texts(figure: Figure) -> str:
 
 
 def test_bubbles_stand_where_the_numbers_say():
-    """RAFT in-domain has clean EPE 1.81, CRE 6.70, CREr 3.70; the area of a bubble is proportional to CREr."""
+    """RAFT in-domain has a clean EPE of 1.81, a CRE of 6.70 and a CREr of 3.70; a bubble's area is proportional to
+    CREr."""
     figure = clean_against_cre(_KITTI)
     assert len(figure.axes) == 2
     bubbles = [c for c in figure.axes[1].collections if c.get_sizes()[0] > 10]

@@ -1,4 +1,4 @@
-"""The gallery: its cells equal the output of `corrupt`, its files are complete, its page contains no addresses."""
+"""The gallery: its cells equal the output of `corrupt`, its files are complete, and its page contains no URLs."""
 
 import base64
 import io

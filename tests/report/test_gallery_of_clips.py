@@ -1,4 +1,4 @@
-"""The gallery of a clip: its frames are those of `corrupt_clip` and of the real codec, and its page plays from disk."""
+"""The gallery of a clip: its frames equal those of `corrupt_clip` and of the codec, and its page works from disk."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HEIGHT, WIDTH, COUNT = 96, 128, 21
 
 
 def _frame(index: int) -> np.ndarray:
-    """A picture that moves by two pixels per frame."""
+    """An image that moves by two pixels per frame."""
     return data.astronaut()[60 : 60 + HEIGHT, 100 + 2 * index : 100 + 2 * index + WIDTH].copy()
 
 
@@ -41,7 +41,7 @@ def video(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def gallery(tmp_path, monkeypatch, capsys):
-    """Call the command in an empty folder; returns exit code, output and errors."""
+    """Run the command in an empty folder; return its exit code, output and errors."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> tuple[int, str, str]:
@@ -95,9 +95,7 @@ def test_what_is_shared_in_time_stays_and_what_changes_changes(video, tmp_path):
 
 
 def test_the_codec_really_ran(video, tmp_path):
-    """Higher severities are coarser, frames are in their places, and a stream too short for bit errors
-    stays undamaged.
-    """
+    """Higher severities look coarser, frames are in order, and a stream too short for bit errors remains undamaged."""
     part = ClipPart(video, shown=3)
     shown = list(part.frames(part.shown))
     cells = {(cell.name, cell.severity): cell for cell in clip_cells(part, shown, [1, 5], list(CLIP[-3:]), tmp_path)}
@@ -105,7 +103,7 @@ def test_the_codec_really_ran(video, tmp_path):
         assert name in CLIP
         mild, severe = cells[name, 1], cells[name, 5]
         assert len(mild.frames) == len(severe.frames) == 3
-        assert severe.ssim < mild.ssim or name == "h264_abr"  # a bit rate may be more than enough for a small clip
+        assert severe.ssim < mild.ssim or name == "h264_abr"  # a small clip may not need all of the bit rate
         for frame, clean in zip(mild.frames, shown, strict=True):
             assert np.abs(frame.astype(int) - clean).mean() < 12
     assert cells["h264_crf", 5].ssim < 0.8

@@ -1,4 +1,4 @@
-"""A run's output in a notebook: nothing in it can execute, and the figures are those of the run."""
+"""A run's output in a notebook: nothing in it is executable, and the figures show the run."""
 
 import io
 import re

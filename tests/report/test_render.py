@@ -1,4 +1,4 @@
-"""Every format has the same numbers, and shows a hostile name as text."""
+"""Every format contains the same numbers, and shows hostile names as text."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def test_columns_are_the_frames_that_a_run_corrupts():
     sample = load_dataset("motorcycle").load("motorcycle")
     pair = tuple(np.ascontiguousarray(frame[:90, :120]) for frame in sample.frames)
     names = ["over_exposure", "gaussian_noise"]
-    predict = BrightnessFlow().predict  # a flow that identifies the frames that the model received
+    predict = BrightnessFlow().predict  # a flow that identifies the frames passed to the model
     columns = strip_columns(pair, predict, [load_corruption(name) for name in names], 4, 2, "motorcycle")
     assert [column.title for column in columns] == ["clean", *names]
     for column in columns[1:]:

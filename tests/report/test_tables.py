@@ -1,4 +1,4 @@
-"""The paper's tables have the printed values, marks and ranks; runs beside them are labelled."""
+"""The paper's tables have the printed values, marks and ranks; runs next to them are labelled."""
 
 from __future__ import annotations
 
@@ -91,7 +91,8 @@ def _own(text: str) -> list[ModelResult]:
 
 
 def test_other_frames_are_not_compared_with_the_papers():
-    """A model with a tiny error on different pairs takes no mark from a published one, and a note explains why."""
+    """A model with a tiny error on different pairs does not take the mark from a published one, and a note explains
+    why."""
     own = _own("OOD,Tiny,epe,clean,0.01,4 pairs\nOOD,Tiny,epe,fog,0.02,4 pairs\nOOD,Tiny,epe,average,0.02,4 pairs\n")
     table = build_table("epe", [*published_results(), *own])
     ood = next(section for section in table.sections if section.title == "Out-of-domain (OOD)")

@@ -36,7 +36,7 @@ def test_without_weights_the_two_that_learn_nothing_run():
     missing = {choice.variant: choice for choice in choices if isinstance(choice, Missing)}
     assert "releases/download/weights1/raft-things-802bbcfd.ckpt" in missing[RAFT[0]].remedy
     assert "--recipe ood" in missing[RAFT[0]].remedy
-    assert "http" not in missing[RAFT[1]].remedy  # no public checkpoint is that one
+    assert "http" not in missing[RAFT[1]].remedy  # no public checkpoint corresponds to this variant
     assert "--recipe id" in missing[RAFT[1]].remedy
     assert all(choice.remedy for choice in missing.values())
 

@@ -1,4 +1,4 @@
-"""Runs for pages: a small real one, and made-up ones of many images with known rows."""
+"""Runs for pages: a small real one, and synthetic ones with many images and known rows."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def small_run(tmp_path_factory) -> Result:
 
 @pytest.fixture(scope="session")
 def many_images(small_run) -> Callable[..., Result]:
-    """A function that makes a run of 40 imaginary images: `many_images(name, worse_by)`; equal seeds give the same
+    """A function that makes a synthetic run of 40 images: `many_images(name, worse_by)`; equal seeds give the same
     images.
     """
 

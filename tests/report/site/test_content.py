@@ -1,4 +1,4 @@
-"""The results that a page may show together, and those that it must not."""
+"""Which results a page may show together, and which it must not."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
 
 
 def test_no_winner_where_the_difference_is_none(many_images):
-    """The errors are equal, so only the name would put one first."""
+    """The errors are equal, so only the names would determine the order."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
     assert "A and Bb share the lead (CRE " in said[0]
@@ -139,7 +139,7 @@ def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
 
 
 class Blind(ConstantFlow):
-    """A model that predicts no finite flow."""
+    """A model that never predicts a finite flow."""
 
     def __init__(self):
         super().__init__(math.nan, math.nan)

@@ -1,4 +1,4 @@
-"""Pictures in a folder from anyone: only pixels reach the page, and only from that folder."""
+"""Example pictures in an untrusted folder: only pixels reach the page, and only from that folder."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_what_is_not_a_picture_is_refused(copied):
 
 
 def test_nothing_of_the_file_but_pixels_is_kept(copied):
-    """A comment in the header of a JPEG is not in the page."""
+    """A comment in the header of a JPEG file does not reach the page."""
     path = copied.path / "examples" / "clean.jpg"
     image = Image.open(path)
     image.load()

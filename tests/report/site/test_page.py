@@ -1,4 +1,4 @@
-"""A page is a complete single file, has the same bytes every time, and treats no name as markup."""
+"""A page is a single complete file, is identical every time it is built, and never treats a name as markup."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def _sections(text: str) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def imaginary(small_run, many_images):
-    """Runs of forty imaginary images in the folder of the real run."""
+    """Synthetic runs of forty images in the folder of the real run."""
 
     def make(name: str, worse_by: float = 1.0):
         run = many_images(name, worse_by)
@@ -201,7 +201,7 @@ def imaginary(small_run, many_images):
 
 @pytest.fixture(scope="module")
 def three_runs_page(small_run, imaginary) -> str:
-    """A real run and two imaginary ones beside the published values."""
+    """A real run and two synthetic ones, together with the published values."""
     return render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)]))
 
 

@@ -1,4 +1,4 @@
-"""A figure inside a page: marks have labels, ids are unique, colours are the page's."""
+"""A figure inside a page: marks have labels, ids are unique, and colours are those of the page."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -34,7 +34,7 @@ def test_every_model_is_a_mark_with_its_numbers():
 
 
 def test_a_mark_is_where_its_model_is():
-    """The test checks the order of the positions in one panel."""
+    """Check the order of positions in one panel."""
     figure = relations(_KITTI)
     root = _svg(figure)
     epe = {line.name: line.number("epe", "clean") for line in _KITTI if line.setting == "OOD"}
