@@ -76,7 +76,7 @@ def benchmark(cells: int) -> Benchmark:
 
 
 def answers(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
-    """An engine whose workers take no time."""
+    """An engine whose workers finish instantly."""
     schedule, key, clean = Schedule(units), None, {}
     flow = np.zeros((16, 24, 2), np.float32)
     while (unit := schedule.take(key)) is not None:

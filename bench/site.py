@@ -128,7 +128,7 @@ def main() -> None:
         pages: dict[str, Callable[[], str]] = {
             "report.html of a run": lambda: render_site(run_content(run)),
             "published results": lambda: render_site(whole_content([])),
-            f"{options.models} models beside them": lambda: render_site(
+            f"with {options.models} more models": lambda: render_site(
                 whole_content([], [("many.csv", many_models(options.models))])
             ),
         }

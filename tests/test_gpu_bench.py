@@ -36,5 +36,5 @@ def test_a_section_beyond_its_budget_is_a_row_and_the_next_one_runs(tmp_path):
     code, rows, table = measured(tmp_path, "--budget", "1", "attacks", "resume")
     assert code == 1
     assert [row["section"] for row in rows] == ["attacks", "resume"]
-    assert all("stopped after its budget of 1 s" in row["figures"]["failed"] for row in rows)
+    assert all("stopped after its time budget of 1 s" in row["figures"]["failed"] for row in rows)
     assert "**no**" in table.read_text()

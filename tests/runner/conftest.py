@@ -12,7 +12,7 @@ from ..corruptions.pictures import picture
 FRAMES = 6
 """Frames of `clip_folder`."""
 FAST = ("contrast", "high_light", "over_exposure", "impulse_noise")
-"""Corruptions that cost a few milliseconds."""
+"""Corruptions that take a few milliseconds."""
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def models_on_path(monkeypatch):
 
 @pytest.fixture(scope="session")
 def clip_folder(tmp_path_factory):
-    """A sequence of textured frames in which every pixel's neighbourhood differs."""
+    """A sequence of textured frames in which every pixel has a unique neighbourhood."""
     folder = tmp_path_factory.mktemp("frames")
     for number in range(FRAMES):
         write_image(folder / f"{number}.png", picture(48, 64, seed=number))

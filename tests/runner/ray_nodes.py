@@ -78,7 +78,7 @@ def cluster(variables: dict[str, str] | None = None, **node: int) -> Iterator[No
 
 
 def _started(folder: str, node: dict[str, int]) -> Nodes:
-    """Extend the 30 s that Ray allows a node to start, which may be too short on a busy machine."""
+    """Extend the 30 s that Ray allows for starting a node, which may be too short on a busy machine."""
     for attempts_left in (2, 1, 0):
         try:
             nodes = Nodes()

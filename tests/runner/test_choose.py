@@ -76,7 +76,7 @@ def test_an_object_that_stays_here_says_why():
     here = NamedModel(None, Model("cuda:0"), {}, None)
     here.model.run = lambda: None
     assert _describe(here) == "serial (this model object cannot be sent to another process)"
-    # requested explicitly, so an error is raised at startup
+    # requested explicitly, so an error is raised on startup
     assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
 
 

@@ -142,7 +142,7 @@ def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder,
 
 
 def test_a_model_of_more_frames_is_refused(clip_folder, maps, tmp_path):
-    with pytest.raises(UsageError, match=r"only for the two frames of a pair, and this model takes 5"):
+    with pytest.raises(UsageError, match=r"only for the two frames of a pair, but this model needs 5"):
         run(
             tmp_path / "run", "folder", clip_folder, ["fog_3d"], {"depth": maps},
             model=ModelSpec("tests.runner.models_for_tests:FiveFrames"),

@@ -1,4 +1,4 @@
-"""A run that is killed at any write and started again has the rows and files of an undisturbed run."""
+"""A run that is killed at any write and started again has the same rows and files as an undisturbed run."""
 
 import importlib.util
 import os

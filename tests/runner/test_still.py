@@ -209,7 +209,7 @@ def test_draws_that_are_equal_are_asked_once_and_have_no_spread(clip_folder, tmp
             return super().predict(frame1, frame2)
 
     run = still_run(Counting(), clip_folder, tmp_path / "run", draws=4, corruptions=["contrast"], limit=1)
-    assert Counting.asked == 2, "clean and contrast, which draws nothing"
+    assert Counting.asked == 2, "clean and contrast, which is not random"
     assert run.rows["spread_sum"].to_list() == [0.0, 0.0]
 
 

@@ -19,7 +19,7 @@ def lines(folder: Path) -> list[dict]:
 
 
 class StopAfter:
-    """Requests a stop after a number of updates."""
+    """Requests a stop after the given number of updates."""
 
     def __init__(self, updates: int) -> None:
         self.left = updates

@@ -47,7 +47,8 @@ def test_scales_of_dense_pairs():
     least = max((CROP[0] + 8) / SHAPE[0], (CROP[1] + 8) / SHAPE[1])
     assert min(min(scale) for scale in scaled) == pytest.approx(least)
     stretched = np.log2([x / y for x, y in scaled if x > least and y > least])
-    # Both axes are stretched by 2^U(-.2, .2) with probability 0.8, so their ratio is triangular, or 1.
+    # Both axes are stretched by 2^U(-.2, .2) with probability 0.8, so the logarithm of their ratio
+    # has a triangular distribution, or is 0.
     assert np.abs(stretched).max() <= 0.4
     unequal = stretched[np.abs(stretched) > 1e-12]
     assert stats.kstest(unequal, stats.triang(0.5, loc=-0.4, scale=0.8).cdf).pvalue > _ALPHA

@@ -52,8 +52,8 @@ class AttackStage:
         self._warnings: frozenset[str] | None = None
 
     def attack(self, targets: Sequence[tuple[Sample, Flow, Cell]]) -> list[Attacked]:
-        """Return the attacked pairs of cells of one attack, as computed by `robustflow.attack` with the run's seed and
-        the sample's key.
+        """Return the attacked pairs for the cells of one attack, as computed by `robustflow.attack` with the run's seed
+        and the sample's key.
 
         Args:
             targets: for each cell (sample key, attack, severity), its sample with clean frames and ground truth, the

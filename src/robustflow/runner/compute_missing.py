@@ -28,7 +28,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
 
     Args:
         folder: run folder, locked by this process.
-        setup: set-up of the run.
+        setup: setup of the run.
         engine: engine that computes the units.
         batch_size: number of severities predicted in one call.
         progress: notified of the size of the run and of every unit written to disk.

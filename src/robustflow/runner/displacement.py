@@ -19,7 +19,7 @@ from ..sample import Flow, Mask, Sample
 from .frames_digest import frames_digest
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
-"""Bin edges of flow magnitudes in pixels; the last bin contains everything from 100 on."""
+"""Bin edges of flow magnitudes in pixels; the last bin contains all magnitudes of at least 100."""
 
 
 def displacement_histogram(

@@ -148,7 +148,9 @@ def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
     if of_corruption.is_empty():
         return unknown_name("corruption of this run", corruption, of_sample["corruption"].unique().sort())
     levels = ", ".join(str(level) for level in of_corruption["severity"].sort())
-    return UsageError(f"this run has no severity {severity} of {corruption} on sample '{key}': choose from {levels}")
+    return UsageError(
+        f"this run does not include severity {severity} of {corruption} for sample '{key}': choose from {levels}"
+    )
 
 
 def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
@@ -164,5 +166,5 @@ def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
         if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
             raise RunError(
                 f"the model predicts a different flow than in the run on {where} ({name.upper()} {now} instead of "
-                f"{before}), so a picture would not show the measured flow; run it again in another folder"
+                f"{before}), so an image would not show the measured flow; repeat the run in a different folder"
             )

@@ -77,7 +77,7 @@ class MeasureStage:
             cell: cell to measure, (sample key, corruption, severity).
 
         Raises:
-            ModelError: the flow has pixels that are not finite, and the run does not allow them.
+            ModelError: the flow has pixels that are not finite, but the run does not allow them.
         """
         _, corruption, severity = cell
         with timed(self._seconds, "measure"):

@@ -98,10 +98,10 @@ def predict_flows(
     targets = {key: folder / f"{key}.{suffix}" for key in keys}
     there = [path for path in targets.values() if path.exists()]
     if there and not overwrite:
-        raise UsageError(f"{there[0]} already exists; choose another folder with -o, or give --overwrite")
+        raise UsageError(f"{there[0]} already exists; choose a different folder with -o, or use --overwrite")
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
-        raise UsageError("a folder of flow files cannot predict new frames; name a model")
+        raise UsageError("flow files cannot be used to predict new frames; specify a model")
     for key, flow in flows_of(named.model, dataset, keys):
         make_folder(targets[key].parent)
         write_flow(targets[key], flow)
@@ -146,7 +146,8 @@ def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius
             frame = dataset.load(one.key).frames[0]
             if frame.shape[:2] != (height, width):
                 raise DataError(
-                    f"{one.key} differs in size from the frames before it; all frames of a video must have one size"
+                    f"{one.key} differs in size from the frames before it; all frames of a video must have the same "
+                    "size"
                 )
             flow, valid = read_flow(one.flow)
             yield rgb_to_i420(_stacked(frame, flow_colours(flow, radius, valid)))

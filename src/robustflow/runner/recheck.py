@@ -97,11 +97,13 @@ def recheck(
             elif model is not None and (gap := _gap(made, row)) > TOLERANCE_PX:
                 problems.append(f"{where}: this model's error differs by {gap:.3g} px")
     if problems:
-        raise RunError(f"{len(problems)} of {chosen.height} rows do not match these data; the first: {problems[0]}")
+        raise RunError(
+            f"{len(problems)} of {chosen.height} rows do not match these data; first mismatch: {problems[0]}"
+        )
     drawn_rows = f"{chosen.height} of {rows.height} rows, drawn with seed {seed}"
     if model is not None:
-        return f"{drawn_rows}, were predicted again and agree within {TOLERANCE_PX} px of mean error"
-    return f"{drawn_rows}, have the frames and ground truth of these data"
+        return f"{drawn_rows}, were predicted again and agree to within {TOLERANCE_PX} px of mean error"
+    return f"{drawn_rows}, match the frames and ground truth of these data"
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:

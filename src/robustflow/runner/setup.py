@@ -94,8 +94,8 @@ def set_up(
     window = window_on(named.model, benchmark.dataset)
     if benchmark.depth_to_read() is not None and window is not None:
         raise UsageError(
-            f"3D corruptions need depth, which is available only for the two frames of a pair, and this model "
-            f"takes {window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
+            "3D corruptions need depth, which is available only for the two frames of a pair, but this model needs "
+            f"{window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
         )
     options = _options(
         seed,
@@ -220,8 +220,8 @@ def open_benchmark(
     variant: str = "default",
     still: bool = False,
 ) -> Benchmark:
-    """Open a benchmark by name, or use an object, with a variant of the corruptions for clips; or use its frames
-    without motion (`Benchmark.still`).
+    """Open a benchmark by name, or use a benchmark object. Optionally, set the variant of corruptions that are applied
+    to clips, or use the frames without motion (`Benchmark.still`).
 
     Raises:
         UsageError, DataError: see `load_benchmark` and `Benchmark.still`.

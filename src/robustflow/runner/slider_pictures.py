@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .setup import Setup
 
 WIDEST = 480
-"""Largest width of a slider picture, in pixels."""
+"""Maximum width of a slider picture, in pixels."""
 
 
 def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
@@ -38,8 +38,8 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
     """Yield a setup whose workers store the slider's pictures, if the sample to show is already known.
 
-    The sample is known if the run has only one. Otherwise it is chosen at the end, because storing the pictures of all
-    samples would cost more than making them again.
+    The sample is known if the run has only one sample. Otherwise it is chosen at the end, because storing the pictures
+    of all samples would cost more than making them again.
     """
     if len(setup.plan.benchmark.keys) > 1:
         yield setup
@@ -52,7 +52,7 @@ def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
 def keep_picture(
     folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int
 ) -> None:
-    """Store the picture of a cell. A picture that cannot be written is made later."""
+    """Store the picture of a cell. A picture that cannot be written is generated later."""
     with suppress(DataError):
         write_bytes(_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
 

@@ -1,4 +1,4 @@
-"""Write a model's flows on RobustSpring in the layout that the server's tool expects."""
+"""Write a model's flows for RobustSpring in the layout that the server's tool expects."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
         raise RunError(f"{run.path} does not record how to load its model; specify --model NAME and its options")
     named = name_model(spec)
     if isinstance(named.model, FlowLookup):
-        raise UsageError("a folder of flow files cannot predict new frames; name a model")
+        raise UsageError("flow files cannot be used to predict new frames; specify a model")
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
         raise RunError(

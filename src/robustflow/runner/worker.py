@@ -47,8 +47,8 @@ class Worker:
 
     Args:
         clean_path: function from a sample's key to the file in which its clean flow is stored between units.
-        on_predict: callback, called with a description before each prediction and with None after it; the processes
-            engine uses it to enforce the timeout.
+        on_predict: callback that receives a description before each prediction and None after it; the processes engine
+            uses it to enforce the timeout.
         batch_size: number of severities of a unit predicted, or of pairs attacked, in one call, if the model supports
             batches.
         kept: clean rows measured earlier, by sample (see `clean_row_check`); for these samples, changed frames, ground
@@ -94,7 +94,7 @@ class Worker:
         return rows
 
     def run_attack(self, units: Sequence[Unit]) -> list[list[dict[str, Any]]]:
-        """Return the rows of units of one attack; cells of different samples can share a batch."""
+        """Return the rows of the units of one attack; cells of different samples can share a batch."""
         targets = [(*self._load(unit.key), cell) for unit in units for cell in unit.cells]
         starts = range(0, len(targets), self._batch_size)
         views = chain.from_iterable(self._attacked(targets[start : start + self._batch_size]) for start in starts)

@@ -108,7 +108,7 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _spelled(value: Any) -> Iterator[bytes | memoryview]:
-    """Encode a value as unique bytes.
+    """Encode a value as a unique byte string.
 
     Raises:
         TypeError: a part has a type that checkpoints cannot store.

@@ -140,7 +140,8 @@ class TrainedNetwork(nn.Module):
         return first, second
 
     def weights(self) -> dict[str, Tensor]:
-        """Return the network's state under the names of its authors' files, which `run --checkpoint` reads."""
+        """Return the network's state with the parameter names of its authors' files, which `run --checkpoint` can
+        read."""
         state = self._inner.state_dict()
         if self.corrector is not None:
             state |= {f"{_CORRECTOR}{name}": value for name, value in self.corrector.state_dict().items()}

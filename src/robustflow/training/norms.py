@@ -27,7 +27,7 @@ def group_batchnorm(network: nn.Module, groups: int) -> None:
     GPUs (see `GroupedBatchNorm2d`). A single group has no effect."""
     if groups == 1:
         return
-    made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT has the same norm under two names
+    made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT registers the same norm under two names
     for parent in list(network.modules()):
         for name, child in list(parent.named_children()):
             if isinstance(child, nn.BatchNorm2d):

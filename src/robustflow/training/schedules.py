@@ -1,4 +1,4 @@
-"""Learning rates that depend only on the update, so that resuming needs no schedule state."""
+"""Learning rates that depend only on the update, so that resuming does not need any schedule state."""
 
 from __future__ import annotations
 

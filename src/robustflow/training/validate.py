@@ -39,8 +39,8 @@ def validator(model: NetworkModel, folder: Path, validation: Validation) -> Call
     """Return a function from the number of updates to the model's scores on a benchmark: `epe` on clean frames, and
     `cre` and `rcre` if corruptions are given, in pixels.
 
-    Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation starts
-    again.
+    Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation is
+    restarted.
 
     Raises:
         UsageError, DataError: as for `robustflow.evaluate`.

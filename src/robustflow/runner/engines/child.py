@@ -44,7 +44,7 @@ class Child:
 
     Args:
         target: module-level function to run in the child, called with the child's end of the pipe and `arguments`.
-        arguments: picklable arguments; connections and `SharedSlots` can be among them.
+        arguments: picklable arguments, which may include connections and `SharedSlots`.
     """
 
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
@@ -71,7 +71,7 @@ class Child:
             advice: advice for the same error message.
 
         Raises:
-            RunError: the child ended without an error message.
+            RunError: the child exited without an error message.
             RobustFlowError, RuntimeError: the error raised in the child.
         """
         try:
@@ -82,7 +82,7 @@ class Child:
             if not self._began and code == 1:
                 raise RunError(f"a worker process failed to start; the usual cause: {_UNGUARDED}") from None
             raise RunError(
-                f"a worker process ended without an error message (exit code {code}) while computing {doing}; "
+                f"a worker process exited without an error message (exit code {code}) while computing {doing}; "
                 f"the usual causes are lack of memory or a crash inside the model: {advice}"
             ) from None
         self._began = True

@@ -26,10 +26,10 @@ from .staged import staged
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
-"""Largest default number of feeders per device: a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
+"""Maximum default number of feeders per device: a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
 
 MOST_PROCESSES = 8
-"""Largest default number of processes: each takes 300 MB or more."""
+"""Maximum default number of processes: each takes 300 MB or more."""
 
 _CELLS_PER_PROCESS = 25
 """Several processes are the default only with at least this many cells per process, because a process takes about two
@@ -69,7 +69,7 @@ def choose_engine(
         if name == "processes" or workers is not None or timeout is not None:
             raise UsageError(
                 "attacks on an accelerator run in this process; leave out --engine, --workers and --timeout, "
-                "or run them without --attacks"
+                "or leave out --attacks"
             )
         return _serial(" (attacks need the model in this process)")
     why = ""

@@ -22,7 +22,7 @@ from .predictor import SlotRequest
 from .shared_slots import SharedSlots
 
 _OPEN_SAMPLES = 4
-"""Largest number of samples that a feeder holds in memory while it waits for their flows."""
+"""Maximum number of samples that a feeder keeps in memory while it waits for their flows."""
 
 
 def cells_ahead(batch_size: int) -> int:
@@ -69,7 +69,7 @@ def feed_forever(driver: Connection, job: Job, device: Connection, slots: Shared
 
 
 class _Feeder:
-    """The cells of a feeder, and the predictions that it waits for."""
+    """The cells of a feeder, and the predictions that it is waiting for."""
 
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots

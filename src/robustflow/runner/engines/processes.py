@@ -1,7 +1,7 @@
-"""A pool of worker processes, each of which does all stages of a unit with its own copy of the model.
+"""A pool of worker processes, each of which computes all stages of a unit with its own copy of the model.
 
-For models on the CPU. A model that hangs or crashes ends the run with a one-line error. Only the parent process writes
-shards, so an orphaned worker can never write to the folder of a resumed run.
+This engine is for models on the CPU. A model that hangs or crashes ends the run with a one-line error. Only the parent
+process writes shards, so an orphaned worker can never write to the folder of a resumed run.
 """
 
 from __future__ import annotations

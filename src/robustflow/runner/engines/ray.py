@@ -26,11 +26,11 @@ from .ray_member import Member
 from .schedule import Schedule
 
 ATTEMPTS = 3
-"""Largest number of actors that may be lost while computing the same unit."""
+"""Maximum number of actors that may be lost while computing the same unit."""
 _LOOK_S = 1.0
 """Interval between checks of the cluster's resources, in seconds."""
 _PATIENCE_S = 30.0
-"""Seconds without any actor before a warning is printed."""
+"""Time without any actor after which a warning is printed, in seconds."""
 
 
 def on_ray(
@@ -209,7 +209,7 @@ class _Crew:
         losses.append(f"{where} ({why})")
         if len(losses) == ATTEMPTS:
             raise RunError(
-                f"a worker ended without an error message while computing sample '{member.unit.key}', "
+                f"a worker exited without an error message while computing sample '{member.unit.key}', "
                 f"{member.unit.corruption}, {ATTEMPTS} times (on {', '.join(losses)}); the usual causes are lack of "
                 "memory or a crash inside the model: try fewer --workers"
             )

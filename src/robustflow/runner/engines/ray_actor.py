@@ -105,7 +105,7 @@ class UnitActor:
         return answered(lambda: self._begin(pickled, identity, files))
 
     def run(self, unit: Unit, files: Files) -> Answer:
-        """Return the rows of a unit and the seconds they took; `files` are the files of its sample."""
+        """Return the rows of a unit and the time they took, in seconds; `files` are the files of its sample."""
         return answered(lambda: self._run(unit, files))
 
     def predicting(self) -> tuple[str, float] | None:

@@ -20,7 +20,7 @@ from .ray_actor import Answer, answered, check_installed, installed
 from .ray_cluster import connected
 
 ATTEMPTS = 3
-"""Largest number of nodes that may be lost while preparing the same clip."""
+"""Maximum number of nodes that may be lost while preparing the same clip."""
 _APPEARS_S = 10.0
 """Time limit for a file written on one machine to become visible on the others, in seconds."""
 

@@ -10,7 +10,7 @@ from .base import Engine, FinishedUnit, Job, take_seconds
 
 
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
-    """Compute the units in sequence; units of the same attack in groups, if the model attacks pairs in batches."""
+    """Compute the units in sequence; if the model can attack pairs in batches, units of the same attack are grouped."""
     worker = job.worker()
     attacks = job.options.attacks if worker.batches_attacks else ()
     with one_opencv_thread():
@@ -21,8 +21,8 @@ def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
 
 
 def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iterator[list[Unit]]:
-    """Group the units of each attack so that a group has at least `cells` cells; other units are alone and keep their
-    order.
+    """Group the units of each attack into groups of at least `cells` cells; each other unit forms its own group, in the
+    original order.
 
     >>> units = [Unit(key, name, (1, 3)) for key in "ab" for name in ("fog", "pgd")]
     >>> [[unit.key for unit in group] for group in _grouped(units, ["pgd"], 4)]

@@ -18,7 +18,7 @@ from ...errors import RunError
 from ...sample import Flow, Frame
 
 BUDGET = 128 * 2**20
-"""Largest total size of a feeder's slots in bytes; exceeded only if the minimum number of slots needs more."""
+"""Maximum total size of a feeder's slots in bytes; exceeded only if the minimum number of slots needs more."""
 MOST_SLOTS = 64
 _PAGE = 4096
 

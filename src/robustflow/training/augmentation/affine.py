@@ -1,7 +1,7 @@
-"""Apply ARFlow's geometric transforms to a pair with predicted flow: both frames are moved, the second one slightly
-more (Liu et al., CVPR 2020, Sec. 3.3, with the transform of Hur and Roth, IRR, CVPR 2019).
+"""Apply ARFlow's geometric transforms to a pair with predicted flow: both frames are transformed, the second one
+slightly more (Liu et al., CVPR 2020, Sec. 3.3, with the transform of Hur and Roth, IRR, CVPR 2019).
 
-A move is a 3x3 matrix that maps coordinates of a frame, -1..1, to coordinates of the moved frame.
+A transform is a 3x3 matrix that maps coordinates of a frame, -1..1, to coordinates of the transformed frame.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ _ATTEMPTS = 10_000
 
 
 class Moves(NamedTuple):
-    """One draw: the transforms of frame 1 and frame 2."""
+    """One set of drawn transforms, for frame 1 and frame 2."""
 
     first: Matrix
     second: Matrix
 
 
 def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
-    """Draw both moves so that the moved frames of `shape` (H, W) contain no pixels from outside the frames.
+    """Draw both transforms so that the transformed frames of `shape` (H, W) do not contain any pixels from outside the
+    frames.
 
     Raises:
-        UsageError: the settings almost never allow such a move.
+        UsageError: the settings almost never allow such transforms.
     """
     of_both = (settings.translation, settings.zoom, settings.squeeze, settings.rotation)
     rotation = settings.relative_rotation
@@ -55,7 +56,7 @@ def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
 
 
 def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
-    """Move each map (N, C, H, W) with bilinear sampling; pixels from outside the map are 0."""
+    """Transform each map (N, C, H, W) with bilinear sampling; pixels from outside the map are 0."""
     height, width = maps.shape[2:]
     back = _tensor([np.linalg.inv(move) for move in moves], maps)
     grid = F.affine_grid(back, [len(moves), 1, height, width], align_corners=True)
@@ -65,7 +66,7 @@ def moved(maps: Tensor, moves: list[Matrix]) -> Tensor:
 
 
 def moved_flow(flow: Tensor, moves: list[Moves]) -> Tensor:
-    """Return the flow between the moved frames, (N, 2, H, W), in pixels.
+    """Return the flow between the transformed frames, (N, 2, H, W), in pixels.
 
     >>> flow = torch.full((1, 2, 4, 6), 0.5)
     >>> mirrored = np.diag([-1.0, 1.0, 1.0])
@@ -87,7 +88,8 @@ def _inside(
     rotation: Range,
     shape: tuple[int, int],
 ) -> Matrix:
-    """Draw a move and apply it after `before`, until the corners of the result come from inside the frame."""
+    """Draw a transform and apply it after `before`, and repeat this until the corners of the result are from inside the
+    frame."""
     for _ in range(_ATTEMPTS):
         larger, wider = rng.uniform(*zoom), rng.uniform(*squeeze)
         x, y = (rng.uniform(-translation / 2, translation / 2) for _ in range(2))
@@ -108,7 +110,7 @@ def _inside(
 
 
 def _applied(moves: Tensor, points: Tensor) -> Tensor:
-    """Move points (N, 2, H, W), in pixels, by matrices (N, 2, 3)."""
+    """Transform points (N, 2, H, W), in pixels, by matrices (N, 2, 3)."""
     height, width = points.shape[2:]
     half = points.new_tensor([(width - 1) / 2, (height - 1) / 2]).view(1, 2, 1, 1)
     turned = torch.einsum("nij,njhw->nihw", moves[:, :, :2], points / half - 1) + moves[:, :, 2, None, None]

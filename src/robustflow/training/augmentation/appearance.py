@@ -17,7 +17,7 @@ _BLURRED = 0.5
 
 
 class Look(NamedTuple):
-    """One draw for both frames.
+    """One set of drawn parameters for both frames.
 
     Attributes:
         jitter: colour jitter; operations with zero strength are left out of its order.

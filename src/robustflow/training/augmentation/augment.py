@@ -22,7 +22,7 @@ _EVEN = 0.5
 
 @dataclass(frozen=True)
 class Augmentation:
-    """One draw.
+    """One set of drawn parameters.
 
     Attributes:
         jitters: one jitter for both frames, or one for each; empty for unchanged colours.

@@ -15,7 +15,7 @@ _SCALED = 0.8
 """Probability of scaling."""
 _STRETCHED = 0.8
 _STRETCH = 0.2
-"""Largest stretch of one axis, as a power of two."""
+"""Maximum stretch of one axis, as a power of two."""
 _FLIPPED = (0.5, 0.1)
 """Probabilities of horizontal and vertical flips."""
 _MARGIN = {"dense": 8, "sparse": 1}
@@ -26,7 +26,7 @@ that crops include the borders more often."""
 
 
 class Geometry(NamedTuple):
-    """One draw.
+    """One set of drawn parameters.
 
     Attributes:
         scale: factors (x, y); None to keep the size.

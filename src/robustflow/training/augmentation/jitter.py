@@ -31,7 +31,7 @@ SPARSE = Strength(0.3, 0.3, 0.3, 0.3 / 3.14)
 
 
 class Jitter(NamedTuple):
-    """One draw: the factors, the hue shift, and the order of the four operations."""
+    """One set of drawn parameters: the factors, the hue shift, and the order of the four operations."""
 
     brightness: float
     contrast: float
@@ -107,7 +107,7 @@ def _saturated(image: Any, factor: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _turned(image: Any, turn: Any, hues: Any, saturations: Any) -> Any:
-    """Convert to 8-bit HSV as in Pillow, shift the hue by `turn` of 256 steps, and convert back."""
+    """Convert to 8-bit HSV as in Pillow, shift the hue by `turn` / 256 of the colour circle, and convert back."""
     out = np.empty_like(image)
     pixels, result = image.reshape(-1, 3), out.reshape(-1, 3)
     for i in range(pixels.shape[0]):

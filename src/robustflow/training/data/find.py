@@ -86,8 +86,8 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
             )
     if getattr(dataset, "non_occluded", False):
         warnings.warn(
-            f"{part.data} has no flow_occ/, so training uses its non-occluded ground truth (flow_noc/): the "
-            "network does not learn occluded motion, and these are not the recipe's data; unpack flow_occ/",
+            f"{part.data} has no flow_occ/, so training uses its non-occluded ground truth (flow_noc/): the network "
+            "does not learn occluded motion, and the data differ from those of the recipe; unpack flow_occ/",
             stacklevel=2,
         )
     return OpenPart(part, dataset, tuple(keys))

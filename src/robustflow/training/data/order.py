@@ -1,7 +1,8 @@
 """Define the order of the pairs, which depends only on the seed and the position.
 
-Positions count the pairs of a training run from 0: step t, place i of a batch of n is position t * n + i. The pair at a
-position does not depend on the number of loader workers or processes, or on when a training run was resumed.
+Positions count the pairs of a training run from 0: place i in the batch of n pairs at step t has the position t * n +
+i. The pair at a position does not depend on the number of loader workers or processes, or on when a training run was
+resumed.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Order:
         """Return the place in the epoch, 0 to `count` - 1, for a position.
 
         Args:
-            position: position in the training run, from 0.
+            position: position in the training run, counted from 0.
             attempt: 0 for the pair itself; 1 or more for replacements of an unreadable pair.
         """
         if attempt:

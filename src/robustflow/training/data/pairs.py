@@ -1,4 +1,4 @@
-"""Read and augment the training pairs by position; pairs are arrays."""
+"""Read and augment training pairs by position, and return them as arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loss on a batch for methods that learn without labels, as a module called by the loop."""
+"""The loss of a batch for methods that learn without labels, as a module that the training loop calls."""
 
 from __future__ import annotations
 
