@@ -153,7 +153,7 @@ def test_ten_pairs_per_second(tmp_path):
 
 def test_too_short_says_how_long_it_must_be(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "short", 20))
-    with pytest.raises(DataError, match=r"20 frames are too few .* give a clip of (\d+) frames") as caught:
+    with pytest.raises(DataError, match=r"20 frames are too few .* use a clip with at least (\d+) frames") as caught:
         clip_timing(source, FLOW)
     needed = int(str(caught.value).split("a clip of ")[1].split()[0])
     clip_timing(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
@@ -170,7 +170,7 @@ def test_finding_the_five_sequences(tmp_path):
     sources = find_sources(tmp_path)
     assert [(source.name, source.fps) for source in sources] == [(name, 240) for name in SEQUENCES]
     shutil.rmtree(tmp_path / "train" / SEQUENCES[0])
-    with pytest.raises(DataError, match=f"{SEQUENCES[0]} missing"):
+    with pytest.raises(DataError, match=f"missing GoPro sequences: {SEQUENCES[0]}"):
         find_sources(tmp_path)
 
 
@@ -196,7 +196,7 @@ def test_the_estimate_is_above_what_it_takes_but_not_by_far(tmp_path):
     assert 0.9 * used < estimate.kept < 2 * used
     assert clip.master.path.stat().st_size < 1.2 * estimate.masters
     check_room(estimate, tmp_path)
-    with pytest.raises(DataError, match="not enough room"):
+    with pytest.raises(DataError, match="not enough disk space"):
         check_room(estimate.__class__(10**15, 0, 0, 0, 1000), tmp_path)
 
 

@@ -161,7 +161,7 @@ def test_pictures_of_two_sizes(tmp_path):
 
 
 def test_no_pictures(tmp_path):
-    with pytest.raises(DataError, match="no pictures"):
+    with pytest.raises(DataError, match="contains no images"):
         PictureFolder(tmp_path)
 
 

@@ -1,1 +1,1 @@
-"""Turn high-frame-rate clips into pairs of key frames, and apply the corruptions that need the whole clip."""
+"""Turn high-frame-rate clips into pairs of key frames, and apply the corruptions that require an entire clip."""

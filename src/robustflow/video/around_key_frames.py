@@ -1,4 +1,4 @@
-"""Compute key frames from the surrounding master frames, for several parameters at once."""
+"""Compute key frames from the surrounding master frames, for several parameters at the same time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ Make = Callable[[Callable[[int], Frame], int, Sequence[int]], dict[int, Frame]]
 
 
 class AroundKeyFrames:
-    """Key frames of one clip with one corruption; caches the most recent ones, since each key frame belongs to two
-    pairs.
+    """Key frames of one clip with one corruption; recent frames are cached because each key frame belongs to two pairs.
 
     Args:
         make: function that maps `frame_at`, a key frame index and `parameters` to a dict from parameter to RGB uint8

@@ -1,4 +1,4 @@
-"""Cache folders on disk up to a size limit; the least recently used folders are removed first."""
+"""An on-disk cache of folders with a size limit; the least recently used folders are removed first."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _DIGEST = ".digest"
 
 
 class FolderCache:
-    """A cache of named folders below `root`, at most `limit` bytes in total, shared between processes.
+    """A cache of named folders in `root`, at most `limit` bytes in total, shared between processes.
 
-    Entries are created by renaming, so each is either complete or absent. Each entry contains a hash of its files; a
-    damaged entry is created again. If two processes need the same entry, it is created only once.
+    Entries are created by renaming, so each entry is either complete or absent. Each entry contains a hash of its
+    files; damaged entries are recreated. If two processes need the same entry, it is created only once.
 
     >>> from tempfile import mkdtemp
     >>> cache = FolderCache(Path(mkdtemp()), limit=10)
@@ -40,7 +40,7 @@ class FolderCache:
         self.limit = limit
 
     def use(self, name: str, make: Callable[[Path], object], read: Callable[[Path], T]) -> T:
-        """Read the entry `name`, creating it first if it does not exist.
+        """Read the entry `name`; create it first if it does not exist.
 
         Args:
             make: function that creates and fills the folder at the given path.
@@ -57,7 +57,7 @@ class FolderCache:
                     shutil.rmtree(entry, ignore_errors=True)
                     self._make(entry, make)
             with self._lock("all.lock"):
-                if entry.is_dir():  # a different process may have evicted the entry in the meantime
+                if entry.is_dir():  # another process may have evicted the entry in the meantime
                     os.utime(entry)
                     return read(entry)
 
@@ -91,9 +91,9 @@ class FolderCache:
 
     @contextmanager
     def _lock(self, name: str) -> Iterator[None]:
-        """Hold a file lock."""
+        """Hold a file lock while the context is active."""
         try:
-            # The operating system releases this lock when the process dies; a plain lock file would remain after a
+            # The operating system releases this lock when the process dies, whereas a plain lock file remains after a
             # kill.
             lock = FileLock(self.root / f".{name}", fallback_to_soft=False)
             lock.acquire()

@@ -1,6 +1,6 @@
 """Write and read RobustFlow's clips: MP4 files with one H.264 stream of known length and constant frame rate.
 
-Clips are written atomically, and read as packets (to damage them or to decode from the start) or by frame index.
+Clips are written atomically. They are read as packets (to damage them or to decode from the start) or by frame index.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ class ClipFile:
 
     @property
     def stored_size(self) -> tuple[int, int]:
-        """Return (H, W) of the coded pictures; both are even."""
+        """Return the size (H, W) of the encoded frames; both sides are even."""
         return even_size(self.height, self.width)
 
 
 def write_clip(
     path: Path, pictures: Iterable[I420], size: tuple[int, int], fps: Fraction, encoding: Encoding
 ) -> ClipFile:
-    """Encode I420 pictures as an MP4 file, using constant memory.
+    """Encode I420 frames as an MP4 file, using constant memory.
 
     Args:
-        path: path of the MP4 file, which appears once it is complete.
+        path: path of the MP4 file, which is created only when it is complete.
         size: size (H, W) of the frames before padding, in pixels.
         fps: frames per second.
     """
     temporary = path.with_name(f".{path.name}.part")
     height, width = even_size(*size)
     count = 0
-    # omit FFmpeg's version, so that the same pictures and encoder always give the same file
+    # omit FFmpeg's version, so that the same frames and encoder always result in the same file
     with av.open(str(temporary), "w", format="mp4", options={"fflags": "+bitexact"}) as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         configure(stream.codec_context, height, width, fps, encoding)
@@ -56,7 +56,7 @@ def write_clip(
             container.mux(stream.encode(video_frame(picture, count, fps)))
             count += 1
         if not count:
-            raise DataError(f"{path.name}: there are no frames to encode")
+            raise DataError(f"{path.name}: no frames to encode")
         container.mux(stream.encode(None))
     temporary.replace(path)
     return ClipFile(path, count, fps, *size)
@@ -83,7 +83,7 @@ def read_packets(clip: ClipFile, start: int = 0) -> Iterator[Packet]:
 
 
 def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
-    """Yield every picture from index `start` on, in order.
+    """Yield every frame in order, starting at index `start`.
 
     Raises:
         DataError: some frames are missing from the file.
@@ -104,8 +104,8 @@ def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
 class ClipReader:
     """Random access to the frames of a clip. Reading forwards decodes each frame once; reading backwards seeks.
 
-    Caches the last `keep` pictures, so overlapping windows are not decoded twice. The file is opened on first use, and
-    reopened after the reader is sent to a different process.
+    The last `keep` frames are cached, so overlapping windows are not decoded twice. The file is opened on first use and
+    reopened if the reader is sent to a different process.
     """
 
     def __init__(self, clip: ClipFile, keep: int = 64) -> None:
@@ -119,12 +119,12 @@ class ClipReader:
         return {"clip": self.clip, "_keep": self._keep, "_recent": OrderedDict(), "_rest": None, "_next": 0}
 
     def picture(self, index: int) -> I420:
-        """Return the I420 picture of frame `index`; callers must not modify it."""
+        """Return frame `index` as I420; callers must not modify it."""
         if not 0 <= index < self.clip.count:
             raise IndexError(f"{self.clip.path.name} has frames 0 to {self.clip.count - 1}, not {index}")
         if index in self._recent:
             return self._recent[index]
-        # a seek lands up to one group of pictures (x264: 250) earlier, so decoding on is cheaper for closer frames
+        # a seek goes back to the start of a group of pictures (x264: 250), so for near frames, decoding is faster
         if self._rest is None or not self._next <= index < self._next + 250:
             self._rest, self._next = read_pictures(self.clip, index), index
         for number, picture in self._rest:
@@ -145,4 +145,4 @@ def _open(clip: ClipFile) -> Any:
 
 
 def _damaged(clip: ClipFile, why: object) -> DataError:
-    return DataError(f"{clip.path}: not the clip that was prepared ({why}); delete its folder and prepare it again")
+    return DataError(f"{clip.path}: not the prepared clip ({why}); delete its folder and prepare it again")

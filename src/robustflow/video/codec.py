@@ -1,8 +1,8 @@
-"""Encode and decode H.264 with PyAV: pictures to packets, and packets to pictures by presentation time.
+"""Encode and decode H.264 with PyAV: frames to packets, and packets to frames by presentation time.
 
-Encoder and decoder use one thread each: several decoder threads give different pictures for damaged streams, and x264's
-rate control (ABR) depends on the thread count. Each packet carries the display index of its picture, so later steps do
-not have to count pictures.
+Encoder and decoder use one thread each, because the number of threads affects how damaged streams are decoded as well
+as x264's rate control (ABR). Each packet carries the display index of its frame, so later steps do not have to count
+frames.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .colour import I420
 
 @dataclass(frozen=True)
 class Packet:
-    """One coded picture: its bytes and its display index in the clip."""
+    """An encoded frame: its bytes and its display index in the clip."""
 
     data: bytes
     index: int
@@ -31,7 +31,7 @@ class Packet:
 
 @dataclass(frozen=True)
 class Encoding:
-    """Encoder settings: a name for records, and libx264 options."""
+    """Encoder settings: a name for records and libx264 options."""
 
     name: str
     options: tuple[tuple[str, str], ...]
@@ -40,12 +40,13 @@ class Encoding:
 PRESETS = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo",
 )  # fmt: skip
-"""x264's presets, fastest first."""
+"""The presets of x264, fastest first."""
 
 
 def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
-    """Encode losslessly with CRF 0, as the reference code does for its master (with preset veryslow). With
-    `every_frame`, all frames are intra-coded.
+    """Encode losslessly with CRF 0, as the reference code does for its master (with preset veryslow).
+
+    With `every_frame`, all frames are intra-coded.
     """
     if preset not in PRESETS:
         raise unknown_name("x264 preset", preset, PRESETS)
@@ -56,29 +57,28 @@ def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
 
 
 EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", "amd64") else "asm=0"),)
-"""Options of all lossy encodings, chosen so that the same pictures give the same stream on every machine.
+"""Options for all lossy encodings, chosen so that the same frames result in the same stream on every machine.
 
-x264's macroblock tree sets the quality of each part of a picture. Its AVX-512 code (core 165) reads uninitialised
-memory, so the stream differs between calls; the SSSE3 and later versions round sums differently from the C code, and
-SSE2 uses reciprocal instructions whose results differ between processor vendors. With MMX2 the tree runs in C, and the
-remaining code is exact integer arithmetic at any level. Lossless encoding does not use the tree, so it may use all
-instruction sets of the processor.
+x264's macroblock tree controls the quality of each part of a frame. Its AVX-512 code (core 165) reads uninitialised
+memory, so the stream differs between calls. The SSSE3 code and later versions round sums differently from the C code,
+and SSE2 uses reciprocal instructions, whose results differ between processor vendors. With MMX2, the tree is computed
+in C, and all other code uses exact integer arithmetic with any instruction set. Lossless encoding does not use the
+tree, so it may use all instruction sets of the processor.
 """
 
 
 def crf(value: int) -> Encoding:
-    """Encode with a constant rate factor, 0 (lossless) to 51, and preset medium, the default that the reference code
-    uses.
-    """
+    """Encode with a constant rate factor from 0 (lossless) to 51 and preset medium, the default in the reference
+    code."""
     if not 0 <= value <= 51:
         raise UsageError(f"a CRF of {value} is out of range: choose 0 (lossless) to 51")
     return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))
 
 
 def abr(rate: int) -> Encoding:
-    """Encode with an average bit rate in bit/s and maxrate = bufsize = rate, as in the reference code."""
+    """Encode with an average bit rate in bit/s and with maxrate = bufsize = rate, as in the reference code."""
     if rate <= 0:
-        raise UsageError(f"the bit rate cannot be {rate}: give bits per second")
+        raise UsageError(f"invalid bit rate {rate}: specify bits per second")
     return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
 
 
@@ -87,25 +87,25 @@ def configure(context: Any, height: int, width: int, fps: Fraction, encoding: En
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"
-    context.flags |= Flags.global_header  # as in an MP4 file; otherwise the rate control includes the header
+    context.flags |= Flags.global_header  # as in MP4 files; otherwise, the rate control includes the header
     context.options = dict(encoding.options)
 
 
 def video_frame(picture: I420, index: int, fps: Fraction) -> Any:
-    """Convert an I420 picture to a PyAV frame."""
+    """Convert an I420 frame to a PyAV frame."""
     frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="yuv420p")
     frame.pts, frame.time_base = index, 1 / fps
     return frame
 
 
 class Encoder:
-    """Encodes the I420 pictures of one clip as a stream of packets, in coded order.
+    """Encodes the I420 frames of one clip as a stream of packets, in coded order.
 
     Args:
-        height, width: size of the pictures in pixels, both even.
+        height, width: size of the frames in pixels, both even.
         fps: frames per second, used by the rate control.
 
-    `header` contains the parameter sets that a decoder needs.
+    `header` contains the parameter sets required by a decoder.
     """
 
     def __init__(self, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
@@ -116,7 +116,7 @@ class Encoder:
         self.header = bytes(self._context.extradata or b"")
 
     def encode(self, pictures: Iterable[tuple[int, I420]]) -> Iterator[Packet]:
-        """Encode (index, picture) pairs, given in display order, and yield their packets."""
+        """Encode (index, frame) pairs, which must be in display order, and yield their packets."""
         for index, picture in pictures:
             for packet in self._context.encode(video_frame(picture, index, self._fps)):
                 yield self._packet(packet)
@@ -133,17 +133,14 @@ class DecodeLog:
 
     refused_packets: int = 0
     strange_pictures: int = 0
-    """Number of pictures without a presentation time, or with a different size or format than the clip; counted as
-    lost.
-    """
+    """Number of frames without a presentation time, or whose size or format differs from the clip; counted as lost."""
 
 
 class Decoder:
-    """Decodes the packets of one clip to (display index, picture) pairs, in the order in which the decoder outputs
-    them.
+    """Decodes the packets of one clip to (display index, frame) pairs, in the output order of the decoder.
 
-    Packets that cannot be decoded are counted in `log` and skipped, as in the reference code. The output equals that of
-    FFmpeg's decoder with one thread and default error concealment.
+    Packets that cannot be decoded are counted in `log` and skipped, as in the reference code. The output is identical
+    to that of FFmpeg's decoder with one thread and default error concealment.
     """
 
     def __init__(self, header: bytes, height: int, width: int) -> None:
@@ -154,7 +151,7 @@ class Decoder:
         self.log = DecodeLog()
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[tuple[int, I420]]:
-        """Yield pictures as I420 uint8 (H * 3 / 2, W) with their display indices."""
+        """Yield frames as I420 uint8 (H * 3 / 2, W) with their display indices."""
         for packet in packets:
             if not packet.data:
                 continue  # an empty packet would end the stream

@@ -1,8 +1,9 @@
 """Convert between RGB and YUV 4:2:0 in exact integer arithmetic, independent of the version of any scaling library.
 
 The colour space is 8-bit BT.601 with limited range, which FFmpeg assumes when it converts PNG files to H.264 and back;
-the published GoPro-FC was created this way. As in FFmpeg's unscaled converter, chroma is averaged over 2x2 pixels when
-encoding and repeated when decoding. Frames are stored as I420: uint8 (H * 3 / 2, W), the Y plane, then U, then V.
+this is how the published GoPro-FC was created. As in FFmpeg's unscaled converter, chroma is averaged over 2x2 pixels
+when encoding and repeated when decoding. Frames are stored as I420: uint8 (H * 3 / 2, W) with the Y plane, followed by
+U and V.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from ..compiled import njit
 from ..sample import Frame
 
 I420 = npt.NDArray[np.uint8]
-"""One YUV 4:2:0 picture, uint8, shape (H * 3 / 2, W); H and W are even."""
+"""A YUV 4:2:0 frame, uint8 (H * 3 / 2, W); H and W are even."""
 
 
 def even_size(height: int, width: int) -> tuple[int, int]:
-    """Round both sides up to even numbers, as 4:2:0 requires.
+    """Round both sides up to even numbers, as required by 4:2:0.
 
     >>> even_size(375, 1242)
     (376, 1242)
@@ -29,7 +30,7 @@ def even_size(height: int, width: int) -> tuple[int, int]:
 
 
 def rgb_to_i420(frame: Frame) -> I420:
-    """Convert RGB uint8 (H, W, 3) to I420 uint8; an odd side is padded by repeating its last row or column.
+    """Convert RGB uint8 (H, W, 3) to I420 uint8; odd sizes are padded by repeating the last row or column.
 
     >>> import numpy as np
     >>> int(rgb_to_i420(np.full((2, 2, 3), 255, np.uint8))[0, 0])
@@ -55,7 +56,7 @@ def i420_to_rgb(picture: I420, height: int, width: int) -> Frame:
     """
     rows, columns = even_size(height, width)
     if picture.shape != (rows * 3 // 2, columns):
-        raise ValueError(f"an I420 picture of {width}x{height} is {(rows * 3 // 2, columns)}, not {picture.shape}")
+        raise ValueError(f"an I420 frame of {width}x{height} is {(rows * 3 // 2, columns)}, not {picture.shape}")
     picture = np.ascontiguousarray(picture)
     chroma = picture[rows:].reshape(2, rows // 2, columns // 2)
     out = np.empty((height, width, 3), np.uint8)

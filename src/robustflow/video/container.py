@@ -1,4 +1,4 @@
-"""Open user video files safely: accept only known containers, check the stated length, and decode strictly."""
+"""Open user video files safely: accept only known containers, check the declared length, and decode strictly."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import av
 from ..errors import DataError
 
 CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
-"""Allowed demuxers; playlists are excluded, because they can refer to different files or addresses."""
+"""Allowed demuxers; playlists are excluded because they can refer to other files or URLs."""
 
 STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
-"""Decoder options that raise an error instead of concealing what cannot be decoded. With more than one thread the H.264
-decoder loses the error, so a single thread is used.
+"""Decoder options that cause an error if data cannot be decoded, instead of concealing the damage. A single thread is
+used because with several threads, the H.264 decoder does not report the error.
 """
 
 _CUT = "copy or download it again"
 
 
 def open_video(path: Path) -> Any:
-    """Open a container whose video stream decodes strictly, in one thread.
+    """Open a container with its video stream set to strict decoding in one thread.
 
     Raises:
-        DataError: the file does not exist, is not a video, uses an unsupported container, or does not have the stated
-            length.
+        DataError: the file does not exist, is not a video, uses an unsupported container, or its length differs from
+            the declared length.
     """
     if not path.is_file():
         raise DataError(f"{path}: no such file; check the path")
     try:
         options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
         container = av.open(str(path.absolute()), options=options)
-    except av.error.ArgumentError as error:  # containers not on the list
+    except av.error.ArgumentError as error:  # the container is not in the list
         raise DataError(f"{path}: not a readable video (an unsupported container); convert it to .mp4") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise DataError(f"{path}: not a readable video ({reason(error)}); check or convert the file") from error
@@ -53,10 +53,10 @@ def open_video(path: Path) -> Any:
 
 
 def check_stated_length(path: Path, kind: str) -> None:
-    """Raise if the length of a file differs from the length stated by its container, if any.
+    """Check that the length of a file equals the length declared by its container, if any.
 
     Args:
-        kind: name of the container in FFmpeg.
+        kind: FFmpeg's name of the container.
     """
     size = path.stat().st_size
     with open(path, "rb") as file:
@@ -69,7 +69,7 @@ def check_stated_length(path: Path, kind: str) -> None:
 
 
 def reason(error: BaseException) -> str:
-    """Return the error reason from FFmpeg or the operating system on one line."""
+    """Return the reason for an error from FFmpeg or the operating system, as a single line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return str(text).splitlines()[0]
 
@@ -79,13 +79,13 @@ def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
     position = 0
     for identity, start, length in _elements(file, size):
         if length is None:
-            return  # a live recording, which states no length
+            return  # a live recording, which does not declare its length
         if identity not in _TOP:
             break
         position = start + length
     if position != size:
         state = "cut short" if position > size else "damaged"
-        raise DataError(f"{path}: {state}, {size} bytes but its segments state {position}; {_CUT}")
+        raise DataError(f"{path}: {state}, {size} bytes but its segments declare {position}; {_CUT}")
 
 
 _TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
@@ -115,7 +115,7 @@ def _elements(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int | None]
 
 
 def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
-    """Check that the RIFF chunks (several in files beyond 1 GB) fill the file."""
+    """Check that the RIFF chunks (several in files larger than 1 GB) fill the file."""
     position = 0
     while position < size:
         file.seek(position)
@@ -125,7 +125,7 @@ def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
         length = int.from_bytes(head[4:], "little")
         position += 8 + length + length % 2
     if position - size not in (0, 1):
-        raise DataError(f"{path}: cut short, {size} bytes but its header states {position}; {_CUT}")
+        raise DataError(f"{path}: cut short, {size} bytes but its header declares {position}; {_CUT}")
 
 
 def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:

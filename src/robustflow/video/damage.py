@@ -1,8 +1,8 @@
-"""Inject bit errors, reproducing exactly FFmpeg's `noise` bitstream filter with an integer amount.
+"""Inject bit errors exactly like FFmpeg's `noise` bitstream filter with an integer amount.
 
-The paper's Bit Error (appendix, "Video corruptions") applies this filter to the packets of the clip. For each byte, and
-continuing across packets, `state += byte + 1` (uint32, initially 0); if `state` is a multiple of the amount N, the byte
-is replaced by the low byte of `state`. So about one byte in N is changed, and the positions are deterministic.
+The paper's Bit Error (appendix, "Video corruptions") applies this filter to the packets of the clip. For each byte,
+`state += byte + 1` (uint32, initially 0, carried over between packets); if `state` is a multiple of the amount N, the
+byte is replaced with the low byte of `state`. So about one byte in N is changed, and the positions are deterministic.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .codec import Packet
 
 @dataclass
 class Damage:
-    """The effect of bit errors on a stream: counts, and the display indices of the frames with damaged packets."""
+    """The effect of bit errors on a stream: counts and the display indices of the frames with damaged packets."""
 
     amount: int
     bytes_total: int = 0
@@ -38,7 +38,7 @@ class NoiseFilter:
 
     def __init__(self, amount: int) -> None:
         if isinstance(amount, bool) or not isinstance(amount, int) or not 1 <= amount < 2**31:
-            raise UsageError(f"the noise amount cannot be {amount!r}: give a whole number from 1 to 2**31 - 1")
+            raise UsageError(f"invalid noise amount {amount!r}: must be an integer from 1 to 2**31 - 1")
         self.amount = amount
         self.state = 0
 

@@ -1,4 +1,4 @@
-"""Estimate the disk space that preparation needs from the first frames of the clips."""
+"""Estimate the disk space required for preparation from the first frames of the clips."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RELEASED_BYTES = 681 * 10**9
 
 @dataclass(frozen=True)
 class DiskEstimate:
-    """Bytes needed permanently, additional bytes needed while the largest clip is prepared, and free bytes."""
+    """Bytes required permanently, additional bytes required while the largest clip is prepared, and free bytes."""
 
     masters: int
     key_frames: int
@@ -45,18 +45,18 @@ class DiskEstimate:
     def __str__(self) -> str:
         share = 100 * (self.kept + self.variants) / RELEASED_BYTES
         return (
-            f"about {_gb(self.kept)} will stay (masters {_gb(self.masters)}, key frames {_gb(self.key_frames)}), "
-            f"{_gb(self.temporary)} more while it is made, later at most {_gb(self.variants)} of transcoded variants "
-            f"(all together {share:.2g} % of the released set's 681 GB); {_gb(self.free)} are free"
+            f"about {_gb(self.kept)} permanently (masters {_gb(self.masters)}, key frames {_gb(self.key_frames)}), "
+            f"{_gb(self.temporary)} more during preparation, later at most {_gb(self.variants)} of transcoded variants "
+            f"(in total {share:.2g} % of the released dataset's 681 GB); {_gb(self.free)} free"
         )
 
 
 def estimate_disk(
     sources: Sequence[Source], output: Path, preparation: Preparation, cache_limit: int, workers: int = 1
 ) -> DiskEstimate:
-    """Estimate from the first `PROBE` frames of every clip, always interpolated by flow.
+    """Estimate the disk space from the first `PROBE` frames of every clip, always interpolated by flow.
 
-    The probe is encoded with a fast preset and starts with an intra-coded frame, so the estimate is an overestimate.
+    These frames are encoded with a fast preset and start with an intra-coded frame, so the estimate is too high.
 
     Raises:
         DataError: a clip is too short or unreadable.
@@ -74,17 +74,17 @@ def estimate_disk(
 
 
 def check_room(estimate: DiskEstimate, output: Path) -> None:
-    """Raise if there is not enough room.
+    """Check that there is enough disk space.
 
     Raises:
-        DataError: there is less free space than masters, key frames and temporary files need.
+        DataError: there is not enough free space for masters, key frames and temporary files.
     """
     if estimate.kept + estimate.temporary > estimate.free:
-        raise DataError(f"{output}: not enough room: {estimate}; choose a different --output, or fewer clips")
+        raise DataError(f"{output}: not enough disk space: {estimate}; choose a different --output, or fewer clips")
 
 
 def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:
-    """Return the size in bytes of a master frame and of a key frame's PNG."""
+    """Return the size in bytes of a master frame and of the PNG of a key frame."""
     probe = list(islice(source.frames(), PROBE))
     frames = list(interpolate(probe, FlowInterpolator(), factor)) if factor > 1 else probe
     height, width = even_size(*source.size)

@@ -1,8 +1,8 @@
-"""Put decoded pictures at their positions and fill the gaps.
+"""Place decoded frames at their positions and fill the gaps.
 
-Damage can remove any frame from a stream. The reference code numbers the remaining frames in output order, which shifts
-all later frames by one per lost frame; here each picture is placed by its presentation time. As in a player, a lost
-frame is replaced by the previous picture, or by the first decoded picture if there is none.
+Damage can remove any frame from a stream. The reference code numbers the remaining frames in output order, so every
+lost frame shifts all later frames by one. Here, each frame is placed according to its presentation time. As in a video
+player, a lost frame is replaced with the previous frame, or with the first decoded frame if there is none.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..errors import DataError
 from .colour import I420
 
 REORDER = 32
-"""Number of pictures buffered to restore display order; H.264 needs at most 16."""
+"""Number of frames buffered to restore the display order; H.264 requires at most 16."""
 
 
 @dataclass
@@ -24,8 +24,9 @@ class Fill:
 
     Attributes:
         count: number of frames in the clip.
-        lost: runs of lost frames, `(first, last, source)`; frames first..last are replaced by decoded frame `source`.
-        dropped: number of unused pictures: decoded twice, too late, or with a time outside the clip.
+        lost: runs of lost frames, `(first, last, source)`: frames first to last are replaced with decoded frame
+            `source`.
+        dropped: number of unused frames: decoded twice, too late, or with a time outside the clip.
     """
 
     count: int
@@ -34,13 +35,14 @@ class Fill:
 
     @property
     def frames_lost(self) -> int:
-        """Return the number of filled frames."""
+        """Return the number of replaced frames."""
         return sum(last - first + 1 for first, last, _ in self.lost)
 
 
 def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Yield pictures by ascending index, each index once, with a bounded buffer; pictures that arrive too late are
-    counted as dropped.
+    """Yield frames by ascending index without duplicates, using a bounded buffer.
+
+    Frames that arrive too late are counted as dropped.
     """
     waiting: list[tuple[int, int, I420]] = []
     last = -1
@@ -58,10 +60,10 @@ def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterat
 
 
 def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
-    """Yield exactly `fill.count` pictures with index 0, 1, 2, ...; replace lost pictures and record them in `fill`.
+    """Yield exactly `fill.count` frames with indices 0, 1, 2, ...; replace lost frames and record them in `fill`.
 
     Raises:
-        DataError: no picture could be decoded.
+        DataError: no frame could be decoded.
 
     >>> import numpy as np
     >>> picture = [np.full((3, 2), i, np.uint8) for i in range(6)]
@@ -84,7 +86,7 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
         next_index = index + 1
     if previous is None:
         raise DataError(
-            f"none of the {fill.count} frames could be decoded from the damaged stream; choose a milder damage"
+            f"none of the {fill.count} frames could be decoded from the damaged stream; choose a milder severity"
         )
     if next_index < fill.count:
         source, shown = previous

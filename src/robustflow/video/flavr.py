@@ -27,7 +27,7 @@ class Gate(nn.Module):
 
 
 class BasicBlock(nn.Module):
-    """A residual block of two 3 x 3 x 3 convolutions and a gate. Keys: `conv1.0 conv2.0 fg`, and `downsample.0`.
+    """A residual block of two 3 x 3 x 3 convolutions and a gate. Keys: `conv1.0 conv2.0 fg` and `downsample.0`.
 
     The temporal stride is always 1.
     """
@@ -60,7 +60,7 @@ class ResNet18(nn.Module):
         self.layer4 = nn.Sequential(BasicBlock(256, 512, 1, bias), BasicBlock(512, 512, 1, bias))
 
     def forward(self, clip: Tensor) -> list[Tensor]:
-        """Map (N, 3, T, H, W) to five feature maps at 1/2, 1/2, 1/4, 1/8 and 1/8 of the spatial size."""
+        """Map (N, 3, T, H, W) to five feature maps with 1/2, 1/2, 1/4, 1/8 and 1/8 of the spatial size."""
         maps = [self.stem(clip)]
         for layer in (self.layer1, self.layer2, self.layer3, self.layer4):
             maps.append(layer(maps[-1]))
@@ -93,21 +93,21 @@ class Refine(nn.Module):
 
 
 class Fuse(nn.Module):
-    """Fuses all frames at a pixel into one feature vector. Key: `conv.0`."""
+    """Fuses the features of all frames at each pixel. Key: `conv.0`."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
         self.conv = nn.Sequential(nn.Conv2d(inputs, outputs, 1, bias=False))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, C, T, H, W) to (N, outputs, H, W); the input channels are grouped by frame, in time order."""
+        """Map (N, C, T, H, W) to (N, outputs, H, W); the input channels are grouped by frame, in temporal order."""
         return F.leaky_relu(self.conv(x.transpose(1, 2).flatten(1, 2)), 0.2)
 
 
 class FLAVR(nn.Module):
-    """A 3D U-Net without flow that predicts `n_outputs` frames between the second and third of four input frames.
+    """A flow-free 3D U-Net that predicts `n_outputs` frames between the second and third of four input frames.
 
-    The state dict keys equal those of the authors' files without `module.`.
+    The state dict keys are those in the authors' files without `module.`.
 
     Args:
         n_outputs: number of predicted frames: 1, 3 or 7, for 2, 4 or 8 times the frame rate.
@@ -115,7 +115,7 @@ class FLAVR(nn.Module):
 
     def __init__(self, n_outputs: int = 3) -> None:
         super().__init__()
-        # The authors' encoder has biases only in the networks that predict several frames.
+        # In the authors' code, the encoder has biases only if the network predicts several frames.
         self.encoder = ResNet18(bias=n_outputs > 1)
         self.decoder = nn.Sequential(Refine(512, 256), Widen(512, 128), Widen(256, 64), Refine(128, 64), Widen(128, 64))
         self.feature_fuse = Fuse(4 * 64, 64)
@@ -125,10 +125,10 @@ class FLAVR(nn.Module):
         """Predict the frames between the middle two of four frames.
 
         Args:
-            frames: four frames in time order, RGB float (N, 3, H, W), range 0..1, H and W multiples of 8.
+            frames: four frames in temporal order, RGB float (N, 3, H, W) in [0, 1]; H and W are multiples of 8.
 
         Returns:
-            `n_outputs` frames in time order, float (N, 3, H, W), range roughly 0..1, not clamped.
+            `n_outputs` frames in temporal order, float (N, 3, H, W), roughly in [0, 1] but not clamped.
 
         >>> between = FLAVR(n_outputs=1).eval()([torch.rand(1, 3, 16, 24)] * 4)
         >>> len(between), between[0].shape
@@ -146,13 +146,13 @@ class FLAVR(nn.Module):
 
 
 def load_flavr(checkpoint: str | Path, device: str = "cpu", n_outputs: int = 3, sha256: str | None = None) -> FLAVR:
-    """Load the network with the authors' weights in evaluation mode.
+    """Load the network with the authors' weights, in evaluation mode.
 
     Args:
-        checkpoint: path of the authors' file for this number of outputs (their 2x, 4x or 8x network).
-        device: device name, see `find_device`.
-        n_outputs: number of predicted frames, see `FLAVR`.
-        sha256: expected hash of the file, see `read_checkpoint`.
+        checkpoint: path of the authors' file for this number of outputs (the 2x, 4x or 8x network).
+        device: device name; see `find_device`.
+        n_outputs: number of predicted frames; see `FLAVR`.
+        sha256: expected hash of the file; see `read_checkpoint`.
 
     Raises:
         ModelError: the file does not contain these weights, or the device does not exist.

@@ -13,14 +13,15 @@ from ..errors import UsageError
 from ..sample import Frame
 
 MULTIPLE = 8
-"""Frame sides must be multiples of this number; other sizes are padded by repeating the border, then cropped."""
+"""Height and width must be multiples of this number; other sizes are padded by repeating the border and cropped
+again."""
 
 
 class FlavrInterpolator:
-    """The interpolator called "flavr", 4x (Kalluri et al., WACV 2023; the paper's choice). Needs the torch extra.
+    """The interpolator "flavr", 4x (Kalluri et al., WACV 2023; used in the paper). Requires the extra `torch`.
 
-    Frames are not split into tiles: the network's gates average over the whole picture, so tiling would change the
-    result.
+    Frames are not split into tiles, because the network's gates average over the entire frame, and tiling would change
+    the result.
 
     Args:
         checkpoint: path of the official 4x weights.
@@ -44,7 +45,7 @@ class FlavrInterpolator:
         """
         if factor != 4:
             raise UsageError(
-                f"FLAVR's 4x weights do not support a factor of {factor}: give --factor 4, or --interpolator flow"
+                f"FLAVR's 4x weights do not support a factor of {factor}: use --factor 4 or --interpolator flow"
             )
         import torch
 

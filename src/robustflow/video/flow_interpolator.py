@@ -1,8 +1,8 @@
-"""Interpolate frames with bidirectional DIS flow, handling occlusions; needs no FLAVR weights.
+"""Interpolate frames with bidirectional DIS flow, taking occlusions into account; does not require FLAVR's weights.
 
-The scheme follows the Middlebury benchmark (Baker et al., IJCV 2011, Sec. 3.3 "Interpolation error"): warp the flow
+The algorithm follows the Middlebury benchmark (Baker et al., IJCV 2011, Sec. 3.3 "Interpolation error"): warp the flow
 forward to the new time, keep the most consistent vector where several land on the same pixel, fill holes, and blend
-both images except where the point is occluded in one of them.
+both frames except where the point is occluded in one of them.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ flow magnitude.
 
 
 class FlowInterpolator:
-    """The interpolator called "flow". DIS runs with one thread, so the result is deterministic."""
+    """The interpolator "flow". DIS uses one thread, so the result is deterministic."""
 
     name = "flow"
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
         """Return `factor - 1` frames between the middle two frames of the window; `factor` is at least 2."""
         if factor < 2:
-            raise UsageError(f"a factor of {factor} leaves nothing to interpolate: give 2 or more")
+            raise UsageError(f"nothing to interpolate with a factor of {factor}: must be at least 2")
         first, second = (np.ascontiguousarray(frame) for frame in window[1:3])
         forward, backward = _dis(first, second), _dis(second, first)
         seen_first, seen_second = _visible(forward, backward), _visible(backward, forward)
@@ -61,7 +61,7 @@ def _dis(first: Frame, second: Frame) -> Field:
 
 @njit(cache=True, nogil=True)
 def _visible(flow: Any, back: Any) -> Any:
-    """Return bool (H, W): whether the point remains inside the frame and is not occluded in the other frame."""
+    """Return, as bool (H, W), whether each point remains inside the frame and is not occluded in the other frame."""
     height, width = flow.shape[:2]
     out = np.zeros((height, width), np.bool_)
     for y in range(height):
@@ -76,8 +76,9 @@ def _visible(flow: Any, back: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first: Any, second: Any, time: Any) -> Any:
-    """Return the flow from frame 1 to 2 at `time`, float32 (H, W, 2), and where each point is visible: in both frames
-    (0), only in frame 1 (1) or only in frame 2 (2).
+    """Return the flow from frame 1 to frame 2 at `time`, float32 (H, W, 2), and the visibility of each point.
+
+    The visibility is 0 if the point is visible in both frames, 1 if only in frame 1, and 2 if only in frame 2.
     """
     height, width = forward.shape[:2]
     flow = np.zeros((height, width, 2), np.float32)
@@ -105,7 +106,7 @@ def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first
                         claim += abs(np.float32(here[c]) - np.float32(there[c]))
                     mark = 0
                 else:
-                    claim = np.float32(1e6) + span * np.hypot(u, v)  # only if no visible point claims the pixel
+                    claim = np.float32(1e6) + span * np.hypot(u, v)  # only if no visible point moves to the pixel
                     mark = 1 + side
                 for dy in range(2):
                     for dx in range(2):
@@ -120,7 +121,7 @@ def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first
 
 @njit(cache=True, nogil=True)
 def _fill_holes(flow: Any, cost: Any) -> None:
-    """Fill holes with the flow of the nearest filled point in the same row, or else in the same column."""
+    """Fill holes with the flow at the nearest filled point in the same row, or otherwise in the same column."""
     height, width = cost.shape
     empty = np.float32(1e9)
     for axis in range(2):
@@ -146,8 +147,9 @@ def _fill_holes(flow: Any, cost: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(first: Any, second: Any, flow: Any, sight: Any, time: Any) -> Any:
-    """Sample both frames along the flow and blend them by time; where a point is visible in only one frame, use that
-    frame.
+    """Sample both frames along the flow and blend them by time.
+
+    Where a point is visible in only one frame, only that frame is used.
     """
     height, width = flow.shape[:2]
     out = np.empty((height, width, 3), np.uint8)

@@ -10,8 +10,8 @@ from ..errors import AssetError, UsageError
 from ..sample import Frame
 
 WINDOW = 4
-"""Number of frames passed to an interpolator: the two frames around the gap and one more on each side, as FLAVR
-requires.
+"""Number of frames passed to an interpolator: the two frames around the gap and one more on each side, as required by
+FLAVR.
 """
 
 
@@ -19,7 +19,7 @@ class Interpolator(Protocol):
     """Interpolates frames between two frames.
 
     Attributes:
-        name: name of the interpolator in `--interpolator` and in manifests.
+        name: name of the interpolator for `--interpolator` and in manifests.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Interpolator(Protocol):
         """
 
     def describe(self) -> dict[str, Any]:
-        """Return what determines the output (method, checkpoint hash, versions), for the manifest."""
+        """Return everything that affects the output (method, checkpoint hash, versions), for the manifest."""
 
 
 def load_interpolator(
@@ -45,11 +45,11 @@ def load_interpolator(
     """Return the requested interpolator, or None if the factor is 1.
 
     Raises:
-        UsageError: the factor exceeds 1 and no interpolator is named, or its name is unknown.
+        UsageError: the factor is greater than 1 and no interpolator is specified, or its name is unknown.
         AssetError: FLAVR was requested without a checkpoint.
     """
     if factor < 1:
-        raise UsageError(f"--factor {factor}: give 1 (no interpolation) or more")
+        raise UsageError(f"--factor {factor}: must be at least 1 (no interpolation)")
     if factor == 1:
         return None
     if name == "flow":
@@ -82,9 +82,9 @@ def interpolated_count(count: int, factor: int) -> int:
 
 
 def interpolate(frames: Iterable[Frame], interpolator: Interpolator, factor: int) -> Iterator[Frame]:
-    """Yield the frames from the second to the second to last, with `factor - 1` new frames in every gap.
+    """Yield all frames except the first and the last, with `factor - 1` new frames in every gap.
 
-    The first and last frames of the clip serve only as neighbours, as in FLAVR's script, so frame 0 of the result is
+    The first and last frames of the clip are used only as neighbours, as in FLAVR's script, so frame 0 of the result is
     frame 1 of the source for every interpolator. At most four frames are kept in memory.
     """
     return fill_gaps(windows(frames), interpolator, factor)
@@ -102,7 +102,7 @@ def windows(frames: Iterable[Frame]) -> Iterator[tuple[Frame, ...]]:
 def fill_gaps(
     around: Iterable[tuple[Frame, ...]], interpolator: Interpolator, factor: int, first: bool = True
 ) -> Iterator[Frame]:
-    """Yield, for each window, the new frames and the frame after them; with `first`, also the frame before them."""
+    """Yield, for each window, the new frames and the frame that follows; with `first`, also the frame before them."""
     for window in around:
         if first:
             yield window[1]

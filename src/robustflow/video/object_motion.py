@@ -11,15 +11,15 @@ from ..sample import Frame
 
 
 def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequence[int]) -> dict[int, Frame]:
-    """Compute the means over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window.
+    """Compute the mean over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window.
 
     Args:
         frame_at: function that returns a master frame by index, RGB uint8 (H, W, 3); called in ascending order.
         centre: index of the key frame.
-        reaches: values of c, each 0 or more.
+        reaches: values of c, each at least 0.
 
     Returns:
-        A dict from c to the mean, RGB uint8 (H, W, 3), rounded to the nearest integer; there are no ties, because the
+        A dict from c to the mean, RGB uint8 (H, W, 3), rounded to the nearest integer; there are no ties because the
         number of frames is odd.
 
     >>> import numpy as np

@@ -1,7 +1,7 @@
-"""Read the key frames of a prepared clip with the five corruptions that need the whole clip.
+"""Read the key frames of a prepared clip with the five corruptions that require an entire clip.
 
-Object motion blur and rolling shutter use master frames decoded on demand. A video corruption transcodes the master
-once per severity; its key frames are stored in a cache of limited size.
+Object motion blur and rolling shutter use master frames, which are decoded on demand. Video corruptions transcode the
+master once per severity; the key frames are stored in a cache of limited size.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _AROUND: dict[str, Make] = {"object_motion_blur": mean_of_windows, "rolling_shut
 
 
 class OpenClip:
-    """Readers for the master of one clip and for the key frames of each variant.
+    """Readers for the master of a clip and for the key frames of each variant.
 
     Args:
         clip: prepared clip, from `prepared.read_folder`.
         cache: cache for transcoded variants.
-        parameters: parameters of the corruptions at the five severities, by corruption name.
+        parameters: dict from corruption name to its parameters at the five severities.
     """
 
     def __init__(self, clip: PreparedClip, cache: FolderCache, parameters: Mapping[str, tuple[int, ...]]) -> None:
@@ -52,9 +52,9 @@ class OpenClip:
         self._variants: dict[tuple[str, int], ClipReader] = {}
 
     def corrupted(self, index: int, corruption: str, parameter: int) -> Frame:
-        """Return a corrupted key frame, RGB uint8 (H, W, 3); a video corruption transcodes the clip on first use.
+        """Return a corrupted key frame, RGB uint8 (H, W, 3); video corruptions transcode the clip on first use.
 
-        Warns (`UserWarning`) after transcoding if bit errors changed nothing or frames were lost.
+        Issues a `UserWarning` after transcoding if bit errors changed nothing or frames were lost.
         """
         if corruption not in self._around:
             return self._transcoded(index, corruption, parameter)
@@ -84,7 +84,7 @@ class OpenClip:
         master = self.clip.master
         count = len(self.clip.manifest.key_frames)
         reader = ClipReader(ClipFile(folder / FRAMES_FILE, count, master.fps, master.height, master.width), keep=2)
-        reader.picture(position)  # opens the file, so that it stays readable after eviction
+        reader.picture(position)  # opens the file, so that it can be read even after eviction
         return reader
 
     def _master_frame(self, index: int) -> Frame:
@@ -95,7 +95,7 @@ class OpenClip:
 
 
 def check_master(clip: PreparedClip) -> None:
-    """Verify the hash of a clip's master, once per process, because hashing takes about a second per gigabyte.
+    """Verify the hash of a clip's master; this is done once per process because it takes about a second per gigabyte.
 
     Raises:
         DataError: the master cannot be read or is damaged.
@@ -124,7 +124,7 @@ def read_record(path: Path) -> dict[str, Any]:
     content = unsealed(path.read_bytes())
     if content is None:
         raise DataError(
-            f"{path} is damaged; delete it and the folder {path.parents[1] / path.stem}: both are created again"
+            f"{path} is damaged; delete it and the folder {path.parents[1] / path.stem}; both will be recreated"
         )
     record: dict[str, Any] = json.loads(content)
     return record

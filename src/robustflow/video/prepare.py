@@ -1,8 +1,8 @@
 """Create the lossless master and key frames of a clip from its source; resumable and in constant memory.
 
-A source is interpolated in segments, each a separate lossless file that survives an interruption. A single encoder then
-writes the master from all segments, so an interruption does not change the file, and the key frames are written in the
-same pass. `clip.json` is written last.
+A source is interpolated in segments, which are separate lossless files and remain after an interruption. A single
+encoder then writes the master from all segments, so interruptions do not affect the file, and the key frames are
+written in the same pass. `clip.json` is written last.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class Preparation:
     """Settings for preparing clips.
 
     Attributes:
-        fps: frames per second of the source; None to use the rate stated by the source.
-        factor: ratio of the master's frame rate to the source's; the paper uses 4 (240 -> 960).
+        fps: frames per second of the source; None to use the rate declared by the source.
+        factor: ratio of the master's frame rate to that of the source; the paper uses 4 (240 -> 960).
         step: distance between key frames in master frames; None for 30 pairs per second.
-        interpolator: name of the interpolator, "flavr" or "flow"; required if `factor` exceeds 1.
-        checkpoint, device: path of FLAVR's weights, and device on which FLAVR runs.
+        interpolator: name of the interpolator, "flavr" or "flow"; required if `factor` is greater than 1.
+        checkpoint, device: path of FLAVR's weights and device on which FLAVR runs.
         preset: x264 preset for the master; affects the file, and thus the effect of bit errors, but not the pixels.
     """
 
@@ -71,7 +71,7 @@ class Preparation:
 
 @dataclass(frozen=True)
 class ClipTiming:
-    """The plan for one source: frame rate and length of the master, and its key frames."""
+    """Frame rate, length and key frames of the master for one source."""
 
     fps: Fraction
     count: int
@@ -80,21 +80,21 @@ class ClipTiming:
 
 
 def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
-    """Plan one clip.
+    """Compute the timing of one clip.
 
     Raises:
-        UsageError: the frame rate is unknown, or the factor or step is below 1.
+        UsageError: the frame rate is unknown, or the factor or step is less than 1.
         DataError: the source is too short for a single pair.
     """
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
-        raise UsageError(f"{source.name}: pictures have no frame rate; give --fps")
+        raise UsageError(f"{source.name}: images have no frame rate; specify --fps")
     if preparation.factor < 1:
-        raise UsageError(f"--factor {preparation.factor}: give 1 or more")
+        raise UsageError(f"--factor {preparation.factor}: must be at least 1")
     fps = rate * preparation.factor
     step = max(1, round(fps / PAIR_FPS)) if preparation.step is None else preparation.step
     if step < 1:
-        raise UsageError(f"--step {step}: give 1 or more")
+        raise UsageError(f"--step {step}: must be at least 1")
     count = interpolated_count(source.count, preparation.factor)
     keys = choose_key_frames(count, step)
     if len(keys) < 2:
@@ -102,7 +102,7 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
         frames = -(-needed // preparation.factor) + (WINDOW if preparation.factor > 1 else 0)
         raise DataError(
             f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
-            f"{REACH} more on each side; give a clip of {frames} frames, or a smaller --step"
+            f"{REACH} more on each side; use a clip with at least {frames} frames or a smaller --step"
         )
     return ClipTiming(fps, count, step, tuple(keys))
 
@@ -110,10 +110,10 @@ def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
 def prepare_clip(
     source: Source, folder: Path, preparation: Preparation, progress: Progress = lambda clip, what, done, total: None
 ) -> PreparedClip:
-    """Prepare one clip in `folder`, continuing from where an earlier call stopped.
+    """Prepare one clip in `folder`; resume if an earlier call was interrupted.
 
     Raises:
-        DataError: the source cannot be read to its end, or the folder contains the clip prepared with different
+        DataError: the source cannot be read to its end, or the folder contains the same clip prepared with different
             settings.
     """
     timing = clip_timing(source, preparation)
@@ -158,8 +158,9 @@ def prepare_clip(
 
 
 def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
-    """Return the clip if it exists and has the same settings; encoder versions may differ, since they do not affect
-    pixels.
+    """Return the clip if it exists and has the same settings.
+
+    The encoder versions may differ, since they do not affect pixels.
     """
     path = folder / CLIP_MANIFEST
     if not path.is_file():
@@ -202,9 +203,7 @@ def _segments(
         parts.append(ClipFile(path, length * factor + (start == 0), fps, *size))
         progress(wanted.name, "interpolate", start + length, gaps)
     for _ in around:
-        raise DataError(
-            f"{source.name}: the source has more frames than at the start; do not change it during preparation"
-        )
+        raise DataError(f"{source.name}: the source has more frames than before; do not change it during preparation")
     for part in parts:
         for _, picture in read_pictures(part):
             yield picture
@@ -217,9 +216,8 @@ def _is_intact(segment: Path) -> bool:
 def _with_key_frames(
     pictures: Iterator[I420], folder: Path, wanted: ClipManifest, progress: Progress
 ) -> Iterator[I420]:
-    """Yield the pictures unchanged, and write the key frames, as decoded from the lossless yuv420p master, to PNG
-    files.
-    """
+    """Yield the frames unchanged and write the key frames, as decoded from the lossless yuv420p master, as PNG
+    files."""
     keys = set(wanted.key_frames)
     for index, picture in enumerate(pictures):
         if index in keys:

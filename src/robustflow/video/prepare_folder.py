@@ -1,4 +1,4 @@
-"""Find and prepare all clips of a folder, in several processes, and write the folder's manifest."""
+"""Find all clips in a folder, prepare them in several processes, and write the folder's manifest."""
 
 from __future__ import annotations
 
@@ -28,26 +28,25 @@ from .prepared import (
 from .source import PictureFolder, Source, VideoFile, pictures_in
 
 SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
-"""The five GoPro sequences of the paper (appendix, "GoPro-FC")."""
+"""The five GoPro sequences used in the paper (appendix, "GoPro-FC")."""
 
 CAMERA_FPS = Fraction(240)
 
 
 PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
-"""Prepares every clip in a subfolder, named after the clip, of the given folder."""
+"""Prepares every clip in a subfolder of the output folder, named after the clip."""
 
 
 def find_sources(data: Path, evenly: bool = False) -> list[Source]:
-    """Return the clips in `data`: GoPro's five sequences, one video, one folder of pictures, or a folder of such
-    folders.
+    """Return the clips in `data`: the five GoPro sequences, one video, or one or more folders of images.
 
     Args:
-        data: path of the downloaded GoPro folder (GoPro_Large_all, with or without train/ and test/), or of any of the
-            above.
-        evenly: whether to treat a video's frames as evenly spaced, at a frame rate given by the user.
+        data: path of a video, of a folder of images, of a folder that contains such folders, or of the downloaded GoPro
+            dataset (GoPro_Large_all, with or without train/ and test/).
+        evenly: whether to treat a video's frames as evenly spaced, at a frame rate specified by the user.
 
     Raises:
-        DataError: there is nothing usable, some of the five sequences are missing, or the folder is GoPro_Large, whose
+        DataError: no clips are found, some of the five sequences are missing, or the folder is GoPro_Large, whose
             frames are 7 to 13 camera frames apart.
     """
     if data.is_file():
@@ -58,14 +57,14 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
     if sequences:
         missing = [name for name in SEQUENCES if name not in sequences]
         if missing:
-            raise DataError(f"{data}: {', '.join(missing)} missing of the five sequences; add them, or name one folder")
+            raise DataError(f"{data}: missing GoPro sequences: {', '.join(missing)}; add them or specify one folder")
         return [_camera(sequences[name], name) for name in SEQUENCES]
     if pictures_in(data):
         return [PictureFolder(data)]
     inner = [folder for folder in folders(data) if pictures_in(folder)]
     if not inner:
         raise DataError(
-            f"{data}: neither GoPro sequences ({SEQUENCES[0]}, ...) nor pictures nor folders of pictures are in it"
+            f"{data}: contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor images nor folders of images"
         )
     return [PictureFolder(folder) for folder in inner]
 
@@ -79,28 +78,28 @@ def prepare_folder(
     progress: Progress = lambda clip, what, done, total: None,
     prepare_all: PrepareAll | None = None,
 ) -> list[PreparedClip]:
-    """Prepare all clips below `output`. The number of workers and the machine do not affect the files.
+    """Prepare all clips in `output`. The number of workers and the machine do not affect the files.
 
     Args:
         sources: clips to prepare, from `find_sources`.
         output: path of the output folder, which is created.
         preparation: settings for preparing the clips.
-        workers: number of processes; ignored if `prepare_all` is given.
-        cache_limit: size limit of the cache for transcoded variants, in bytes.
+        workers: number of processes; ignored if `prepare_all` is specified.
+        cache_limit: size limit in bytes of the cache for transcoded variants.
         progress: function called with progress updates.
         prepare_all: function that prepares the clips instead, e.g. on a cluster.
 
     Raises:
-        DataError: `output` already contains different clips, or a source fails.
+        DataError: `output` already contains different clips, or a source cannot be prepared.
     """
     if workers < 1:
-        raise UsageError(f"--workers {workers}: give 1 or more")
+        raise UsageError(f"--workers {workers}: must be at least 1")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
-    for source in sources:  # problems are reported before anything is written
+    for source in sources:  # report problems before anything is written
         clip_timing(source, preparation)
     manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(manifest.clips)) != len(manifest.clips):
-        raise DataError(f"two clips have the same name: {', '.join(manifest.clips)}; rename one")
+        raise DataError(f"several clips have the same name: {', '.join(manifest.clips)}; rename one")
     _claim(output, manifest)
     if prepare_all is not None:
         prepare_all(sources, output, preparation, progress)
@@ -113,9 +112,9 @@ def prepare_folder(
 
 
 def prepare_video(path: Path) -> Path:
-    """Prepare a video file without interpolation, with key frames 1/30 s apart, in the user's cache folder.
+    """Prepare a video file in the user's cache folder, without interpolation and with key frames 1/30 s apart.
 
-    Returns the prepared folder, which is created on the first call and reused by later calls.
+    Returns the prepared folder, which is created by the first call and reused by later calls.
     """
     sources = find_sources(path)
     output = cache_folder("clips") / f"{path.stem}-{sha256_of_file(path)[:12]}"
@@ -160,8 +159,8 @@ def _sequence(data: Path, name: str) -> Path | None:
 def _camera(folder: Path, name: str) -> PictureFolder:
     if not pictures_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
         raise DataError(
-            f"{folder}: this is GoPro_Large, whose frames are several apart; GoPro-FC needs the camera's 240 frames "
-            "per second, which are in GoPro_Large_all"
+            f"{folder}: this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
+            "frames per second, which are in GoPro_Large_all"
         )
     source = PictureFolder(folder, name)
     source.fps = CAMERA_FPS

@@ -27,18 +27,19 @@ KEY_FRAMES = "keyframes"
 VERSION = 2
 
 REACH = 15
-"""Number of master frames on either side of a key frame that object motion blur averages at the highest severity."""
+"""Number of master frames on each side of a key frame that object motion blur averages at the highest severity."""
 
 CACHE_LIMIT = 20 * 10**9
 
 
 ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
-"""A clip's name, which must be a valid folder name, so that a manifest cannot point outside its folder."""
+"""Name of a clip; it must be a valid folder name, so that a manifest cannot refer to files outside its folder."""
 
 
 class ClipManifest(Frozen):
-    """The content of `clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's frame rate, as
-    a fraction.
+    """The content of `clip.json`.
+
+    Frame numbers refer to the master, starting at 0; `fps` is the master's frame rate as a fraction.
     """
 
     version: int
@@ -59,7 +60,7 @@ class ClipManifest(Frozen):
 
 
 class FolderManifest(Frozen):
-    """The content of `gopro_fc.json`: the clips, and the cache limit for transcoded variants in bytes."""
+    """The content of `gopro_fc.json`: the clips and the cache limit for transcoded variants in bytes."""
 
     version: int
     clips: list[ClipName]
@@ -70,7 +71,7 @@ R = TypeVar("R", ClipManifest, FolderManifest)
 
 
 class PreparedClip:
-    """One finished clip of a prepared folder."""
+    """A finished clip in a prepared folder."""
 
     def __init__(self, folder: Path, manifest: ClipManifest) -> None:
         self.folder = folder
@@ -78,7 +79,7 @@ class PreparedClip:
 
     @property
     def name(self) -> str:
-        """Return the clip's (sequence's) name."""
+        """Return the name of the clip (sequence)."""
         return self.manifest.name
 
     @property
@@ -88,19 +89,19 @@ class PreparedClip:
         return ClipFile(self.folder / MASTER, r.count, Fraction(r.fps), r.height, r.width)
 
     def key_frame_path(self, index: int) -> Path:
-        """Return the path of the PNG of master frame `index`."""
+        """Return the path of the PNG file for key frame `index` of the master."""
         return self.folder / KEY_FRAMES / f"{index:06d}.png"
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Return the master indices of adjacent key frames."""
+        """Return pairs of adjacent key frames, as indices of master frames."""
         return list(zip(self.manifest.key_frames, self.manifest.key_frames[1:], strict=False))
 
 
 def choose_key_frames(count: int, step: int) -> list[int]:
-    """Return every `step`-th frame except the first and the last such frame (paper appendix, "GoPro-FC").
+    """Return the indices of every `step`-th frame except the first and the last of them (paper appendix, "GoPro-FC").
 
-    Frames closer than `REACH` to either end are dropped as well, which only happens for steps below 16.
+    Frames closer than `REACH` to either end are also excluded, which affects only steps less than 16.
 
     >>> choose_key_frames(161, 32)
     [32, 64, 96, 128]
@@ -139,13 +140,12 @@ def _read(path: Path, kind: type[R]) -> R:
 
 
 def is_prepared(data: Path) -> bool:
-    """Whether a folder was made by `robustflow prepare gopro-fc`."""
+    """Return whether a folder was created by `robustflow prepare gopro-fc`."""
     return (data / FOLDER_MANIFEST).is_file()
 
 
 def slow_blur(clip: PreparedClip) -> Fraction | None:
-    """Return the duration in seconds over which the most severe object motion blur averages, if it exceeds the paper's
-    31/960 s, else None.
-    """
+    """Return the longest averaging time of object motion blur in seconds if it exceeds the paper's 31/960 s, else
+    None."""
     span = (2 * REACH + 1) / clip.master.fps
     return span if span > Fraction(2 * REACH + 1, 960) else None

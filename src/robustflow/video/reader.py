@@ -1,8 +1,8 @@
-"""Read video frames by number: decode forward to nearby frames, and seek to a key frame for distant ones.
+"""Read video frames by index: decode forward to nearby frames, and seek to a key frame for distant frames.
 
 The list of frames is read from the container's packets, without decoding, and checked by decoding the first frame and
-everything after the last key frame. If the check fails (missing or repeated time stamps, two packets per frame, a
-truncated end), the whole file is decoded once to count the frames.
+all frames after the last key frame. If the check fails (missing or repeated time stamps, two packets per frame, a
+truncated end), the entire file is decoded once to count the frames.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from .container import open_video, reason
 from .upright import upright
 
 _NEAR = 48
-"""Largest distance, in frames, for which decoding forward is preferred to seeking."""
+"""Maximum distance in frames for which decoding forward is preferred to seeking."""
 
 _KEYS_BACK = 2
 """Number of earlier key frames to try if decoding cannot start at the nearest one (an open group of pictures)."""
 
 
 class VideoReader:
-    """Random access to the frames of a file's first video stream, rotated as its metadata specify.
+    """Random access to the frames of a file's first video stream, rotated as specified by its metadata.
 
-    Keeps one decoded frame and the open file. Readers can be pickled and forked; the copy reopens the file.
+    One decoded frame and the open file are kept. Readers can be pickled and forked; the copy reopens the file.
 
     Raises:
         DataError: the file is not a video, is damaged or truncated, or has no video stream.
@@ -56,7 +56,7 @@ class VideoReader:
         return self._count
 
     def frame(self, index: int) -> Frame:
-        """Return frame number `index`, RGB uint8 (H, W, 3).
+        """Return frame `index`, RGB uint8 (H, W, 3).
 
         Raises:
             DataError: the frame cannot be decoded.
@@ -70,14 +70,15 @@ class VideoReader:
         return self._image.copy()
 
     def index_at(self, seconds: float) -> int:
-        """Return the number of the first frame shown at or after this time, measured from the first frame; supports
-        variable frame rates.
+        """Return the index of the first frame displayed at or after a time.
+
+        The time is relative to the first frame; variable frame rates are supported.
 
         Raises:
-            DataError: the video has no usable times.
+            DataError: the video has no usable time stamps.
         """
         if not self._stamps:
-            raise DataError(f"{self._path}: its frames have no usable times; give frame numbers instead of seconds")
+            raise DataError(f"{self._path}: its frames have no usable time stamps; use frame numbers, not seconds")
         return bisect_left(self._stamps, self._stamps[0] + round(seconds / self._tick))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -126,7 +127,7 @@ class VideoReader:
             raise ValueError("no frame can be decoded")
 
     def _holds(self) -> bool:
-        """Whether the packets agree with the decoded first frame and the decoded end of the video."""
+        """Return whether the packets match the decoded first frame and the decoded end of the video."""
         try:
             self._open()
             first = next(self._frames or iter(()), None)
@@ -139,7 +140,7 @@ class VideoReader:
         return first is not None and first.pts == self._stamps[0] and tail == expected
 
     def _tail(self) -> list[int]:
-        """Return the time stamps of the frames that decode from the last key frame on; "" for frames without one."""
+        """Return the time stamps of the frames decoded after the last key frame; -1 for frames without a time stamp."""
         stamps: list[int] = []
         for key in self._key_stamps[-1 : -1 - _KEYS_BACK : -1]:
             self._container.seek(key, stream=self._container.streams.video[0])
@@ -157,7 +158,7 @@ class VideoReader:
                 try:
                     self._start(index, back)
                     return self._advance(index)
-                except FFmpegError:  # as above: start one key frame earlier, finally at the first frame of the file
+                except FFmpegError:  # as above: start one key frame earlier, and finally at the beginning of the file
                     self._close()
             self._open()
         return self._advance(index)
@@ -175,7 +176,7 @@ class VideoReader:
         raise ValueError(f"frame {index} cannot be decoded")
 
     def _start(self, index: int, back: int) -> None:
-        """Open the file; if seeking is possible, start some key frames before the last one up to `index`."""
+        """Open the file; if possible, seek to `back` key frames before the one needed for frame `index`."""
         if self._container is None:
             self._open()
         place = bisect_right(self._key_stamps, self._stamps[index]) - 1 - back if self._stamps else -1
@@ -185,7 +186,7 @@ class VideoReader:
         self._container.seek(self._key_stamps[place], stream=self._container.streams.video[0])
         self._frames = iter(self._container.decode(video=0))
         first = next(self._frames, None)
-        if first is None or first.pts > self._stamps[index]:  # the container's index pointed past the frame
+        if first is None or first.pts > self._stamps[index]:  # the container's index pointed to a later frame
             self._open()
         else:
             self._frames = _again(first, self._frames)

@@ -11,12 +11,12 @@ from ..sample import Frame
 
 
 def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequence[int]) -> dict[int, Frame]:
-    """Compute a key frame for several rolling shutters, in one pass over the longest readout.
+    """Compute a key frame for several readout times, in one pass over the longest readout.
 
     Args:
         frame_at: function that returns a master frame by index, RGB uint8 (H, W, 3); called in ascending order.
-        centre: index of the key frame, at whose time the middle row is read.
-        readouts: readout times from the first to the last row, in master frames, each 0 or more.
+        centre: index of the key frame; the middle row is read at its time.
+        readouts: readout times from the first to the last row, in master frames, each at least 0.
 
     Returns:
         A dict from readout time to RGB uint8 (H, W, 3).
@@ -38,8 +38,9 @@ def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequ
 
 
 def row_offsets(height: int, readout: int) -> np.ndarray:
-    """Return the master frame of each row relative to the key frame, readout ((y + 1/2) / height - 1/2), rounded; int
-    (height,).
+    """Return the master frame for each row relative to the key frame, int (height,).
+
+    This is readout ((y + 1/2) / height - 1/2), rounded.
 
     >>> row_offsets(6, 4).tolist()
     [-2, -1, 0, 0, 1, 2]

@@ -1,4 +1,4 @@
-"""Apply H.264 compression and bit errors to a few frames of a user's clip, as in GoPro-FC."""
+"""Apply H.264 compression and bit errors to a few frames of the user's clip, as in GoPro-FC."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from .container import open_video
 from .variants import corrupted_stream
 
 DEFAULT_RATE = Fraction(30)
-"""Default frame rate for folders of pictures, in frames per second."""
+"""Default frame rate for folders of images, in frames per second."""
 
 
 def frame_rate(path: Path) -> Fraction:
-    """Return the mean frame rate of a video file; `DEFAULT_RATE` for a folder of pictures or a file that states no
-    rate.
+    """Return the mean frame rate of a video file.
+
+    For a folder of images, or if the file does not declare a rate, the result is `DEFAULT_RATE`.
 
     Raises:
         DataError: the file is not a readable video.
@@ -35,10 +36,10 @@ def frame_rate(path: Path) -> Fraction:
 
 
 class ShortClip:
-    """A part of a clip, encoded once losslessly like the benchmark's master, in constant memory.
+    """A part of a clip, losslessly encoded once, like the benchmark's master, in constant memory.
 
-    Unlike a prepared clip it is not interpolated in time, and it is encoded with a faster preset: bit errors, whose
-    rate is per byte, are about as frequent but hit different bytes.
+    Unlike prepared clips, it is not interpolated in time, and it is encoded with a faster preset: bit errors are about
+    as frequent, since their rate is per byte, but affect different bytes.
 
     Args:
         frames: frames in order, RGB uint8 (H, W, 3).
@@ -61,14 +62,14 @@ class ShortClip:
             for number, frame in enumerate(rest, 1):
                 if frame.shape[:2] != size:
                     raise DataError(
-                        f"frame {number} differs in size from the first; all frames of a clip must have one size"
+                        f"frame {number} differs in size from the first; all frames of a clip must be the same size"
                     )
                 yield rgb_to_i420(frame)
 
         self._master = write_clip(folder / "master.mp4", pictures(), size, rate, lossless("veryfast"))
 
     def corrupted(self, corruption: str, parameter: int, wanted: range) -> tuple[list[Frame], bool]:
-        """Return some frames after corrupting the whole part.
+        """Corrupt the entire part and return some of its frames.
 
         Args:
             corruption: "h264_crf", "h264_abr" or "bit_error".
@@ -76,8 +77,8 @@ class ShortClip:
             wanted: indices of the frames, ascending.
 
         Returns:
-            The frames, RGB uint8 (H, W, 3), and whether the stream was changed up to the last frame; bit errors change
-            nothing if the stream is too short for their amount.
+            The frames, RGB uint8 (H, W, 3), and whether the stream was changed before the end of the last of them; bit
+            errors change nothing if the stream is too short for their rate.
         """
         master = self._master
         stream = corrupted_stream(master, corruption, parameter)

@@ -1,4 +1,4 @@
-"""Read source clips from a folder of pictures or from a user's video file, checked before any work starts."""
+"""Read source clips from a folder of images or from a user's video file; they are checked before any work starts."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from .upright import upright
 
 
 class Source(Protocol):
-    """The frames of a clip in order; they can be read repeatedly."""
+    """The frames of a clip, in order; they can be read repeatedly."""
 
     name: str
     count: int
     size: tuple[int, int]
     fps: Fraction | None
-    """Frames per second; None if the source states no rate (pictures)."""
+    """Frames per second; None if the source does not declare a rate (images)."""
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """Yield frames from `start` on, RGB uint8 (H, W, 3)."""
+        """Yield the frames starting at index `start`, RGB uint8 (H, W, 3)."""
 
     def describe(self) -> dict[str, Any]:
-        """Describe the source for the manifest."""
+        """Return a description of the source for the manifest."""
 
 
 class PictureFolder:
-    """All pictures of a folder, sorted by name: one clip."""
+    """A clip that consists of all images in a folder, sorted by name."""
 
     fps: Fraction | None = None
 
@@ -44,28 +44,28 @@ class PictureFolder:
         self.name = name or folder.resolve().name.lstrip(".") or "clip"
         self.paths = pictures_in(folder)
         if not self.paths:
-            raise DataError(f"{folder}: there are no pictures in it; give the folder that contains a clip's frames")
+            raise DataError(f"{folder}: contains no images; specify the folder with the frames of a clip")
         self.count = len(self.paths)
         self.size = image_size(self.paths[0])
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """Yield RGB uint8 (H, W, 3) frames; raise a DataError if a picture differs in size from the first one."""
+        """Yield RGB uint8 (H, W, 3) frames; raise a DataError if an image differs in size from the first one."""
         for path in self.paths[start:]:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
                 raise DataError(
                     f"{path}: {frame.shape[1]}x{frame.shape[0]}, but the clip began with "
-                    f"{self.size[1]}x{self.size[0]}; all pictures of a clip must have the same size"
+                    f"{self.size[1]}x{self.size[0]}; all images of a clip must have the same size"
                 )
             yield frame
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind of source, and the first and last file names."""
+        """Return the kind of source and the first and last file names."""
         return {"kind": "pictures", "first": self.paths[0].name, "last": self.paths[-1].name}
 
 
 class VideoFile:
-    """The video stream of a file. Audio is ignored, rotation is applied, and higher bit depths are reduced to 8 bits.
+    """The video stream of a file; audio is ignored, rotation is applied, and higher bit depths are reduced to 8 bits.
 
     Args:
         evenly: whether to treat frames as evenly spaced and ignore their time stamps (for variable frame rates).
@@ -84,13 +84,13 @@ class VideoFile:
             self._codec = stream.codec_context.name
             times, self.count = self._times(container, stream)
         if self.count < declared:
-            raise DataError(f"{path}: cut short, {self.count} of {declared} frames are there; copy it again")
+            raise DataError(f"{path}: cut short, only {self.count} of {declared} frames are present; copy it again")
         self.fps = None if rate is None else Fraction(rate)
         self.variable = _variable(times, tick)
         if self.variable and not evenly:
             low, high = self.variable
             raise DataError(
-                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give --fps "
+                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); use --fps "
                 f"{float(self.fps or 30):.4g} to treat its frames as evenly spaced, or resample it in time: "
                 f"{resample_command(path, self.fps)}"
             )
@@ -100,7 +100,7 @@ class VideoFile:
         self.size = (first.shape[0], first.shape[1])
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """Yield frames as RGB uint8 (H, W, 3), rotated as the file's metadata specify.
+        """Yield frames as RGB uint8 (H, W, 3), rotated as specified by the file's metadata.
 
         Raises:
             DataError: a frame cannot be decoded, or the file ends early.
@@ -118,9 +118,7 @@ class VideoFile:
                     frame = upright(picture, self.path)
                     size = size or frame.shape
                     if frame.shape != size:
-                        raise DataError(
-                            f"{self.path}: the picture size changes at frame {read - 1}; cut the video there"
-                        )
+                        raise DataError(f"{self.path}: the frame size changes at frame {read - 1}; cut the video there")
                     yield frame
             except (av.error.FFmpegError, OSError) as error:
                 raise DataError(f"{self.path}: damaged at frame {read} ({reason(error)}); convert it again") from error
@@ -139,7 +137,7 @@ class VideoFile:
         }
 
     def _times(self, container: Any, stream: Any) -> tuple[list[int], int]:
-        """Return the presentation times and the number of the displayed frames, without decoding."""
+        """Return the presentation times and the number of displayed frames, without decoding."""
         times: list[int] = []
         count = 0
         try:
@@ -165,7 +163,7 @@ def resample_command(path: Path, fps: Fraction | None) -> str:
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the pictures directly inside a folder, sorted by name."""
+    """Return the images directly inside a folder, sorted by name."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
 
 

@@ -1,4 +1,4 @@
-"""Rotate decoded pictures as players do; phones store a display matrix instead of rotating the frames."""
+"""Rotate decoded frames like video players do; phones store a display matrix instead of rotating the frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..sample import Frame
 
 
 def upright(picture: Any, path: Path) -> Frame:
-    """Convert a decoded picture to RGB uint8 (H, W, 3), rotated as its display matrix specifies.
+    """Convert a decoded frame to RGB uint8 (H, W, 3), rotated according to its display matrix.
 
     Raises:
         DataError: the rotation is not a multiple of 90 degrees.

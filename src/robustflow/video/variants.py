@@ -1,6 +1,6 @@
 """Corrupt a clip with H.264 CRF, H.264 ABR or Bit Error (paper appendix, "Video corruptions").
 
-A variant contains only the clip's key frames, as lossless, intra-coded yuv420p. It is created in one pass over the
+A variant contains only the clip's key frames, as lossless, intra-coded yuv420p. It is created in a single pass over the
 master, in constant memory.
 """
 
@@ -26,7 +26,7 @@ FRAMES_FILE = "keyframes.mp4"
 
 @dataclass
 class Stream:
-    """A corrupted master: its pictures, and statistics that are complete once all pictures have been read."""
+    """A corrupted master: its frames, and statistics that are complete once all frames have been read."""
 
     pictures: Iterator[tuple[int, I420]]
     decoder: Decoder
@@ -36,7 +36,7 @@ class Stream:
 
 
 def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Stream:
-    """Yield every picture of the master after a video corruption, in order, without gaps.
+    """Yield all frames of the master after a video corruption, in order and without gaps.
 
     Args:
         corruption: "h264_crf", "h264_abr" or "bit_error".
@@ -66,7 +66,7 @@ def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Strea
 
 
 def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Path) -> dict[str, Any]:
-    """Write the variant's key frames to `folder` and return the record of the corruption."""
+    """Write the variant's key frames to `folder` and return the record of how they were corrupted."""
     make_folder(folder)
     master, keys = clip.master, clip.manifest.key_frames
     stream = corrupted_stream(master, corruption, parameter)
@@ -86,12 +86,12 @@ def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Pa
 
 
 def warnings_of(record: dict[str, Any]) -> list[str]:
-    """Return warnings about a variant for users of its results."""
+    """Return warnings about a variant, to be shown to users of its results."""
     where = f"{record['corruption']} (parameter {record['parameter']}) on {record['clip']}"
     if record["corruption"] == "bit_error" and not record["bytes_changed"]:
         return [
             f"{where}: none of {record['bytes_coded']} bytes was changed; the clip is too small for this severity, "
-            "and its frames are the clean ones"
+            "so its frames are unchanged"
         ]
     if record["frames_lost"]:
         return [
