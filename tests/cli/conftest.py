@@ -1,4 +1,4 @@
-"""The command line, called in this process."""
+"""Run the command line in this process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from robustflow.cli.main import main
 
 @pytest.fixture
 def robustflow(monkeypatch, capsys, tmp_path):
-    """Run the command line in `tmp_path`; returns (exit code, stdout, stderr)."""
+    """Run the command line in `tmp_path`; return (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> tuple[int, str, str]:
@@ -31,7 +31,7 @@ def robustflow(monkeypatch, capsys, tmp_path):
 
 
 def write_frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
-    """Write noise images 000.png, 001.png, ... with the given sizes (height, width); returns their paths."""
+    """Write noise images 000.png, 001.png, ... with the given sizes (height, width); return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     paths = []

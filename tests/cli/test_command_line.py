@@ -1,4 +1,4 @@
-"""Only the options of the named command are built at startup; the user sees no difference."""
+"""At startup, only the options of the named command are built, which the user does not notice."""
 
 import signal
 import subprocess

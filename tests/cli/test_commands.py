@@ -62,12 +62,12 @@ README = Path(__file__).resolve().parents[2] / "README.md"
 
 
 def _table_of_readme() -> list[str]:
-    """The lines of the first command's output that the README shows."""
+    """The lines of the first command's output that are shown in the README."""
     return re.search(r"^```text\n(.*?)^```$", README.read_text(), re.MULTILINE | re.DOTALL)[1].splitlines()
 
 
 def _cells_of(table: str, first: str) -> list[str]:
-    """Cells of a line of a printed table."""
+    """The cells in a line of a printed table."""
     line = next(line for line in table.splitlines() if re.match(rf"{first}( \[\d\])? +[│┃]", line))
     return [cell.strip() for cell in re.split("[│┃]", line)[1:]]
 
@@ -109,7 +109,7 @@ def test_several_models_one_after_the_other(robustflow):
         line = next(line for line in table.splitlines() if run.name in line and "compare" not in line)
         assert f"{run.epe_clean:.2f}" in line
         assert f"{run.cre:.2f}" in line
-    assert "robustflow compare" not in table  # a single pair gives no evidence
+    assert "robustflow compare" not in table  # a single pair is no evidence
     code, _, error = robustflow("run", "-m", "dis", "-m", "dis", *few)
     assert (code, error.count("\n")) == (2, 1)
 
@@ -181,7 +181,7 @@ def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(rob
     assert _cells_of(table, "Model") == ["RCRE (px)", "clean flow (px)"]
     lengths = [load_run(f"both/{name}").summary.clean_flow_length for name in ("dis", "farneback")]
     assert [_cells_of(table, name)[1] for name in ("DIS", "Farneback")] == [f"{length:.2f}" for length in lengths]
-    assert all(f"on clean frames the flow is {length:.2f} px long on average" in alone for length in lengths)
+    assert all(f"on clean frames, the mean length of the flow is {length:.2f} px" in alone for length in lengths)
     assert "sequence is too few to say" in table
     assert "robustflow compare" not in out
 

@@ -1,4 +1,5 @@
-"""`displacement`: the embedded pair's histogram is that of its disparity, and a run keeps its frames' histogram."""
+"""`displacement`: the embedded pair's histogram is that of its disparity, and a run stores the histogram of its
+frames."""
 
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def test_a_run_keeps_that_of_its_own_frames(robustflow, tmp_path):
         write_image(tmp_path / "data" / f"{index}.png", np.zeros((32, 32, 3), np.uint8))
     code, _, said = robustflow("displacement", "folder", "--data", tmp_path / "data", "-m", "dis", "--into", run.path)
     assert code == 2
-    assert "ran 1 pair of demo, these are 1 of folder" in said
+    assert "contains 1 pair from demo, but these options select 1 from folder" in said
 
 
 def _stills(folder, grey):
@@ -65,4 +66,4 @@ def test_a_record_holds_none(robustflow, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(b"PK")
     code, _, said = robustflow("displacement", "demo", "--into", tmp_path / "a.robustflow")
     assert code == 2
-    assert "stored in a run's folder" in said
+    assert "stored in a run folder" in said

@@ -89,7 +89,7 @@ def test_a_folder_of_a_run_is_packed_and_added(run, tmp_path):
 
 
 def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow, run, records, monkeypatch):
-    """Two records are of one model; the record of a different model is kept."""
+    """Two records belong to the same model; the record of a different model is kept."""
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
     other = evaluate("dis", "demo", output="other", corruptions=["contrast"], severities=[1]).path
     assert robustflow("leaderboard", "site", "--add", records[0], "--add", other)[2] == ""

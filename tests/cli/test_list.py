@@ -29,7 +29,7 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert "BSD-3-Clause" in lines["raft"]
     assert "UNKNOWN" in lines["arflow"]
     assert "knowledge" in lines["farneback"]
-    assert lines["dis"].endswith("learns nothing")
+    assert lines["dis"].endswith("not trained")
     assert lines["tiny"].endswith("shipped OOD")
     assert "things288960 OOD" in lines["flowformer_pp"]
     assert "splatflow (cupy, for CUDA)" in out

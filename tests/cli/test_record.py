@@ -1,4 +1,4 @@
-"""`pack` and `verify` on the command line, and records in place of runs."""
+"""`pack` and `verify` on the command line, and records used as runs."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ def packed(runs):
 
 @pytest.fixture
 def records(robustflow, packed):
-    """The record files in the working folder, which contains nothing else of the runs."""
+    """The record files in the working folder, without the run folders."""
     for name, contents in packed.items():
         Path(name).write_bytes(contents)
     return [*map(Path, packed)]

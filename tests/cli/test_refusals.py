@@ -127,7 +127,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows the corruption"),
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
-        (None, "run -m dis -s high", 2, "whole numbers"),
+        (None, "run -m dis -s high", 2, "integers from"),
         (None, "run -m dis --variant other", 2, "default, reference, paper"),
         (None, "run -m dis -O presetfast", 2, "KEY=VALUE"),
         (None, "run -m dis --device cpu", 2, "runs on the CPU only; leave out --device"),

@@ -51,7 +51,7 @@ def test_the_table_row_is_a_line_of_latex_per_run(robustflow, runs):
 
 def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
     """Two runs are too few for any observation: the table is shown only when requested by name.
-    Farneback misses most of the pair's motion, so it is in no table, and a remark says so.
+    Farneback misses most of the pair's motion, so no table includes it, and a remark explains why.
     """
     code, out, _ = robustflow("report", *runs, "--published", "--table", "observations,effective", "-f", "markdown")
     assert code == 0
@@ -69,8 +69,8 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
 
 
 def test_only_own_figures_beside_the_published_tables(robustflow, runs):
-    """Farneback is excluded, so only DIS remains: no figure needs the paper, no trend is possible, and one class makes
-    no bar chart.
+    """Farneback is excluded, so only DIS remains: no figure needs the paper, no trend can be computed, and a bar chart
+    needs more than one class.
     """
     code, out, _ = robustflow(
         "report", *runs, "--published", "--only-own", "-t", "epe", "-f", "csv", "--figures", "figures"
@@ -146,7 +146,7 @@ def test_audit_says_where_nothing_can_be_checked(robustflow, tmp_path):
         "setting,model,metric,corruption,value\nOOD,A,epe,clean,2.0\nOOD,A,epe,fog,3.0\nOOD,A,cre,fog,9.0\n"
     )
     _, out, _ = robustflow("audit", path)
-    assert "\n  OOD A, fog: CRE 9.0" in out  # no source is given, so none is mentioned
+    assert "\n  OOD A, fog: CRE 9.0" in out  # without a source, none is mentioned
 
 
 def test_compare(robustflow, runs):
@@ -207,7 +207,7 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
     assert out.count("average RCRE") == 3
     code, out, err = robustflow("compare", "dis", "farneback", "dis", "--metric", "cre")
     assert code == 1
-    assert "no two of these runs have an average CRE" in err
+    assert "no two of these runs have a common average CRE" in err
 
 
 @pytest.mark.parametrize(

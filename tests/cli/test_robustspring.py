@@ -68,7 +68,7 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
         "export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission"
     )
     assert code == 0, error
-    assert "submission: 36 flows, 36 written and 0 already there" in out
+    assert "submission: 36 flows, 36 written and 0 already present" in out
     assert "incomplete submission: " in out
     written = {str(path.relative_to("submission")) for path in Path("submission").rglob("*.flo5")}
     assert len(written) == 36
@@ -102,8 +102,8 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
 
 
 def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, run, frames):
-    """`compute_flow_errors` of cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline. The flows
-    include long and strongly changed ones, so that Fl's two bounds and 1px differ.
+    """`compute_flow_errors` from cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline. Some flows
+    are long or strongly changed, so that Fl's two bounds and 1px differ.
     """
     command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission")
     assert robustflow(*command)[0] == 0
@@ -136,7 +136,7 @@ def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_r
         assert found[name][0] == "12"
         assert [float(cell) for cell in found[name][1:]] == pytest.approx(values, rel=1e-9)
     epe, fl, px1 = expected["average"]
-    assert f"moved by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %" in out
+    assert f"the flow changed by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %" in out
     assert "the server evaluates about 0.1 % of the pixels, subsampled in float16" in out
 
 
@@ -159,7 +159,7 @@ def test_a_stopped_export_continues_and_has_the_same_results(robustflow, run, fr
     first = Path("out/results.csv").read_bytes()
     gone = sorted(Path("out/fog").rglob("*.flo5"))[1]
     gone.unlink()
-    assert "8 flows, 1 written and 7 already there" in robustflow(*command)[1]
+    assert "8 flows, 1 written and 7 already present" in robustflow(*command)[1]
     assert Path("out/results.csv").read_bytes() == first
 
 

@@ -77,8 +77,12 @@ def test_recipes_are_listed():
     done = command("list", "recipes")
     assert done.returncode == 0
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    assert "ood 100001 updates of 6 pairs at 368x768 rate 0.000125, begins with things, on ood" in lines
-    assert "ood 120000 updates of 6 pairs at 432x960 rate 0.000125, begins with things, on ood" in lines  # in two steps
+    assert (
+        "ood 100001 updates of 6 pairs at 368x768 learning rate 0.000125, starts from things, trained on ood" in lines
+    )
+    assert (
+        "ood 120000 updates of 6 pairs at 432x960 learning rate 0.000125, starts from things, trained on ood" in lines
+    )  # in two steps
 
 
 @pytest.mark.torch

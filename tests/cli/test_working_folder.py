@@ -1,4 +1,4 @@
-"""The working folder may come from anyone: a command started there neither executes anything in it nor lets it change a
+"""The working folder is untrusted: a command started there does not execute any file in it, and no file in it changes a
 number or a figure.
 """
 
@@ -23,7 +23,7 @@ from robustflow.safe_path import SAFE_PATH
 from ..app.launch import running_app
 
 SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
-"""The `robustflow` script as an installer writes it."""
+"""The `robustflow` script as written by an installer."""
 
 
 def _python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
@@ -228,7 +228,7 @@ def _check_groups(tmp_path, monkeypatch):
 
 
 def _draw(folder: Path) -> tuple[str, str]:
-    """Draw a figure as a command in the folder would; returns its output and messages."""
+    """Draw a figure as a command run in the folder would; return its output and messages."""
     script = (
         "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
         "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"

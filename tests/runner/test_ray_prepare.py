@@ -44,7 +44,7 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
     [
         (["--engine", "rey"], "unknown engine 'rey': did you mean 'ray'?"),
         (["--address", "auto"], "--address requires --engine ray"),
-        (["--engine", "ray", "--workers", "0"], "0 is not a number of workers"),
+        (["--engine", "ray", "--workers", "0"], "0 is not a valid number of workers"),
     ],
 )
 def test_options_that_do_not_go_together(recordings, tmp_path, monkeypatch, capsys, options, words):

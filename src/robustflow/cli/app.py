@@ -28,7 +28,7 @@ def app(
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
-    """Select or drop two frames, select a model and corruptions, and watch the frames, flow, error and numbers change.
+    """Choose a pair, a model and corruptions in the browser, and see how the frames, the flow and its errors change.
 
     By default the page is served on this machine only. Its URL contains an access token. Press Ctrl-C to stop.
 
@@ -44,7 +44,7 @@ def app(
     from ..models import ModelSpec
 
     use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as with Ctrl-C, which removes the uploads
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as on Ctrl-C, so that the uploads are removed
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
         raise UsageError(f"{options[0][0]} is a model option: give the model with --model")

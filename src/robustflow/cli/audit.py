@@ -22,7 +22,7 @@ def audit(
 ) -> None:
     """List numbers that are inconsistent with the others beyond rounding, with the printed and the recomputed value.
 
-    Recomputes CRE from EPE, averages, CREr, ranks and the marks of best values; detects swapped or shifted rows, and
+    Recomputes CRE from EPE, averages, CREr, ranks and highlighted best values; detects swapped or shifted rows, and
     FlowBench attacks that exceed their budget. Exit codes: 0 if everything is consistent, 3 if not, 1 if the source
     cannot be read.
 

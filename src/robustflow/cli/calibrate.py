@@ -10,18 +10,18 @@ from .options import Corruptions, Seed, names
 
 def calibrate(
     data: Annotated[
-        Path | None, typer.Option("--data", "-d", help="Folder of pictures instead of scikit-image's photographs.")
+        Path | None, typer.Option("--data", "-d", help="Folder of images to use instead of scikit-image's photographs.")
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write the table to (JSON).")] = None,
     corruptions: Corruptions = None,
     seed: Seed = 0,
-    draws: Annotated[int, typer.Option(help="Random draws per picture, for random corruptions.")] = 4,
+    draws: Annotated[int, typer.Option(help="Random draws per image, for random corruptions.")] = 4,
 ) -> None:
     """Find the parameters at which all corruptions have the same mean SSIM (docs/severity-scales.md).
 
-    Calibrating all corruptions on the reference set takes 15 minutes. With --corruptions, an existing --output with the
-    same pictures, seed and draws keeps its other corruptions. Set ROBUSTFLOW_CALIBRATION=FILE to use your own table
-    instead of the shipped one.
+    Calibrating all corruptions on the reference set takes 15 minutes. With --corruptions, other corruptions in an
+    existing --output are kept if images, seed and draws are the same. Set ROBUSTFLOW_CALIBRATION=FILE to use your own
+    table instead of the shipped one.
 
     \b
     Examples:

@@ -26,7 +26,7 @@ def compare(
 
     Two runs are compared in one table: overall in every metric, and under each corruption in one metric (CRE by
     default, RCRE without ground truth). Bold marks significantly lower values. More than two runs are ranked, each with
-    its range of possible ranks (not in CSV, which contains a single table), and compared pairwise in the average of one
+    its range of possible ranks (not in CSV, which contains a single table), and compared pairwise by the average of one
     metric: one sentence per pair on the terminal, one line per pair in other formats.
 
     For runs of one model with several seeds, the variance is split into the contributions of images, seeds and
@@ -81,7 +81,7 @@ def compare(
         if frame.is_empty():
             label = METRIC_LABELS[chosen]
             raise RunError(
-                f"no two of these runs have an average {label} in common; compare two, or choose a different --metric"
+                f"no two of these runs have a common average {label}; compare two runs, or choose a different --metric"
             )
         ranked = [line.name for line in lines if not line.excluded]
         sound = frame.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))

@@ -24,9 +24,7 @@ def displacement(
     split: Split = None,
     into: Annotated[
         Path | None,
-        typer.Option(
-            "--into", metavar="RUN", help="Store the histogram in a run over these frames; its pages then show it."
-        ),
+        typer.Option("--into", metavar="RUN", help="Also store the histogram in a run on these frames, for its pages."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Output folder; 'displacement' unless --into is given.")
@@ -88,12 +86,12 @@ def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     from ..text import counted
 
     if folder.is_file():
-        raise UsageError(f"{folder} is a file; histograms can only be stored in a run's folder, not in a record")
+        raise UsageError(f"{folder} is a file; histograms can only be stored in a run folder, not in a record")
     run = Run(folder)
     if run.benchmark != chosen.name or set(run.manifest.samples) != set(chosen.keys):
         ran = counted(len(run.manifest.samples), "pair")
         raise UsageError(
-            f"{run.path} ran {ran} of {run.benchmark}, these are {len(chosen.keys)} of "
+            f"{run.path} contains {ran} from {run.benchmark}, but these options select {len(chosen.keys)} from "
             f"{chosen.name}; give the run's --data, --split and --limit"
         )
     return run

@@ -60,7 +60,7 @@ def examples(
 
     Model and data are expected where they were during the run; if they have moved, use the options. If the model is
     your own code (module:Attribute) or a file, give it with --model or --checkpoint: for safety, nothing is loaded just
-    because a run's folder names it. The pictures are written to RUN/examples and RUN/report.html.
+    because it is named in a run's folder. The pictures are written to RUN/examples and RUN/report.html.
 
     \b
     Examples:

@@ -17,8 +17,10 @@ def robust_training(
         list[str] | None,
         typer.Option("--data", "-d", help="NAME=FOLDER of real pairs for additional evaluation. Repeatable."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Number of trainings of each kind, with one seed each.")] = 6,
-    steps: Annotated[int | None, typer.Option(min=1, help="Steps per training, instead of the recipe's.")] = None,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Number of seeds, with one training run of each kind per seed.")
+    ] = 6,
+    steps: Annotated[int | None, typer.Option(min=1, help="Steps per training run, instead of the recipe's.")] = None,
     severities: Annotated[str, typer.Option(help="Severities for evaluation, e.g. 1,3,5.")] = "3",
     shapes: Annotated[int, typer.Option(min=1, help="Number of held-out pairs of flying shapes.")] = 150,
     size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
@@ -27,8 +29,8 @@ def robust_training(
     """Test whether training with corruptions helps against unseen corruptions, with noise, then weather, held out.
 
     Trains `tiny` from several random initialisations; continues each without corruptions, with all of them, and with
-    all but noise or weather; and evaluates every network on unseen pairs. Ctrl-C stops the experiment; the same command
-    continues it. Commands running in several terminals share the work.
+    all but noise or weather; and evaluates every network on unseen pairs. Ctrl-C stops the experiment; run the same
+    command again to resume. Commands running in several terminals share the work.
 
     \b
     Examples:

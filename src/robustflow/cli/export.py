@@ -119,10 +119,11 @@ def export(
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
     if severity_scale == "calibrated" and fewer:
         typer.echo(
-            f"not at every severity, because the calibrated scale lacks some of them: {', '.join(fewer)}", err=True
+            f"not exported at every severity, because the calibrated scale lacks some of them: {', '.join(fewer)}",
+            err=True,
         )
     typer.echo(
-        f"{output}: {len(chosen.keys)} pairs; clean and corrupted, {fresh} written and {total - fresh} already there"
+        f"{output}: {len(chosen.keys)} pairs; clean and corrupted, {fresh} written and {total - fresh} already present"
     )
 
 
@@ -193,12 +194,13 @@ def _export_submission(
         means = robustness_means(moved)
         write_bytes(output / "robustness.csv", robustness_csv(means).encode())
     fresh = sum(one.fresh for one in flows)
-    typer.echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already there")
+    typer.echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already present")
     if moved:
         epe, fl, px1 = means[AVERAGE][1]
         typer.echo(
-            f"moved by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over all pixels; the "
-            "server evaluates about 0.1 % of the pixels, subsampled in float16, so its numbers differ slightly"
+            f"the flow changed by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over "
+            "all pixels; the server evaluates about 0.1 % of the pixels, subsampled in float16, so its numbers differ "
+            "slightly"
         )
     if missing := sum(not (output / flow).is_file() for flow in submitted()):
         typer.echo(f"incomplete submission: {missing} of {len(list(submitted()))} flows are missing")

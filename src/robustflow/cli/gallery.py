@@ -25,9 +25,9 @@ def gallery(
         Path | None, typer.Option("--clip", help="A video or a folder of frames, which the page plays.")
     ] = None,
     start: Annotated[
-        str | None, typer.Option("--start", help="Start in the clip: a frame number (120) or a time (12.5s, 1:05).")
+        str | None, typer.Option("--start", help="First frame to show: a frame number (120) or a time (12.5s, 1:05).")
     ] = None,
-    stop: Annotated[str | None, typer.Option("--stop", help="End in the clip (exclusive).")] = None,
+    stop: Annotated[str | None, typer.Option("--stop", help="Frame at which to stop (exclusive).")] = None,
     length: Annotated[int | None, typer.Option("--length", help="Number of frames to show; 10 by default.")] = None,
     severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
@@ -51,8 +51,8 @@ def gallery(
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    For a clip, the page plays or steps through frames from --start, or from the middle. It includes H.264 compression
-    and bit errors, which need more than two frames.
+    For a clip, the page plays or steps through frames from --start, or from the middle of the clip. It includes H.264
+    compression and bit errors, which need more than two frames.
 
     With --attacks and a model, attacks.webp shows the attacked frame, the perturbation, and the flow before and after.
 
@@ -249,8 +249,8 @@ def _of_clip(
         slider = clip_slider(shown, kept(folder), SEVERITIES, severity, title, first)
     which = "middle" if start is None else "first"
     remarks = [
-        f"The frames are the {which} of a part of {part.count} frames at {float(part.rate):.4g} frames per second, "
-        "corrupted at full size; SSIM is that of the first frame.",
+        f"The frames are the {which} of {part.count} frames at {float(part.rate):.4g} frames per second, "
+        "corrupted at full size; the SSIM is that of the first frame.",
         *remarks,
     ]
     _write(output, shown[0], at, f"{title}, severity {severity}", page_of(slider, remarks))

@@ -70,9 +70,7 @@ def leaderboard(
 
     if add:
         if len(sources or []) != 1 or output not in (None, *(sources or [])):
-            raise UsageError(
-                "--add needs one folder of records, where the page is written: leaderboard site --add FILE"
-            )
+            raise UsageError("--add needs exactly one folder of records as the SOURCE: leaderboard site --add FILE")
         output = (sources or [])[0]
         added = add_records(output, add, supersede)
         for earlier in added.earlier:

@@ -91,7 +91,7 @@ def _models() -> list[str]:
             sets = parse_training_sets(shipped_weights(name).trained_on)
             public = f"shipped {setting_of(Training(sets, DECLARED), 'kitti-fc')}"
         elif method.type == "knowledge":
-            public = "learns nothing"
+            public = "not trained"
         else:
             public = ", ".join(seen.get(name, [])) or "the authors' file, UNKNOWN"
         kind = method.type if method.frames == 2 else "multi-frame"
@@ -100,7 +100,7 @@ def _models() -> list[str]:
     others = [name for name in seen if is_in_ptlflow(name)]
     return [
         *_aligned(lines),
-        f"{len(others)} more of ptlflow: {', '.join(others)}.",
+        f"{len(others)} more from ptlflow: {', '.join(others)}.",
         "'robustflow list models NAME' shows the training data of a model's checkpoints, and the evidence.",
         "Some of them need packages that ptlflow does not install: "
         + "; ".join(f"{name} ({needs})" for name, needs in BESIDES.items())
@@ -109,7 +109,7 @@ def _models() -> list[str]:
         "pairs; UNKNOWN: not documented (declare with --trained-on C+T).",
         "multi-frame: supervised, with up to "
         f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
-        "Few of the published weights state a licence.",
+        "Few of the published weights come with a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",
     ]
 
@@ -166,7 +166,7 @@ def _attacks() -> list[str]:
         lines.append(f"{name:14s} {one.norm:5s} {one.needs:10s} {budgets}")
     return [
         *lines,
-        "Budgets of severities 1 to 5 in grey levels (0 to 255), or in % of the pixels for areas; docs: attacks.",
+        "Budgets of severities 1 to 5 in grey levels (0 to 255), or in % of the pixels for areas; see docs/attacks.md.",
     ]
 
 
@@ -212,8 +212,8 @@ def _recipes() -> list[str]:
         for stage, recipe in recipes_of(method).items():
             crop = f"{recipe.crop[0]}x{recipe.crop[1]}"
             lines.append(
-                f"    {stage:12s} {recipe.updates:7d} updates of {recipe.pairs} pairs at {crop:8s} rate "
-                f"{recipe.learning_rate:g}, begins with {recipe.start}, on {recipe.mix}"
+                f"    {stage:12s} {recipe.updates:7d} updates of {recipe.pairs} pairs at {crop:8s} learning rate "
+                f"{recipe.learning_rate:g}, starts from {recipe.start}, trained on {recipe.mix}"
             )
     return [*lines, "'robustflow train METHOD --recipe STAGE --plan' shows a full recipe and the data that it needs."]
 

@@ -112,7 +112,7 @@ def main() -> None:
     line."""
     warnings.formatwarning = plain_warning
     ignore_local_settings()
-    os.environ[SAFE_PATH] = "1"  # inherited by every process that a library starts
+    os.environ[SAFE_PATH] = "1"  # inherited by every child process
     debug = "--debug" in sys.argv[1:]
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     # shells request completions for any command through the environment

@@ -45,7 +45,7 @@ def design(
     typer.echo(f"found: {structure_line(lens)}")
     if ship:
         ship_lens(severity, lens, render_psfs(lens))
-        typer.echo("written into the package")
+        typer.echo("saved in the package")
     elif chosen == SHIPPED_SEEDS[severity - 1]:
         same = lens_digest(lens) == manifest()[f"lens_s{severity}"]
         typer.echo("identical to the shipped lens" if same else "differs from the shipped lens")

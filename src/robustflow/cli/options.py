@@ -120,8 +120,8 @@ Attacks = Annotated[
         "--attacks",
         "--attack",
         help="Comma-separated adversarial attacks on the model (robustflow list attacks), with options after colons "
-        "(pgd:steps=40:loss=cosine, transfer:tiny, worst_of:apgd+square). Random noise of the same norms is added; "
-        "corruptions run only if --corruptions is given.",
+        "(pgd:steps=40:loss=cosine, transfer:tiny, worst_of:apgd+square). Random noise of the same norms is added as "
+        "a baseline; corruptions are run only if --corruptions is given.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -154,7 +154,7 @@ Limit = Annotated[
 Seed = Annotated[
     int,
     typer.Option(
-        help="Random seed; the same seed gives the same bytes on every machine.",
+        help="Random seed; the same seed produces the same bytes on every machine.",
         rich_help_panel=WHAT,
     ),
 ]
@@ -193,7 +193,7 @@ SeverityScale = Annotated[
 
 
 ComparedRuns = Annotated[
-    list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
+    list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs on the same data.")
 ]
 Format = Annotated[
     str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
@@ -293,7 +293,7 @@ def numbers(text: str | None) -> list[int] | None:
     try:
         return None if parts is None else [int(part) for part in parts]
     except ValueError:
-        raise UsageError(f"severities must be whole numbers from 1 to 5, separated by commas, not '{text}'") from None
+        raise UsageError(f"severities must be integers from 1 to 5, separated by commas, not '{text}'") from None
 
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:

@@ -19,7 +19,7 @@ from .options import (
 
 def predict(
     frames: Annotated[
-        list[Path], typer.Argument(metavar="FRAMES...", help="Two or more pictures, a folder of pictures, or a video.")
+        list[Path], typer.Argument(metavar="FRAMES...", help="Two or more images, a folder of images, or a video.")
     ],
     model: ModelName = "dis",
     checkpoint: Checkpoint = None,
@@ -32,7 +32,7 @@ def predict(
         str, typer.Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
     ] = "flo",
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Write a colour-coded picture next to each flow.")
+        bool, typer.Option("--pictures/--no-pictures", help="Write a colour-coded image next to each flow.")
     ] = True,
     radius: Annotated[
         float | None,
@@ -62,7 +62,7 @@ def predict(
     from ..runner.predict import frames_of, predict_flows, write_pictures, write_video
 
     if radius is not None and not 0 < radius < float("inf"):
-        raise UsageError(f"--max-flow {radius}: give a magnitude in pixels above 0")
+        raise UsageError(f"--max-flow {radius}: give a magnitude above 0 pixels")
     if not 0 < fps <= 1000:
         raise UsageError(f"--fps {fps}: give a number above 0 and at most 1000")
     if video is not None and video.suffix.lower() != ".mp4":

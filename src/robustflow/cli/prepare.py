@@ -37,7 +37,7 @@ def gopro_fc(
     factor: Annotated[int, typer.Option(help="Factor by which interpolation raises the frame rate; 1 for none.")] = 4,
     step: Annotated[
         int | None,
-        typer.Option(help="Master frames from one key frame to the next; by default for 30 pairs per second."),
+        typer.Option(help="Master frames per key frame; by default chosen to yield 30 pairs per second."),
     ] = None,
     interpolator: Annotated[
         str | None, typer.Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
@@ -128,7 +128,7 @@ def digests(
     each = track(digests_in(folder), "reading", console=console, disable=not console.is_terminal, transient=True)
     found = dict(each)
     if not found:
-        raise DataError(f"{folder}: no files in it; give the folder of the dataset")
+        raise DataError(f"{folder}: contains no files; give the folder of the dataset")
     if before is None:
         path = write_list(folder, found)
         typer.echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")
@@ -142,7 +142,7 @@ def digests(
         )
     typer.echo(f"{counted(len(before), 'file')}: no change from {folder / DIGEST_LIST}")
     if added := len(found) - len(before):
-        typer.echo(f"{counted(added, 'file')} are not in it; --overwrite adds them")
+        typer.echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
 
 
 def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":
@@ -153,7 +153,7 @@ def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAl
             raise UsageError("--address requires --engine ray; give both, or leave it out")
         return None
     if workers is not None and workers < 1:
-        raise UsageError(f"{workers} is not a number of workers: give 1 or more")
+        raise UsageError(f"{workers} is not a valid number of workers: give 1 or more")
     from ..runner.engines.ray_prepare import prepare_on_ray
 
     return partial(prepare_on_ray, workers=workers, address=address)
@@ -167,5 +167,5 @@ def _rate(text: str | None) -> Fraction | None:
     except (ValueError, ZeroDivisionError):
         rate = Fraction(0)
     if rate <= 0:
-        raise UsageError(f"--fps {text} is not a frame rate: give a number such as 240 or 30000/1001")
+        raise UsageError(f"--fps {text} is not a valid frame rate: give a number such as 240 or 30000/1001")
     return rate

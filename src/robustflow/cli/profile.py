@@ -31,7 +31,7 @@ def profile(
     repeat: Annotated[int, typer.Option(help="Number of timed predictions; 0 for no timing.")] = 1,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Store the cost in a run of this model; its tables then show it."),
+        typer.Option("--into", metavar="RUN", help="Also store the cost in a run of this model, for its tables."),
     ] = None,
     paper: Annotated[
         bool,
@@ -60,7 +60,7 @@ def profile(
     require("torch", "profiling")
     if paper and into is not None:
         raise UsageError(
-            "--paper profiles many models, but --into stores the cost of a single one; leave out either option"
+            "--paper profiles many models, but --into stores the cost of a single one; leave out one of the options"
         )
     if paper and models:
         raise UsageError("--paper profiles the paper's models; leave out the model")

@@ -94,7 +94,7 @@ def reproduce(
         if data is None:
             typer.echo(data_hint(artefact))
         if artefact.table and artefact.instead:
-            typer.echo(f"Besides, {artefact.instead}")
+            typer.echo(f"See also: {artefact.instead}")
         return
     if not data.expanduser().is_dir():
         raise UsageError(f"--data {data}: no such folder; {data_hint(artefact)}")
@@ -121,7 +121,7 @@ def _measured(
     from ..reproduce.measure import measure_variants
     from ..runner.progress import TerminalProgress
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as with Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as on Ctrl-C
     progress, measured = TerminalProgress(), []
     try:
         with progress:
@@ -156,7 +156,7 @@ def _show(artefact: Artefact, measured: list[Measured], output: Path, format: st
     write_bytes(written, comparison_csv(artefact, variants).encode())
     typer.echo(f"all values: {written}")
     if artefact.table and artefact.instead:
-        typer.echo(f"Besides, {artefact.instead}")
+        typer.echo(f"See also: {artefact.instead}")
     if artefact.figure and ran:
         for path in _draw(artefact, list({run.path: run for _, run in ran}.values()), output):
             typer.echo(str(path))

@@ -186,7 +186,7 @@ def run(
 ) -> None:
     """Measure the robustness of a model, or of several models one after another.
 
-    A run can be stopped at any time; the same command resumes it.
+    A run can be stopped at any time; run the same command again to resume it.
 
     \b
     Examples:
@@ -204,7 +204,7 @@ def run(
     """
     from ..models import ModelSpec
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as with Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as on Ctrl-C
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     if len(set(model)) < len(model):
         raise UsageError("a model is given twice; give each model once")

@@ -112,7 +112,7 @@ def print_results(results: Sequence[Run]) -> None:
     lines, groups = run_results(results), seed_groups(results)
     print(for_stdout(runs_table(lines, groups)), end="")
     for remark in {truth_remark(result.manifest.identity.frames.protocol) for result in results} - {""}:
-        console.print(f"Errors are on {remark}.")
+        console.print(f"Errors are measured on {remark}.")
     for run in results:
         if phantom := phantom_motion(run):
             console.print(f"{plain(run.name)}: {plain(phantom, None)}", highlight=False, soft_wrap=True)
@@ -177,7 +177,7 @@ def _sentence(result: Run) -> str:
     if summary.rcre is None:
         return "nothing could be measured" if summary.epe_clean is None else clean
     if summary.epe_clean is None:
-        length = f"; on clean frames the flow is {number_text(summary.clean_flow_length)} px long on average"
+        length = f"; on clean frames, the mean length of the flow is {number_text(summary.clean_flow_length)} px"
         return f"RCRE {number_text(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
     truth = truth_remark(result.manifest.identity.frames.protocol)
     return f"{clean}, {_means(summary)}{f'; {truth}' if truth else ''}"

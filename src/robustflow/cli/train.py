@@ -68,7 +68,7 @@ def train(
     loaders: Annotated[int, typer.Option("--loaders", help="Number of processes that load and augment data.")] = 1,
     save_every: Annotated[int, typer.Option("--save-every", help="Updates between checkpoints.")] = 1000,
     keep_every: Annotated[
-        int | None, typer.Option("--keep-every", help="Number of updates between weight files that are kept.")
+        int | None, typer.Option("--keep-every", help="Number of updates between saved weight files.")
     ] = None,
     validate: Annotated[str | None, typer.Option(help="Benchmark for validation, e.g. sintel.")] = None,
     validate_data: Annotated[str | None, typer.Option("--validate-data", help="Its data.")] = None,
@@ -184,7 +184,7 @@ class Interrupted:
         if self._came:
             raise KeyboardInterrupt
         self._came = True
-        typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop at once", err=True)
+        typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop immediately", err=True)
 
 
 def _refuse_alone(*options: tuple[str, object]) -> None:
