@@ -200,7 +200,7 @@ def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
     summary = json.loads((folder / "summary.json").read_text())
     now = summary["version"]
     (folder / "summary.json").write_text(json.dumps(summary | {"version": now - 1}))
-    with pytest.raises(RunError, match=f"has version {now - 1}, .* reads {now}; write it again .* robustflow show"):
+    with pytest.raises(RunError, match=f"has version {now - 1}, .* reads {now}; recreate it .* robustflow show"):
         audit(folder)
 
 

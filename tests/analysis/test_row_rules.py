@@ -86,11 +86,14 @@ _CHANGES = {
         {"pred_magnitude_sum": pl.col("pred_magnitude_sum") + 3 * pl.col("rcre_all_sum") + 1},
     ),
     "it counts more pixels than the frame has": (_FOG, {"n_invalid": pl.lit(1, pl.Int64)}),
-    "some of the numbers that belong together are missing": (_FOG, {"epe_sum_occ": pl.lit(None, pl.Float64)}),
+    "some of the values that are always measured together are missing": (
+        _FOG,
+        {"epe_sum_occ": pl.lit(None, pl.Float64)},
+    ),
     "its regions do not add up to all pixels": (_FOG, {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)}),
     "its counts of 1, 3 and 5 px outliers are inconsistent": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
     "its error is smaller than its outliers alone imply": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),
-    "the length of its ground truth does not match its regions": (
+    "the length of its ground-truth flow does not match its regions": (
         _FOG,
         {"magnitude_sum": 10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40") - 1},
     ),

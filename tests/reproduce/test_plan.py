@@ -96,7 +96,7 @@ def test_the_papers_dis_is_the_one_on_colours_unless_requested_otherwise():
     assert "grey" in choose(paper_variants("kitti-fc", ["dis"]), "kitti-fc", [])[0].weights
     with pytest.raises(UsageError, match="one model at a time"):
         paper_variants("kitti-fc", ["dis", "dis_rgb"])
-    with pytest.raises(UsageError, match="unknown model of the paper's 'memflow'"):
+    with pytest.raises(UsageError, match="unknown published model 'memflow'"):
         paper_variants("kitti-fc", ["memflow"])
 
 

@@ -202,7 +202,9 @@ def test_orders_are_over_common_rows_and_blame_what_differs(base):
     for scores in order.scores.values():
         assert scores["A"] < scores["B"]
     assert order.scores["seed 0"]["B"] == pytest.approx(order.scores["seed 1"]["B"])
-    assert order.remark.startswith("Only the 18 rows (clean or corrupted pairs) that every run has are compared: ")
+    assert order.remark.startswith(
+        "Only the 18 rows (clean or corrupted pairs) that all runs have in common are compared: "
+    )
     assert "A (seed 0) and A (seed 1) have fog" in order.remark
 
 

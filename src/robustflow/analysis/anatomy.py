@@ -51,9 +51,8 @@ def by_family(summary: Summary) -> pl.DataFrame:
 
     Returns:
         A table with the columns family, corruptions (number of corruptions run), epe, cre, crer, rcre, fl, broken (net
-        percent of pixels), and contribution (the family's part of the overall CRE in pixels; negative if the family
-        reduces the error). If only the paper's corruptions were run, the contributions add up to the CRE. Percentages
-        would be
+        percent of pixels), and contribution (of the family to the overall CRE, in pixels; negative if it reduces the
+        error). If only the paper's corruptions were run, the contributions add up to the CRE. Percentages would be
         misleading: if one family has a negative contribution, the others add up to more than 100 %.
     """
     averaged = summary.averaged_over

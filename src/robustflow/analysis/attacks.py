@@ -36,7 +36,7 @@ class AttackScore:
         rcre: mean change in the flow, px.
         px1, px3, px5, fl: percentage of pixels with an error above 1, 3 and 5 px, and of KITTI's Fl outliers; None
             without ground truth.
-        median: median error of a sample, averaged over samples, px; None without ground truth.
+        median: median error over the pixels of a sample, averaged over samples, px; None without ground truth.
         capped: mean error with the error of each pixel capped at the frame diagonal, px; None without ground truth.
         way_gone: percentage of the distance from the clean flow to the target that the attack covers; None without a
             target.
@@ -78,7 +78,7 @@ class AttackScore:
 
 
 def attack_scores(run: Run) -> list[AttackScore]:
-    """Score every attack of a run at every severity, controls first. Scores are means over images, as for
+    """Score every attack of a run at every severity, starting with the controls. Scores are means over images, as for
     corruptions."""
     rows = run.attack_rows
     names = [name for name in run.attacks if not rows.filter(corruption=name).is_empty()]

@@ -17,7 +17,7 @@ class Compared(Generic[Key]):
         group: name of the group; only lines of the same group are compared.
         texts: column -> printed number.
         excluded: whether the line's model is not ranked (`robustflow.analysis.exclusion`); such a line is never marked
-            as best and is ignored when other lines are compared.
+            as best and does not affect the marks of other lines.
     """
 
     group: Hashable
@@ -27,7 +27,7 @@ class Compared(Generic[Key]):
 
 def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
     """Return, for each line, the columns in which it has the smallest printed number. As in the paper, all lines with
-    the same smallest printed number are marked; the only line of a group is not.
+    the same smallest printed number are marked; a line that is alone in its group is not marked.
 
     >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
     >>> best_of_columns(lines)

@@ -140,7 +140,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     unranked = "; ".join(f"{plain(name)}, because {why[name]}" for name in sorted(everywhere & why.keys()))
     if len(everywhere - why.keys()) < 2:
         raise RunError(
-            f"a ranking needs two models that can be ranked; not ranked: {unranked}; add runs of another model"
+            f"a ranking needs at least two models that can be ranked; not ranked: {unranked}; add runs of other models"
         )
     if unranked:
         remark = " ".join(filter(None, (remark, f"Not ranked: {unranked}.")))
@@ -161,14 +161,14 @@ def _model_names(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
-    """Select the rows of each run for the (sample, corruption, severity) cells that all runs have, with a remark about
-    the rest."""
+    """Select the rows for the (sample, corruption, severity) cells that all runs have in common, and describe in a
+    remark what was left out."""
     keys = list(ROW_KEY)
     shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
     names = run_names(runs)
     if all(run.rows.height == shared.height for run in runs):
         return [run.rows for run in runs], ""
-    remark = f"Only the {shared.height} rows (clean or corrupted pairs) that every run has are compared"
+    remark = f"Only the {shared.height} rows (clean or corrupted pairs) that all runs have in common are compared"
     words = differences(dict(zip(names, runs, strict=True)), SELECTION)
     return [run.rows.join(shared, on=keys, how="semi") for run in runs], f"{remark}: {words}."
 

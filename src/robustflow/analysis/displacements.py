@@ -14,7 +14,7 @@ from .labels import benchmark_label
 
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
-    """Return label -> bins for the figure, one histogram per sample set, from ground truth if a run has it."""
+    """Return the bins for the figure by label, with one histogram per sample set, from ground truth if a run has it."""
     by_samples: dict[str, DisplacementFile] = {}
     benchmarks: dict[str, str] = {}
     for run in runs:

@@ -20,7 +20,7 @@ ACCURATE_BELOW = 0.5
 a model is hardly better than zero flow, so a small change under corruption is not evidence of robustness."""
 SMALL_MOTION = 1.0
 """Mean length of the ground-truth flow in pixels below which even sound models may exceed `ACCURATE_BELOW`: on
-Middlebury's RubberWhale (1.26 px) the EPE of the package's models is 0.23 to 0.40 px."""
+Middlebury's RubberWhale (1.26 px), the EPE of the package's models is 0.23 to 0.40 px."""
 BLIND_BELOW = 0.001
 """RCRE, as a fraction of the length of the clean flow, below which a flow hardly depends on the frames. For DIS,
 Farneback and `tiny` at the lowest severity of a single corruption, the fraction is 0.010 to 0.15."""
@@ -37,7 +37,7 @@ def exclusion_reasons(run: Run) -> list[str]:
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
     if is_still(run.benchmark):
-        return reasons  # zero flow is right, so a flow that ignores the frames is as good as any
+        return reasons  # zero flow is correct, so a model may ignore its frames
     return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 

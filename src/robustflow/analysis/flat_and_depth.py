@@ -24,7 +24,7 @@ TWINS = (
     ("defocus_blur", "far_focus"),
     ("camera_motion_blur", "motion_blur_3d"),
 )
-"""Each corruption of the paper with the depth-dependent corruption of the same kind."""
+"""Pairs of a corruption from the paper and the depth-dependent corruption of the same kind."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class TwinComparison:
 
 
 def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
-    """Compare every pair of `TWINS` that some runs contain, over the cells that these runs have in common.
+    """Compare each pair of `TWINS` over the cells that all runs containing this pair have in common.
 
     Args:
         runs: runs to compare; runs without a pair of `TWINS` are left out.

@@ -19,7 +19,7 @@ SETTING_LABELS = {
     "untrained": "Random weights",
 }
 SETTING_EXPLANATIONS = {
-    "knowledge": "is not trained on data",
+    "knowledge": "is not a learned method",
     "OOD": "was not trained on data from the benchmark's domain",
     "ID": "was trained on the domain, but not on the evaluated frames",
     "LEAKED": "was trained on the evaluated frames",

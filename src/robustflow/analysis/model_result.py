@@ -154,7 +154,7 @@ class ModelResult:
         return None if value is None else value.number
 
     def numbers(self, metric: str) -> dict[str, float]:
-        """Return condition -> number for one metric."""
+        """Return the numbers of one metric by condition."""
         return {of: value.number for (kind, of), value in self.values.items() if kind == metric}
 
 

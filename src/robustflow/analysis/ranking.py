@@ -45,7 +45,7 @@ def middle_ranks(values: Sequence[float]) -> list[float]:
 
 
 def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:
-    """Rank names by their mean rank, over the names that are in all rankings.
+    """Rank names by their mean rank, considering only names that appear in all rankings.
 
     >>> average_ranks({"a": 1, "b": 2, "c": 3}, {"a": 3, "b": 2, "c": 4})
     {'a': 1, 'b': 1, 'c': 3}

@@ -1,4 +1,4 @@
-"""Measure the change in a model's flow on RobustSpring, as results for a leaderboard."""
+"""Measure how a model's flow changes under corruption on RobustSpring, as results for a leaderboard."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_NAMED = 3
 
 
 class MovedFlow(Protocol):
-    """A flow of an export, as in `robustflow.runner.submission.Submitted`."""
+    """A flow in an export, as in `robustflow.runner.submission.Submitted`."""
 
     @property
     def condition(self) -> str:

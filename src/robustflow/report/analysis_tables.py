@@ -64,8 +64,10 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
     for setting, models in effective_robustness(results).items():
         lines = [Line.of_numbers(one.line.name, (one.clean, one.corrupted, one.expected, one.factor)) for one in models]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
-    remark = "factor: EPE divided by the EPE predicted from the clean EPE with a fit to the other models; below 1 is "
-    "more robust than expected from accuracy."
+    remark = (
+        "factor: EPE divided by the EPE predicted from the clean EPE by a fit to the other models; a value below 1 "
+        "means more robust than expected from accuracy."
+    )
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
 
 
@@ -85,7 +87,7 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
             lines.append(Line.of_numbers(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
         sections.append(Section(name, tuple(lines)))
     remark = (
-        "share: share of the pixels; adds: contribution of a family to the mean CRE, below 0 if it reduces the mean; "
+        "share: share of the pixels; adds: contribution of a family to the mean CRE, negative if it reduces the mean; "
         "broken: net share of pixels that became Fl outliers; slope: RCRE per severity step."
     )
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")

@@ -54,7 +54,7 @@ def tables_of(
     Args:
         runs: the runs; may be empty.
         published: whether to include the paper's results.
-        wanted: table names from `ALL_TABLES`, or `ROW`; by default all tables that these runs can fill.
+        wanted: table names from `ALL_TABLES`, or `ROW`; by default all tables for which these runs have data.
         seed: random seed of the bootstrap for the intervals.
         only_own: whether to omit the paper's models from effective robustness and observations.
 
@@ -102,8 +102,8 @@ def tables_of(
 
 
 def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Table]:
-    """Remove columns of dashes from the tables, and append the conclusions from runs without ground truth to the last
-    RCRE table."""
+    """Remove columns that contain only dashes from the tables, and append the conclusions from runs without ground
+    truth to the last RCRE table."""
     tables = [table.without_empty_columns() for table in tables]
     last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
     if last is not None:

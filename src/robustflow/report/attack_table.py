@@ -41,7 +41,7 @@ _NORMS = {"linf": "L-inf", "rms": "RMS", "area": "Area, % of the pixels"}
 _REMARK = (
     "Adversarial attacks, not included in any mean over corruptions. Budgets are in grey levels (0 to 255) and apply "
     "to the 8-bit frames that were evaluated. Median: median over the pixels of a pair, averaged over pairs. Capped: "
-    "error per pixel limited to the frame diagonal. Gain: error above that under random noise of the same norm. "
+    "error per pixel limited to the frame diagonal. Gain: error minus that under random noise of the same norm. "
     "Target progress: movement from the clean flow towards the attack's target. L-inf, RMS: norms reached, in grey "
     "levels. Flows and time: per pair. An attack gives a lower bound on the worst-case error; stronger attacks may "
     "exist."
@@ -202,8 +202,8 @@ def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
     ]
     labels = ("norm", "budget", "steps", "target", "EPE (px)", "to target (px)", "reached")
     remark = (
-        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are on a scale of 0 to 1; norm frame is the norm of the "
-        "change of one frame. Errors are means over images, for frames before rounding to 8 bits."
+        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are on a scale of 0 to 1; the norm 'frame' is that of the "
+        "change in one frame. Errors are means over images, for frames before rounding to 8 bits."
     )
     title = "Attacks stored by FlowBench"
     return Table("imported-attacks", title, tuple(map(Column, labels)), tuple(sections), (remark,), "Model, attack")

@@ -41,10 +41,10 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
         )
         sections.append(Section(f"Average {METRIC_LABELS[metric]}", lines))
     about = (
-        f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level finds with a probability "
-        f"of {100 * power:g} %. A group is a drive or sequence, or a single pair that belongs to none. The numbers of "
-        "pairs assume as many pairs per group as here. They are estimated from the variance of these runs and can be "
-        "far off with few groups."
+        f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level detects with probability "
+        f"{100 * power:g} %. A group is a drive or sequence, or a single pair that belongs to none. The numbers of "
+        "pairs assume as many pairs per group as in these runs. They are estimated from the variance of these runs and "
+        "can be far off with few groups."
     )
     return Table("power", "Pairs required for a comparison", columns, tuple(sections), (about,), "Comparison")
 

@@ -95,13 +95,17 @@ def _published_without_flow(benchmark: str) -> bool:
     return facts.published and not facts.has_flow
 
 
-_BEST = "Marked values are the best of their column among models of one setting measured on the same frames; lower is "
-"better."
+_BEST = (
+    "Marked values are the best of their column among models of one setting measured on the same frames; lower is "
+    "better."
+)
 
 
 _COVERAGE = "coverage"
-_SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are computed over "
-"these pixels only."
+_SHARE = (
+    "Coverage: share of the pixels with ground truth that the model predicted; its errors are computed over these "
+    "pixels only."
+)
 
 
 def _measured_on(benchmarks: Iterable[str]) -> str:

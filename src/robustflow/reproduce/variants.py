@@ -76,4 +76,4 @@ def _named(name: str, every: Sequence[Variant]) -> tuple[str, str]:
     for variant in every:
         if name in (variant.method, variant.model) or (entry is not None and entry.method == variant.method):
             return variant.method, name if entry is not None else variant.model
-    raise unknown_name("model of the paper's", name, dict.fromkeys(variant.model for variant in every))
+    raise unknown_name("published model", name, dict.fromkeys(variant.model for variant in every))

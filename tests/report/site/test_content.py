@@ -37,7 +37,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     ]
     assert [section.lines[0].result.frames for section in boards["kitti-fc"].sections] == ["file 1", "file 2", "paper"]
     assert "1 pair of the demo" in boards["demo"].sections[0].title
-    assert boards["demo"].settings == (("knowledge", "knowledge-driven", "is not trained on data"),)
+    assert boards["demo"].settings == (("knowledge", "knowledge-driven", "is not a learned method"),)
 
 
 def test_what_was_measured_comes_before_what_was_published(small_run, many_images):

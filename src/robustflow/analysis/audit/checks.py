@@ -23,7 +23,7 @@ def finding(
     message: str,
     numbers: tuple[float, float, float] | None = None,
 ) -> Finding:
-    """Create a finding about one number of a model; `numbers` are the given number, the recomputed one and the
+    """Create a finding about one number for a model; `numbers` contains the given number, the recomputed number and the
     tolerance."""
     given, recomputed, tolerance = numbers or (None, None, None)
     return Finding(
@@ -41,15 +41,15 @@ def finding(
 
 
 def expected_cre(values: Values) -> dict[str, float]:
-    """Return corruption -> EPE - clean EPE."""
+    """Return EPE - clean EPE by corruption."""
     if ("epe", CLEAN) not in values:
         return {}
     return {name: _change(values, name) for metric, name in values if metric == "epe" and name != CLEAN}
 
 
 def change_tolerance(epe: Values, corruption: str, given: Value) -> float:
-    """Return the largest combined rounding error of the EPE, the clean EPE, and the CRE or RCRE compared with their
-    difference."""
+    """Return the largest combined rounding error of the EPE, the clean EPE, and the CRE or RCRE that is compared with
+    their difference."""
     return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
 
 
@@ -102,7 +102,7 @@ def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Findi
 
 
 def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
-    """Check that CREr = (EPE - clean EPE) / clean EPE, for results with a CREr."""
+    """Check that CREr = (EPE - clean EPE) / clean EPE, for results that contain a CREr."""
     count, findings = 0, []
     for line in results:
         values = line.values

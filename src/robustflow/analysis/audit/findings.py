@@ -8,17 +8,17 @@ from ...validated import Frozen, FrozenFinite
 
 AUDIT_CHECKS = {
     "cre": "CRE is the corrupted minus the clean EPE",
-    "crer": "CREr is CRE / clean EPE, from the EPE",
-    "crer_from_cre": "CREr is CRE / clean EPE, from the CRE",
+    "crer": "CREr is CRE / clean EPE, with the CRE computed from the EPE",
+    "crer_from_cre": "CREr is CRE / clean EPE, with the printed CRE",
     "average": "the average is the mean over corruptions",
     "bound": "RCRE is at least |EPE - clean EPE|",
-    "best": "the best of each column is marked",
+    "best": "the best value in each column is marked",
     "rank": "ranks follow from the printed values",
     "rank_from_epe": "ranks follow from CREr computed from the EPE",
     "swapped": "each row belongs to its model",
-    "shifted": "each value is in its column",
-    "summary": "the summary follows from the rows",
-    "rows": "the rows are possible measurements",
+    "shifted": "each value is in the right column",
+    "summary": "the summary matches the rows",
+    "rows": "the rows contain no impossible measurements",
     "budget": "attacked frames are within the stated budget",
 }
 """Check -> statement that it verifies."""

@@ -16,7 +16,8 @@ def misfits(given: float, recomputed: float, tolerance: float) -> bool:
 
 
 def ratio_range(top: tuple[float, float], bottom: tuple[float, float]) -> tuple[float, float]:
-    """Return the smallest and the largest quotient of two numbers given as (value, half); the second must be positive.
+    """Return the smallest and the largest quotient of two numbers, each given as (value, rounding error); the second
+    must be positive.
 
     >>> ratio_range((1.0, 0.5), (2.0, 0.0))
     (0.25, 0.75)

@@ -94,7 +94,7 @@ def _any(conditions: Iterator[_Expr] | list[_Expr]) -> _Expr:
 
 
 def _apart(first: _Expr, second: _Expr) -> _Expr:
-    """Whether two sums over the same pixels differ by more than the order of summation explains."""
+    """Whether two sums over the same pixels differ by more than the order of summation can explain."""
     return (first - second).abs() > _CLOSE * (1 + first.abs() + second.abs())
 
 
@@ -171,7 +171,7 @@ RULES: dict[str, _Expr] = {
         + [pl.col("n_valid") > pl.col("n_all"), pl.col("n_valid") > pl.col("n_truth"), pl.col("n_truth") > _pixels]
         + [_whole & (pl.col("n_valid") != pl.col("n_truth"))]
     ),
-    "some of the numbers that belong together are missing": _any(
+    "some of the values that are always measured together are missing": _any(
         [_missing_together(_TRUTH)]
         + [_missing_together(tuple(f"{field}_{region}" for field in _all_of)) for region in REGIONS]
         + [pl.col("n_valid").is_null() & pl.col(f"n_{region}").is_not_null() for region in REGIONS]
@@ -186,7 +186,7 @@ RULES: dict[str, _Expr] = {
     "its error is smaller than its outliers alone imply": _exceeds(
         pl.col("px1_count") + 2.0 * pl.col("px3_count") + 2.0 * pl.col("px5_count"), pl.col("epe_sum")
     ),
-    "the length of its ground truth does not match its regions": _any(
+    "the length of its ground-truth flow does not match its regions": _any(
         [
             _exceeds(_SHORT * pl.col("n_s10_40") + _LONG * pl.col("n_s40"), pl.col("magnitude_sum")),
             (pl.col("n_s40") == 0)

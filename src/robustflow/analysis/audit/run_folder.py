@@ -67,16 +67,16 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
 def _read_summary(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _LARGEST_SUMMARY:
-            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB, too large for a summary")
+            raise RunError(f"{path} is larger than {_LARGEST_SUMMARY >> 20} MiB, which is too large for a summary")
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise RunError(f"{path} cannot be read ({error}); write it again with robustflow show {path.parent}") from error
+        raise RunError(f"{path} cannot be read ({error}); recreate it with robustflow show {path.parent}") from error
     if not isinstance(summary, dict):
-        raise RunError(f"{path} is not a summary; write it again with robustflow show {path.parent}")
+        raise RunError(f"{path} is not a summary; recreate it with robustflow show {path.parent}")
     if (version := summary.get("version")) != SUMMARY_VERSION:
         raise RunError(
-            f"{path.name} has version {version}, but this version of robustflow reads {SUMMARY_VERSION}; write it "
-            "again from the run's folder with robustflow show"
+            f"{path.name} has version {version}, but this version of robustflow reads {SUMMARY_VERSION}; "
+            "recreate it with robustflow show"
         )
     return summary
 

@@ -63,7 +63,7 @@ _ATTACK, _NONE = "common_corruptions", "none"
 
 @dataclass(frozen=True)
 class Experiment:
-    """One experiment of a file.
+    """One experiment in a file.
 
     Attributes:
         model, checkpoint, dataset: FlowBench's names.

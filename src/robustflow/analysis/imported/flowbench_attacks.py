@@ -24,13 +24,13 @@ from .json_file import finite_number, read_json_file
 STORED_ATTACKS = ("fgsm", "bim", "pgd", "cospgd", "pcfa", "weather")
 FLAGS = {
     "beyond_budget": "its frames exceed the stated budget",
-    "budget_unknown": "the size of the perturbation is not stored, or not in the norm of the budget",
+    "budget_unknown": "the size of the perturbation is not stored, or is stored in a different norm than the budget",
     "no_budget": "the stored budget is rounded to zero",
     "bim_step": "the step size equals the budget, so this is not BIM",
     "pixels_without_truth": "its loss treats pixels without ground truth as zero flow",
     "random_weather": "the code optimises the particles but renders the initial ones",
-    "fgsm_above_iterative": "FGSM is stronger at the same budget: a masked gradient, or badly chosen steps",
-    "repeats_differ": "a stored repetition differs by more than 5 %",
+    "fgsm_above_iterative": "FGSM is stronger at the same budget, which suggests masked gradients or bad step sizes",
+    "repeats_differ": "a repetition of the experiment differs by more than 5 %",
 }
 """Short name -> reason why a stored row is questionable."""
 

@@ -83,7 +83,7 @@ class Evidence:
         return self._methods.get(model) if self._methods is not None else method_of(model)
 
     def family(self, entry: ModelInSetting) -> str:
-        """Return the family of a model: all variants of one method, of any size or option, which count once."""
+        """Return the family of a model. All variants of a method, whatever their size or options, form one family."""
         method = self.method(entry[1])
         if method is not None:
             return method.method
@@ -94,7 +94,7 @@ class Evidence:
     def by_family(
         self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]
     ) -> dict[str, float]:
-        """Return family -> mean value of the family's models."""
+        """Return the mean value over each family's models, by family name."""
         members: dict[str, list[float]] = {}
         for entry in entries:
             members.setdefault(self.family(entry), []).append(value(entry))

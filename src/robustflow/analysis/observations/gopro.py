@@ -11,7 +11,7 @@ from .margin import among, of_majority, of_mean, places
 from .verdict import THIN, UNKNOWN, Observation, Statement, part
 
 _FLOWFORMER: ModelInSetting = ("OOD", "FlowFormer")
-_NEEDS = "needs GoPro-FC results of FlowFormer and other models"
+_NEEDS = "needs GoPro-FC results for FlowFormer and other models"
 
 
 def flowformer_is_best(evidence: Evidence) -> Observation:
@@ -46,7 +46,7 @@ def _common(evidence: Evidence, entries: Sequence[ModelInSetting]) -> list[str]:
 def _lowest(
     evidence: Evidence, claim: str, entry: ModelInSetting, order: Sequence[ModelInSetting], main: bool = False
 ) -> Statement:
-    """Check whether a model has the lowest RCRE among the best models of all families, which `order` lists by
+    """Check whether a model has the lowest RCRE among the best models of all families, listed in `order` by their
     average."""
     best: dict[str, ModelInSetting] = {}
     for other in order:

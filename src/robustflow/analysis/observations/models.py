@@ -55,8 +55,8 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
         correlation, margin = coupling(clean, cre, ratio), of_correlation(clean, ratio, "family")
         if correlation is not None and correlation.cre is not None and margin is not None:
             message = (
-                f"{setting}: Spearman with clean EPE {correlation.cre:+.2f} for CRE, and for ln(EPE / clean EPE) "
-                f"{margin} ({len(entries)} models)"
+                f"{setting}: Spearman correlation with clean EPE {correlation.cre:+.2f} for CRE; for "
+                f"ln(EPE / clean EPE) {margin} ({len(entries)} models)"
             )
             claim = f"not only CRE but also the factor by which errors grow rises with clean EPE ({setting})"
             numbers = {"cre": correlation.cre, "ratio": margin.estimate}
@@ -129,7 +129,9 @@ def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
         for smaller, larger in (sizes[:2], sizes[1:])
         if names
     ]
-    message = f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; T - B and B - H in EPE {'; '.join(map(str, steps[:2]))}"
+    message = (
+        f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; EPE differences T - B and B - H: {'; '.join(map(str, steps[:2]))}"
+    )
     return [part(claim, all_hold(steps) if steps else THIN, message)]
 
 

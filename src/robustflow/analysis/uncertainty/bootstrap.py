@@ -69,10 +69,10 @@ def bootstrap(
     symmetric: bool = False,
     relative: Container[Key] = (),
 ) -> dict[Key, Interval]:
-    """Compute intervals and p-values of several statistics of the same data from the same resamples.
+    """Compute intervals and p-values for several statistics from the same data and the same resamples.
 
     Args:
-        statistics: name -> statistic, all of the same clusters.
+        statistics: name -> statistic, all over the same clusters.
         clusters: number of clusters, G.
         level: confidence level of the intervals, at least 0.5 and below 1.
         resamples: number of resamples; the p-value cannot be below 1 / (resamples + 1).

@@ -11,8 +11,8 @@ is the paper's average, and to first order the influence of cluster g on it is
     U_g = sum_k v_k (T_gk - mean_k N_gk) / sum_h w_h N_hk .
 
 The w_g U_g add up to zero, and G / (G - 1) sum_g w_g U_g^2 estimates the variance of theta (the sandwich of a
-clustered mean, with its small-sample factor). Differences and ratios of such means follow by the chain rule, so one
-mechanism serves EPE, CRE, CREr and RCRE, of one model or between two.
+clustered mean, with its small-sample factor). Differences and ratios of these means follow by the chain rule, so the
+same code handles EPE, CRE, CREr and RCRE, for one model or the difference between two.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The intervals of a run that reports show, computed once and stored with the run."""
+"""The intervals of a run that appear in reports, computed once and stored with the run."""
 
 from __future__ import annotations
 

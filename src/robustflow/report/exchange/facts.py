@@ -71,7 +71,7 @@ class RunFacts:
         if reasons := exclusion_reasons(run):
             out.append(f"Not ranked, because {' and '.join(reasons)}.")
         if not summary.complete:
-            out.append("The run is incomplete: rows are missing, or have no valid pixel.")
+            out.append("The run is incomplete: some rows are missing or have no valid pixels.")
         if has_gaps(summary):
             out.append(
                 f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are computed over "

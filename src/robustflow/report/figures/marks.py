@@ -57,7 +57,7 @@ class MarkedFigure(Figure):
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:
-        """Register the meaning of an artist's points; bars and texts have one mark.
+        """Record the meaning of an artist's points; a bar or a text has a single mark.
 
         >>> figure = MarkedFigure()
         >>> figure.mark(figure.text(0, 0, "RAFT"), [Mark("RAFT")])

@@ -114,7 +114,9 @@ def _legend(figure: MarkedFigure) -> int:
         Line2D([], [], color=style.colour, marker=style.marker, markersize=3.5, label=name_text(name))
         for name, style, _ in figure.key
     ]
-    widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with the line, points
+    widest = (
+        max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40
+    )  # in points, including the line sample
     columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
     figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
     return -(-len(handles) // columns)

@@ -57,7 +57,7 @@ MODEL_STYLES = (
 one page."""
 
 OTHER = Style("#666666")
-"""Style of the models that exceed the number of `MODEL_STYLES`, in figures that print names next to the points."""
+"""Style of additional models if there are more than `MODEL_STYLES`, in figures that print names next to the points."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def model_key(styles: Mapping[str, Style]) -> list[tuple[str, Style, bool]]:
 
 
 def legend_handles(key: Sequence[tuple[str, Style, bool]]) -> list[Line2D]:
-    """Make legend handles from (label, style, whether filled)."""
+    """Make legend handles from (label, style, whether filled) tuples."""
     return [
         Line2D(
             [],

@@ -1,1 +1,1 @@
-"""Galleries of corruptions: a figure or an HTML page."""
+"""Galleries of corruptions, as a figure or as an HTML page."""

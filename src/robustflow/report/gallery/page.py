@@ -106,8 +106,8 @@ def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
 
 
 def example_slider(clean: Frame, cells: Iterable[CorruptedPicture], title: str) -> Slider:
-    """Make a slider for a page with other content. It shows one corruption at a time and omits missing severities; its
-    hundred pictures take about a megabyte."""
+    """Make a slider to be embedded in a larger page. It shows one corruption at a time and omits missing severities;
+    its hundred pictures take about a megabyte."""
     pictures = ((cell.name, cell.severity, [cell.frame], "") for cell in cells if cell.frame is not None)
     return make_slider(title, [clean], pictures, widest=256, quality=50)
 

@@ -24,7 +24,7 @@ class CorruptedPicture:
         severity: severity, 1 to 5.
         frame: first frame of the pair that the corruption changes, RGB uint8 (H, W, 3); None if the scale does not have
             this severity.
-        index: index of that frame, 0 or 1.
+        index: index of this frame, 0 or 1.
         ssim: mean SSIM between this frame and the clean frame.
         caption: caption shown instead of the SSIM.
     """

@@ -24,7 +24,7 @@ _MARGIN_IN = 0.04
 _DPI = 130
 _GREY = 128
 _REACH = 100
-"""Grey levels between mid-grey and the largest change in a picture."""
+"""Distance in grey levels between mid-grey and the largest change in a picture."""
 
 _Cells = dict[tuple[int, int], tuple[str, Frame]]
 """Title and picture, RGB uint8 (H, W, 3), by (row, column)."""
