@@ -155,7 +155,7 @@ def test_too_short_says_how_long_it_must_be(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "short", 20))
     with pytest.raises(DataError, match=r"20 frames are too few .* use a clip with at least (\d+) frames") as caught:
         clip_timing(source, FLOW)
-    needed = int(str(caught.value).split("a clip of ")[1].split()[0])
+    needed = int(str(caught.value).split("at least ")[1].split()[0])
     clip_timing(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
 
 
