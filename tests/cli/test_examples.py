@@ -50,7 +50,7 @@ def test_no_examples_then_one_cell(robustflow, real_pictures):
     ("arguments", "code", "says"),
     [
         (("--sample", "motorcycle"), 2, "a single picture needs"),
-        (("--sample", "motorcycle", "-c", "contrast", "-s", 5), 2, "no severity 5 of contrast"),
+        (("--sample", "motorcycle", "-c", "contrast", "-s", 5), 2, "not include severity 5 of contrast"),
         (("--sample", "motorcycle", "-c", "fog", "-s", 1), 2, "unknown corruption of this run 'fog'"),
         (("--sample", "car", "-c", "contrast", "-s", 1), 2, "unknown sample of this run 'car'"),
         (("-o", "x.png"), 2, "--output is the PNG file for --sample"),

@@ -134,7 +134,7 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
             self.calls += 1
             return np.full((*frame1.shape[:2], 2), self.calls, np.float32)
 
-    with pytest.warns(UserWarning, match="no example pictures: the model predicts a different flow than in the run"):
+    with pytest.warns(UserWarning, match="could not be drawn: the model predicts a different flow than in the run"):
         run = rf.evaluate(Drifts(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[1])
     assert not (run.path / "examples").exists()
     assert run.summary.complete
@@ -210,7 +210,7 @@ def test_an_incomplete_run_has_no_worst_sample(tmp_path):
             write_image(tmp_path / "frames" / name / f"{index}.png", np.roll(frame, index, axis=1))
     run = {"benchmark": "folder", "data": tmp_path / "frames", "output": tmp_path / "run", "severities": [1]}
     rf.evaluate("dis", corruptions=["contrast"], limit=1, **run)
-    with pytest.warns(UserWarning, match="no example pictures: .* is not complete"):
+    with pytest.warns(UserWarning, match="the example pictures could not be drawn: .* is not complete"):
         rf.evaluate("dis", corruptions=["high_light"], examples=True, limit=2, **run)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
