@@ -6,7 +6,7 @@ from robustflow.corruptions.kernels.alias import height_bits
 
 
 def counts_of(table, value_bits):
-    """Count how many positions of a table lead to each outcome."""
+    """Count the number of table positions that lead to each outcome."""
     height = 1 << height_bits(value_bits)
     mask = (1 << value_bits) - 1
     out = np.zeros(1 << value_bits, np.int64)

@@ -6,7 +6,7 @@ from robustflow.sample import Camera, SceneDepth
 
 
 def picture(height, width, seed=0):
-    """A textured frame: a coarse pattern with fine noise, partly black and white."""
+    """Return a textured frame: a coarse pattern with fine noise and some black and white areas."""
     rng = np.random.default_rng([seed, height, width])
     coarse = rng.integers(-40, 296, (height // 8 + 1, width // 8 + 1, 3))
     tiled = coarse.repeat(8, axis=0).repeat(8, axis=1)[:height, :width]
@@ -14,7 +14,7 @@ def picture(height, width, seed=0):
 
 
 def scene(height, width, seed=0, moves=(0.1, 0.0, -0.4)):
-    """A wall of blocks 3 to 60 m away, the same in both frames, in front of a slowly moving camera."""
+    """Return a wall of blocks at 3 to 60 m, the same in both frames, in front of a slowly moving camera."""
     rng = np.random.default_rng([seed, height, width, 1])
     blocks = rng.uniform(3, 60, (height // 12 + 1, width // 12 + 1)).astype(np.float32)
     depth = np.ascontiguousarray(blocks.repeat(12, axis=0).repeat(12, axis=1)[:height, :width])
@@ -22,7 +22,7 @@ def scene(height, width, seed=0, moves=(0.1, 0.0, -0.4)):
 
 
 def seen(first, second=None, rotation=None, translation=None, focal=100.0):
-    """Depth of both frames (the same by default), with the camera's axis at the image centre."""
+    """Return the depth of both frames (the same by default), with the optical axis at the image centre."""
     second = first if second is None else second
     height, width = first.shape
     known = np.ones((height, width), bool)
@@ -31,5 +31,5 @@ def seen(first, second=None, rotation=None, translation=None, focal=100.0):
 
 
 def plane(depth, shape, **camera):
-    """A fronto-parallel plane in both frames."""
+    """Return the depth of a fronto-parallel plane in both frames."""
     return seen(np.full(shape, depth, np.float32), **camera)

@@ -1,4 +1,4 @@
-"""A corruption written by a user: rain, with a parameter in a second module."""
+"""A user-defined corruption: rain, with a parameter defined in a second module."""
 
 import textwrap
 

@@ -1,4 +1,4 @@
-"""Alias tables return every outcome exactly as often as requested; distributions agree with SciPy's."""
+"""Alias tables return every outcome with exactly the requested frequency; distributions agree with SciPy."""
 
 from decimal import Decimal
 

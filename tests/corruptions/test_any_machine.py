@@ -1,4 +1,4 @@
-"""Corruptions give the same bytes with the instruction set of a processor from 2003 as on this machine."""
+"""Corruptions produce the same bytes with the instruction set of a 2003 processor as with that of this machine."""
 
 import os
 import platform
@@ -57,7 +57,7 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path):
     assert digests(NUMBA_CACHE_DIR=str(tmp_path), **OLDEST) == here
 
 
-@pytest.mark.slow  # compiling and computing take half a minute: psf_blur alone takes five seconds
+@pytest.mark.slow  # compilation and computation take half a minute; psf_blur alone takes five seconds
 def test_this_machine_gives_the_bytes_of_the_packages_digests():
     compared = dict(machine_check.compare_with_package())
     assert len(compared) >= 21

@@ -11,7 +11,7 @@ from robustflow.random.rng import Rng
 
 
 def naive(image, radius, sigma, angle):
-    """The sum over taps: tap i is the image shifted back by i pixels along the angle, with replicated borders."""
+    """Sum over the taps: tap i is the image shifted back by i pixels along the angle, with replicated borders."""
     taps = 2 * radius + 1
     weights = np.array([math.exp(-(i**2) / (2 * sigma**2)) for i in range(taps)])
     weights /= weights.sum()

@@ -1,4 +1,4 @@
-"""The disk sums compared with direct convolution with the reference code's kernel."""
+"""Disk sums compared with direct convolution with the reference code's kernel."""
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from robustflow.random.rng import Rng
 
 
 def opencv_kernel(radius, smoothing):
-    """A flat disk in the smallest array that contains it (at least 17 x 17), smoothed by OpenCV's Gaussian."""
+    """A uniform disk in the smallest array that contains it (at least 17 x 17), smoothed with OpenCV's Gaussian."""
     half = max(radius, 8)
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
     disk = (x**2 + y**2 <= radius**2).astype(np.float64)
@@ -22,7 +22,7 @@ def opencv_kernel(radius, smoothing):
 
 
 def disk_kernel(radius, smoothing):
-    """The NumPy kernel for any radius and smoothing: float64 (n, n), with n at least 17."""
+    """Return the NumPy kernel for any radius and smoothing: float64 (n, n), with n at least 17."""
     edge = max(int(radius), 8)
     axis = np.arange(-edge, edge + 1)
     disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)

@@ -1,4 +1,4 @@
-"""PSF blur: comparison with the reference implementation's pictures, the shipped lenses, and stacks from files."""
+"""PSF blur: comparison with images from the reference implementation, the shipped lenses, and stacks from files."""
 
 import io
 import json
@@ -81,7 +81,7 @@ def test_means_of_the_channels_stay():
 
 @pytest.fixture
 def stacks(tmp_path, monkeypatch):
-    """A folder with five `.pth` files named as in the reference code, and an empty cache."""
+    """Return a folder with five `.pth` files, named as in the reference code; the cache is empty."""
     torch = pytest.importorskip("torch", reason="needs the extra torch")
     monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "psf"
@@ -203,7 +203,7 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
         with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("archive/data/1", bytes(64 << 20))
         assert path.stat().st_size < reference_stack.LARGEST
-    elif kind == "count":  # a storage of 4 TB according to its index
+    elif kind == "count":  # a storage that has 4 TB according to its index
         torch.save(good[:1, :1, :1, :1].clone(), path)
         with zipfile.ZipFile(path) as source:
             parts = {entry: source.read(entry) for entry in source.namelist()}
@@ -230,7 +230,7 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
 
 @pytest.fixture
 def reference(shared):
-    """Statistics of the reference (with its defects repaired), and the clean pair."""
+    """Return statistics of the reference implementation (with its defects fixed) and the clean pair."""
     folder = shared("corruption-reference")
     statistics = json.loads((folder / "reference.json").read_text())["psf_blur_repaired"]
     return statistics, [read_image(folder / f"clean_{number}.png") for number in (1, 2)]
@@ -243,7 +243,7 @@ def psnr(a, b):
 @pytest.mark.fidelity
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, severity):
-    """CRE of DIS is within 15 % of the reference's, and that of Farneback within 20 %."""
+    """The CRE of DIS is within 15 % of the reference, and the CRE of Farneback is within 20 %."""
     statistics, frames = reference
     coded = cv2.imread(str(shared("corruption-reference", "flow_occ.png")), cv2.IMREAD_UNCHANGED)[..., ::-1]
     truth, valid = (coded[..., :2].astype(float) - 32768) / 64, coded[..., 2] > 0
@@ -266,9 +266,7 @@ def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, sever
 @pytest.mark.fidelity
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_strength_is_that_of_the_reference(reference, severity):
-    """For the shipped lenses, PSNR is within 1 dB, SSIM-like gradient loss within 30 %, and channel means within 0.6
-    levels.
-    """
+    """For the shipped lenses, PSNR is within 1 dB, gradient loss within 30 %, and channel means within 0.6 levels."""
     statistics, frames = reference
     wanted = statistics[f"s{severity}"]
     for number, (frame, blurred) in enumerate(zip(frames, corrupt(*frames, "psf_blur", severity), strict=True), 1):
@@ -277,5 +275,5 @@ def test_strength_is_that_of_the_reference(reference, severity):
         dx, dy = np.diff(grey, axis=1)[:-1], np.diff(grey, axis=0)[:, :-1]
         assert np.sqrt(dx**2 + dy**2).mean() == pytest.approx(wanted[f"grad_{number}"], rel=0.3)
         for channel, name in enumerate("rgb"):
-            # the reference truncates, which loses half a level on average; rounding does not
+            # the reference truncates, which reduces the mean by half a level; rounding does not
             assert blurred[..., channel].mean() == pytest.approx(wanted[f"mean_{name}_{number}"] + 0.5, abs=0.6)

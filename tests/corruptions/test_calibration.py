@@ -1,4 +1,4 @@
-"""The calibrated scale: the paths, the shipped table, and the treatment of severities that do not exist."""
+"""The calibrated scale: paths, shipped table, and handling of severities that do not exist."""
 
 import json
 import sys
@@ -64,14 +64,14 @@ def test_the_papers_severities_lie_on_the_path(name):
 
 @pytest.mark.parametrize("name", calibratable())
 def test_the_shipped_levels_get_stronger_along_the_path(name):
-    """A level's position on the path (the nearest of many points) must not decrease from one severity to the next."""
+    """The position of a level on the path (the nearest of many points) must not decrease with severity."""
     points = [segment.at(share) for segment in path(name) for share in np.linspace(0, 1, 257)]
     table = np.array([[float(v) for v in flat(p)] for p in points])
     scale = np.ptp(table, axis=0) + 1e-9
     known = [p for p in calibrated_severities(name) if p is not None]
     places = [int(np.argmin((np.abs(table - np.array(flat(p), float)) / scale).sum(axis=1))) for p in known]
     assert known
-    if name != "psf_blur":  # the lenses' nominal order is not their order of strength
+    if name != "psf_blur":  # the nominal order of the lenses differs from the order of their blur
         assert places == sorted(places)
 
 
@@ -91,7 +91,7 @@ def test_the_shipped_table_covers_every_image_pair_corruption_and_says_how_it_wa
 
 
 def _measured(name, severity):
-    """Mean SSIM of a shipped level on the reference set, computed with public functions only."""
+    """Return the mean SSIM of a shipped level on the reference set, computed using only public functions."""
     corruption = load_corruption(name, scale="calibrated")
     values = []
     for key, picture in reference_pictures().items():

@@ -1,4 +1,4 @@
-"""The variant "reference-bgr": the reference code's corruptions on frames in OpenCV's channel order."""
+"""The variant "reference-bgr": the reference code's corruptions applied to frames in OpenCV's channel order."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,8 @@ FRAME = np.random.default_rng(3).integers(0, 256, (40, 56, 3), dtype=np.uint8)
 
 
 def test_jpeg_is_what_pillow_writes_of_a_bgr_frame(tmp_path):
-    """The reference result: Image.fromarray(cv2.imread(...)), saved as JPEG, read, and written by cv2.imwrite."""
+    """Return the reference result: Image.fromarray(cv2.imread(...)), saved as JPEG, read, and written by
+    cv2.imwrite."""
     bgr = np.ascontiguousarray(FRAME[..., ::-1])
     for severity, quality in enumerate((25, 18, 15, 10, 7), 1):
         Image.fromarray(bgr).save(tmp_path / "x.jpg", quality=quality)

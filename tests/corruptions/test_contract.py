@@ -1,4 +1,4 @@
-"""The contract of every registered corruption of image pairs, on frames of many sizes."""
+"""Requirements for every registered pair corruption, tested on frames of many sizes."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +21,7 @@ every_corruption = pytest.mark.parametrize("name", NAMES)
 
 
 def corrupted(*args, **options):
-    """Corrupt as `corrupt` does, with depth; skips if textures or lenses are missing and cannot be fetched."""
+    """Corrupt like `corrupt`, with depth; skip the test if textures or lenses are missing and cannot be downloaded."""
     try:
         return corrupt(*args, **options, depth=scene(*args[0].shape[:2]))
     except AssetError as error:
@@ -76,14 +76,14 @@ def test_black_and_white_frames(name, value):
 
 
 class _NotToBeUsed:
-    """Replaces a generator; any use of it is an error."""
+    """Replaces a random generator; any use of it is an error."""
 
     def __getattribute__(self, name):
         raise AssertionError(f"the generator is used: {name}")
 
 
 def draws_nothing(name):
-    """Return whether a corruption is the same for every key and seed: neither `draw` nor `apply` uses the generator."""
+    """Return whether a corruption does not depend on key and seed: neither `draw` nor `apply` uses the generator."""
     corruption = load_corruption(name)
     try:
         state = corruption.draw_with_depth(_NotToBeUsed(), 3, (64, 80), scene(64, 80))
@@ -94,7 +94,7 @@ def draws_nothing(name):
 
 
 def test_which_corruptions_draw_nothing():
-    """The paper's corruptions without a random parameter."""
+    """The paper's corruptions without random parameters."""
     fixed = {name for name in IMAGE_PAIR if draws_nothing(name)}
     assert fixed == {
         "jpeg_compression", "pixelate", "contrast", "saturate", "high_light", "low_light", "gaussian_blur",
@@ -113,7 +113,7 @@ def test_keys_seeds_and_severities_change_what_is_drawn(name):
     seeds = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, seed=seed)) for seed in range(12)}
     least = (
         2 if name.endswith("exposure") else 9
-    )  # a coin has only two sides; similar directions of a blur may coincide
+    )  # there are only two choices for the exposed frame, and similar blur directions may coincide
     assert len(keys) >= least
     assert len(seeds) >= least
 
@@ -169,11 +169,11 @@ def test_every_name_of_the_paper_is_registered():
         corruption = load_corruption(name)
         assert corruption.name == name
         assert len(corruption.severities) == 5
-        assert corruption.__doc__, f"{name} does not say what it does"
+        assert corruption.__doc__, f"{name} has no description"
 
 
 def test_the_paper_has_seven_temporal_corruptions():
-    """Section 3 of the paper lists object motion blur, exposure, snow, and the three video corruptions."""
+    """Section 3 of the paper lists object motion blur, exposure, snow and the three video corruptions as temporal."""
     temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
     assert temporal == [
         "over_exposure", "under_exposure", "snow", "object_motion_blur", "h264_crf", "h264_abr", "bit_error"

@@ -1,7 +1,7 @@
-"""Every corruption runs inside the workers of a torch DataLoader after torch and OpenCV used threads in the parent.
+"""Every corruption works in torch DataLoader workers after torch and OpenCV have used threads in the parent.
 
-A thread pool does not survive a fork: a worker that uses one hangs, so each case runs in a separate process
-with a time limit.
+A thread pool does not survive a fork: a worker that uses one hangs, so each case runs in a separate process with a time
+limit.
 """
 
 import os
@@ -56,7 +56,7 @@ SCRIPT = textwrap.dedent(
 @pytest.mark.parametrize("start", ["fork", "spawn"])
 def test_no_corruption_hangs_in_a_worker(start, tmp_path):
     if start == "fork" and sys.platform != "linux":
-        pytest.skip("fork is the default on Linux alone")
+        pytest.skip("fork is the default only on Linux")
     script = tmp_path / "load.py"
     script.write_text(SCRIPT)
     names = [*IMAGE_PAIR, "elastic_transform"]

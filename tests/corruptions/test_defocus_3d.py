@@ -1,4 +1,4 @@
-"""Near and far focus: the thin lens, and the pixels in front of and behind an edge."""
+"""Near and far focus: the thin lens, and pixels in front of and behind an edge."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ NEAR, FAR = 2.0, 12.0
 
 
 def halves(shape):
-    """Depth with its near part at `NEAR` and its far part at `FAR`."""
+    """Return the depth of a scene with a near part at `NEAR` and a far part at `FAR`."""
     depth = np.full(shape, NEAR, np.float32)
     depth[:, shape[1] // 2 :] = FAR
     return depth
@@ -52,13 +52,13 @@ def test_the_radius_is_that_of_a_thin_lens(distance, focus, stop):
         lens=ThinLens(focus, length**2 / stop / (focus - length) / pitch / 2, 25.0)
     )
     expected = min(disk / 2, 25.0)
-    # a disk includes the pixels whose centres it covers; close to a step in that set, either side is correct
+    # a disk includes the pixels whose centres it covers; if one is very close to the edge, both results are correct
     sides = [convolve_disk(frame, expected * factor, 0.0) for factor in (1 - 1e-5, 1 + 1e-5)]
     assert any(differs_by_rounding(NearFocus().apply(frame, state, 0), side) for side in sides)
 
 
 def before_a_wall():
-    """A block at `NEAR` in front of a wall at `FAR`, as (depth, mask)."""
+    """Return a block at `NEAR` in front of a wall at `FAR`, as (depth, mask)."""
     mask = np.zeros((60, 80), bool)
     mask[20:40, 25:55] = True
     return np.where(mask, NEAR, FAR).astype(np.float32), mask

@@ -1,4 +1,4 @@
-"""Fog in three dimensions compared with Koschmieder's law in float64."""
+"""3D fog compared with Koschmieder's law in float64."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_at_the_visibility_two_percent_of_the_contrast_are_left():
     depth = SceneDepth((metres, metres), (known, known), Camera((5.0, 5.0), (2.0, 0.0)))
     for severity in range(1, 6):
         dark, bright = (corrupt(one, one, "fog_3d", severity, depth=depth)[0].astype(int) for one in (black, white))
-        assert np.abs((bright - dark)[0, severity - 1] - 0.02 * 255).max() < 1.01  # both are rounded
+        assert np.abs((bright - dark)[0, severity - 1] - 0.02 * 255).max() < 1.01  # both results are rounded
 
 
 def test_each_frame_is_fogged_by_its_own_depth():

@@ -1,4 +1,4 @@
-"""Digital corruptions compared with Pillow, a naive float64 loop, and exact fractions."""
+"""Digital corruptions compared with Pillow, a naive float64 loop and exact fractions."""
 
 import io
 from fractions import Fraction
@@ -66,12 +66,12 @@ def test_contrast_by_the_formula(severity, variant, width):
 
 
 def exact_saturation(pixel, alpha, beta):
-    """The paper's S' = S alpha + beta with V and hue kept, in exact fractions, rounded half to even."""
+    """The paper's S' = S alpha + beta with V and hue unchanged, in exact fractions, rounded half to even."""
     top, low = max(pixel), min(pixel)
     if top == 0:
         return [0, 0, 0]
     chroma = top * min(Fraction(top - low, top) * alpha + beta, 1)
-    if top == low:  # grey has hue 0, so red stays and green and blue fall
+    if top == low:  # grey has a hue of 0, so red is unchanged, and green and blue decrease
         return [round(top), round(top - chroma), round(top - chroma)]
     return [round(top - chroma * Fraction(top - channel, top - low)) for channel in pixel]
 

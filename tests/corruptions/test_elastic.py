@@ -1,4 +1,4 @@
-"""The smooth field compared with SciPy on the same noise, and the warp with `map_coordinates`."""
+"""The smooth field compared with SciPy on the same noise, and the warp compared with `map_coordinates`."""
 
 import numpy as np
 import pytest
@@ -12,9 +12,7 @@ from robustflow.random.rng import Rng, hash64
 
 
 def noise_of(rng, height, width):
-    """The noise from which a field is blurred: 16 bits of the stream per pixel, four pixels to a word, each row
-    starting a new word.
-    """
+    """Return the noise before blurring: 16 bits of the stream per pixel; each row starts with a new 64-bit value."""
     words = (width + 3) // 4
     bits = np.array([hash64(np.uint64(rng.key), np.uint64(i)) for i in range(height * words)], np.uint64)
     return bits.astype("<u8").view("<i2").reshape(height, 4 * words)[:, :width] / 32768
@@ -28,7 +26,7 @@ def rows_of(field, height, width):
 
 
 def displacement(state, shape):
-    """The displacement at every pixel, float32 (H, W, 2): (dx, dy) in pixels."""
+    """Return the displacement at every pixel, float32 (H, W, 2): (dx, dy) in pixels."""
     return np.stack([rows_of(state.dx, *shape), rows_of(state.dy, *shape)], axis=-1)
 
 
@@ -40,7 +38,7 @@ def test_the_field_is_blurred_noise(shape, sigmas):
     rng = Rng.of("field", *shape)
     expected = 10 * gaussian_filter(noise_of(rng, *shape), sigmas, mode="reflect", truncate=3)
     got = rows_of(smooth_field(rng, shape, sigmas, 10.0), *shape)
-    # the kernel is truncated at 0.011 of its height, and interpolation smooths that step
+    # the kernel is cut off at 0.011 of its maximum, and interpolation smooths that step
     assert np.sqrt(np.mean((got - expected) ** 2)) < 0.01 * expected.std()
 
 
@@ -54,7 +52,7 @@ def test_the_warp_is_bilinear_with_mirrored_borders(height, width, severity, var
     y, x = np.mgrid[:height, :width]
     at = [y + field[..., 1], x + field[..., 0]]
     expected = [map_coordinates(frame[..., c].astype(np.float64), at, order=1, mode="reflect") for c in range(3)]
-    # half a grey level from rounding, and 255 / 4096 of a level from the rounded position along each axis
+    # half a grey level for rounding, and 255 / 4096 of a level for the rounded position along each axis
     assert np.abs(elastic.apply(frame, state, 0) - np.stack(expected, axis=-1)).max() < 0.5 + 2 * 255 / 4096 + 0.01
 
 

@@ -1,4 +1,4 @@
-"""Frost without photographs: the textures, and a test that the README's first command does not use the network."""
+"""Frost without photographs: the textures, and a check that the README's first command does not use the network."""
 
 import hashlib
 import os
@@ -36,12 +36,13 @@ sys.argv = ["robustflow", *sys.argv[1:]]
 from robustflow.cli.main import main
 main()
 """
-"""The command line, with every connection or call of pip treated as an error."""
+"""Run the command line; any connection or call to pip is an error."""
 
 
 @pytest.fixture
 def no_photographs(monkeypatch, tmp_path):
-    """Simulate a machine without the photographs: every request for one fails, even if other tests had them."""
+    """Simulate a machine without the photographs: every request for one fails, even if they were used in other
+    tests."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     photograph.cache_clear()
 
@@ -70,7 +71,7 @@ def test_a_leaderboard_without_runs_needs_no_network(tmp_path):
 
 
 def test_what_is_refused_offline_would_be_noticed(tmp_path):
-    """The guard above works: the same corruption on a user's frames needs the photographs and is refused."""
+    """The check above works: the same corruption on a user's frames requires the photographs and fails."""
     for name, frame in zip(("a.png", "b.png"), load_benchmark("demo").dataset.load("motorcycle").frames, strict=True):
         write_image(tmp_path / name, frame[:64, :64])
     done = offline(tmp_path, "corrupt", "a.png", "b.png", "-c", "frost", "-s", "1")
@@ -87,7 +88,7 @@ def test_the_textures_are_the_same_everywhere():
         assert abs(grey.mean() - style.mean) < 3
         assert abs(grey.std() - style.spread) < 1.5
         fineness = np.abs(np.diff(grey, axis=1)).mean()
-        assert 7 < fineness < 21  # the photographs' values: 7.4, 7.9, 7.9, 13.2, 17.4
+        assert 7 < fineness < 21  # values for the photographs: 7.4, 7.9, 7.9, 13.2, 17.4
 
 
 def test_frost_of_the_demo_mixes_generated_textures_alone_in_stacks_and_in_bgr(no_photographs):

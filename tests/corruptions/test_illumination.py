@@ -1,4 +1,4 @@
-"""Illumination corruptions compared with exact fractions and the HSV round trip; the choice of the exposed frame."""
+"""Illumination corruptions compared with exact fractions and an HSV round trip; choice of the exposed frame."""
 
 from fractions import Fraction
 
@@ -15,7 +15,7 @@ EXPOSURES = ("over_exposure", "under_exposure")
 
 
 def exposed(name, severity):
-    """The corruption and a state that corrupts frame 0."""
+    """Return the corruption and a state with which frame 0 is corrupted."""
     corruption = load_corruption(name)
     states = (corruption.draw(Rng.of(seed), severity, (64, 97)) for seed in range(100))
     return corruption, next(state for state in states if not getattr(state, "exposed", 0))
@@ -46,7 +46,7 @@ def test_hsv_round_trip(name, severity):
 
 @pytest.mark.parametrize("name", EXPOSURES)
 def test_last_bit_of_the_exposure_factor_decides_no_byte(name):
-    """2**ev comes from libm: a change of one part in 10**12 changes no byte, unless the factor is a power of two."""
+    """2**ev is computed by libm: a change of one part in 10**12 does not change any byte, except for powers of two."""
     for parameter in load_corruption(name).severities[:4]:
         value = np.arange(256.0)
         changed = np.minimum(value * 2.0**parameter, 255.0)

@@ -1,4 +1,4 @@
-"""Motion blur in three dimensions compared with points and planes that are projected in float64."""
+"""3D motion blur compared with points and planes projected in float64."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def blurred(frame, depth, severity, index=0, seed=0):
 
 
 def moving(first, second=None, by=(0.0, 0.0, 0.0), rotation=None):
-    """Depth in front of a camera in whose coordinates points move by `by` metres between the frames."""
+    """Return the depth of a plane whose points move by `by` metres in camera coordinates between the frames."""
     rotation = np.eye(3) if rotation is None else rotation
     return seen(first, second, rotation=rotation, translation=np.array(by))
 
@@ -48,7 +48,7 @@ def test_a_plane_that_moves_sideways_is_the_mean_of_shifted_frames(severity, shi
     out = blurred(frame, moving(level((45, 70), metres), by=(0, shift, 0) if vertical else (shift, 0, 0)), severity)
     path = 100 * shift / np.float32(metres) * SHARES[severity - 1]
     count = 1 + int(np.ceil(abs(path)))
-    steps = 8 if count <= 6 else 1  # per pixel; a position half-way between two steps may round either way
+    steps = 8 if count <= 6 else 1  # per pixel; a position halfway between two steps may be rounded up or down
     ways = path * ((np.arange(count) + 0.5) / count - 0.5)
     axis, size = (0, 45) if vertical else (1, 70)
     total = np.zeros(frame.shape)
@@ -86,8 +86,8 @@ def test_a_point_is_smeared_along_its_projections(at, by, angle, severity):
     way = way[:, :2] / way[:, 2:] * 100 + [49.5, 29.5]
     smeared = np.stack([xs, ys], axis=1)
     apart = np.hypot(*(smeared[:, None] - way[None]).transpose(2, 0, 1))
-    assert apart.min(axis=1).max() < 1.6, "a pixel beside the way"
-    assert apart.min(axis=0).max() < 1.6, "a piece of the way without a pixel"
+    assert apart.min(axis=1).max() < 1.6, "a pixel outside the path"
+    assert apart.min(axis=0).max() < 1.6, "a part of the path without a pixel"
 
 
 def test_content_does_not_shift():
@@ -130,7 +130,7 @@ def test_a_camera_of_unknown_motion_makes_a_drawn_one():
     depth = plane(7.0, (60, 100))
     paths = [MotionBlur3d().draw_scene(Rng.of(seed), 5, depth).path for seed in range(40)]
     assert all(np.array_equal(path.rotation, np.eye(3)) for path in paths)
-    # 3 % of the width of 100 px at 7 m with a focal length of 100 px is 0.21 m; forward 4 * 0.03 * 7 m
+    # 3 % of the width (100 px) at 7 m with a focal length of 100 px is 0.21 m; for forward motion, 4 * 0.03 * 7 m
     assert np.allclose([np.sum((path.translation / (0.21, 0.21, 0.84)) ** 2) for path in paths], 1)
     assert len({path.translation.tobytes() for path in paths}) == 40
     frame = picture(60, 100)

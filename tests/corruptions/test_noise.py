@@ -1,4 +1,4 @@
-"""Noise: exact distributions, each sample from the generator's lanes, independence between frames."""
+"""Noise: exact distributions, the generator lane used for each sample, and independence between frames."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_shot_tables_hold_the_poisson_distributions(photons, floor):
 
 
 def lane(key, sample, bits):
-    """The random bits of a sample, as Python ints."""
+    """Return the random bits for each sample as Python ints."""
     per_word = 64 // bits
     return int(hash64(key, np.uint64(sample // per_word))) >> bits * (sample % per_word) & (1 << bits) - 1
 

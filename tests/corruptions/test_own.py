@@ -1,4 +1,4 @@
-"""A user's own corruption, given as a module, a class or an object: checked, named, and identified by its source."""
+"""User-defined corruptions (modules, classes and objects) are checked, named, and identified by their source."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Veil:
 
 
 class NearWhite(DepthCorruption):
-    """White where the scene is nearer than the severity in metres, with a black dot that is drawn once for the pair."""
+    """White where the scene is closer than the severity in metres, with a random black dot shared by both frames."""
 
     paper_severities = (1.0, 2.0, 4.0, 8.0, 16.0)
 
@@ -61,7 +61,7 @@ class NearGrey:
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A user's module and a module that it imports, in the folder where the command runs."""
+    """A user's module, and a module that it imports, in the working folder of the command."""
     (tmp_path / "rain_module.py").write_text(RAIN)
     (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
     monkeypatch.chdir(tmp_path)
@@ -98,7 +98,7 @@ def test_it_stands_in_stacks(package):
 
 @pytest.mark.parametrize("name", ["os:system", "fog:x", "rain_module:Rain"])
 def test_reading_a_name_imports_nothing(package, name):
-    """Names in run folders and records may come from anyone."""
+    """Names in run folders and records are untrusted."""
     for read in (parse_stack, load_corruption):
         with pytest.raises(UsageError):
             read(name)

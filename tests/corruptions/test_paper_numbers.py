@@ -1,6 +1,5 @@
-"""The numbers of the paper's appendix "Corruption Details", copied by hand, because a test that used the class's own
-parameters would not detect a wrong one.
-"""
+"""The values in the paper's appendix "Corruption Details", copied by hand so that errors in the classes are
+detected."""
 
 import io
 
@@ -49,7 +48,7 @@ CODE = {
         (0.55, 0.3, 2.5, 0.85, 12, 12, 0.55),
     ),
 }
-"""Parameters from the reference code that the paper does not give."""
+"""Parameters from the reference code that are not listed in the paper."""
 
 
 @pytest.mark.parametrize("name", [*PAPER, *CODE])

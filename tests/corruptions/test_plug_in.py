@@ -1,4 +1,4 @@
-"""A corruption from an installed package is available by name without changes to RobustFlow, and its source is part of
+"""Corruptions from installed packages are available by name without changes to RobustFlow, and their source is part of
 the identity.
 """
 

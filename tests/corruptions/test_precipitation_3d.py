@@ -1,4 +1,4 @@
-"""Rain and snow in three dimensions: positions of the particles, and occlusion by and of them."""
+"""3D rain and snow: positions of the particles, and occlusion of and by particles."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ both = pytest.mark.parametrize("kind", [Rain3d, Snow3d])
 
 
 def turned(about_x, about_y, about_z):
-    """A rotation matrix, from angles in radians."""
+    """Return a rotation matrix for angles in radians."""
     matrix = np.eye(3)
     for axis, angle in enumerate((about_x, about_y, about_z)):
         one = np.eye(3)
@@ -57,7 +57,7 @@ def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, 
     at = first, (first + FRAME_INTERVAL * speed) @ rotation.T + translation
     speeds = speed, speed @ rotation.T
     for index in (0, 1):
-        # the camera repeats its motion between the frames, so a point continues along the same step
+        # during the exposure, the camera moves as between the frames, so points continue with the same motion
         step = (at[index] + FRAME_INTERVAL * speeds[index]) @ rotation.T + translation - at[index]
         ends = [at[index] + sign * EXPOSURE / 2 / FRAME_INTERVAL * step for sign in (-1, 1)]
         shown = (at[index][:, 2] >= NEAREST) & (np.minimum(ends[0][:, 2], ends[1][:, 2]) >= NEAREST / 2)
@@ -83,7 +83,7 @@ def test_both_frames_see_as_many_particles_as_the_distribution_of_sizes_says(kin
         pixel = projected(at, camera, index)
         inside = ((pixel >= -0.5) & (pixel < [1241.5, 374.5])).all(axis=1) & (at[:, 2] >= NEAREST)
         diameters = np.linspace(0, sizes.largest, 20001)
-        for low, high in ((0.0, 0.5), (0.5, 1.0)):  # relative to the largest diameter
+        for low, high in ((0.0, 0.5), (0.5, 1.0)):  # relative to the maximum diameter
             chosen = (diameters > low * sizes.largest) & (diameters <= high * sizes.largest)
             reach = np.maximum(721.0 * diameters[chosen] * 1e-3 / smallest, NEAREST)
             volume = (reach**3 - NEAREST**3) / 3 * 1242 * 375 / camera.intrinsics(index)[0] ** 2
@@ -128,7 +128,7 @@ def test_particles_are_hidden_pixel_by_pixel(kind):
 
 
 def by_hand(points, diameters, motion=STILL, speed=(0.0, 0.0, 0.0)):
-    """Particles at given positions, all with the same velocity."""
+    """Return particles at the given positions, all with the same velocity."""
     first = np.array(points, np.float64)
     velocity = np.tile(np.array(speed), (len(first), 1))
     second = (first + FRAME_INTERVAL * velocity) @ motion.rotation.T + motion.translation
@@ -139,7 +139,7 @@ def by_hand(points, diameters, motion=STILL, speed=(0.0, 0.0, 0.0)):
 
 
 def shares(particles, index=0, depth=None):
-    """Coverage of each pixel by the particles, for 120x160 pixels."""
+    """Return the fraction of each pixel covered by the particles, for 120x160 pixels."""
     depth = depth or plane(50.0, (120, 160))
     state = Snow3d().draw_scene(Rng.of("hand"), 1, depth)._replace(particles=particles, veil=(0.0, 1.0))
     white = type("White", (Snow3d,), {"colour": (255.0, 255.0, 255.0)})()
@@ -156,7 +156,7 @@ def test_a_particle_covers_its_area_whatever_its_size_and_speed(radius, streak):
         angle = rng.uniform(0, 2 * np.pi)
         speed = streak / 100 * depth / EXPOSURE * np.array([np.cos(angle), np.sin(angle), 0])
         total += shares(by_hand([(x, y, depth)], [2 * radius * depth / 100], speed=speed)).sum()
-    tolerance = 0.1 if radius < 0.5 else 0.02  # faint ones are rounded to whole grey levels
+    tolerance = 0.1 if radius < 0.5 else 0.02  # the colours of faint particles are rounded to integers
     assert total / count == pytest.approx(np.pi * radius**2, rel=tolerance)
 
 
@@ -179,7 +179,7 @@ def test_streaks_of_a_camera_that_drives_forward_point_to_where_it_drives():
             np.abs((out[:, 0] * along[:, 1] - out[:, 1] * along[:, 0]) / np.hypot(*out.T) / np.hypot(*along.T)).max()
             < 1e-9
         )
-        assert ((out * along).sum(axis=1) > 0).all()  # outward, because they come nearer
+        assert ((out * along).sum(axis=1) > 0).all()  # outwards, because they approach the camera
 
 
 @both

@@ -1,4 +1,4 @@
-"""RAW noise: the sensor's statistics, the round trip, and each step compared with an independent reference."""
+"""RAW noise: sensor statistics, round trip, and each step compared with an independent reference."""
 
 import numpy as np
 import pytest
@@ -25,8 +25,9 @@ def flat(light, sensor, key, shape=(500, 800)):
 
 @pytest.mark.parametrize("iso", ISO)
 def test_the_photon_transfer_curve_has_the_sensors_gain_and_read_noise(iso):
-    """Variance of flat RAW patches is linear in their mean: the slope is the gain, and the value at zero light is the
-    read noise.
+    """The variance of uniform RAW patches is linear in their mean.
+
+    The slope is the gain, and the value at zero light is the read noise.
     """
     sensor = sensor_at(iso)
     levels = np.array([0.0, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.4, 0.5])
@@ -101,10 +102,10 @@ def test_light_on_the_sensor_is_that_of_the_paper_below_the_knee():
 @given(seed=st.integers(0, 10**6), height=st.integers(24, 70), width=st.integers(24, 70))
 @pytest.mark.parametrize(("saturation", "most", "share"), [(30, 1, 0.0), (100, 2, 0.005)])
 def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, most, share, seed, height, width):
-    """Waves of 100 pixels and more, away from the image border and from white, where one byte covers a wide range of
-    light.
+    """Test waves of at least 100 pixels away from the image border and from white.
 
-    The image's rounding is not smooth: in saturated colours it occasionally adds a second level of difference.
+    Near white, a byte value covers a wide range of light. The rounding of the image is not smooth, so in saturated
+    colours, the difference occasionally increases to two levels.
     """
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:height, :width]
@@ -121,7 +122,7 @@ def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, mo
 
 
 def test_demosaicing_is_that_of_malvar_he_and_cutler():
-    """SciPy applies the paper's 5x5 kernels, for a camera that leaves colours unchanged."""
+    """Compare with the paper's 5x5 kernels, applied by SciPy, for a camera that does not change colours."""
     camera = CameraColours(np.eye(3), np.eye(3), np.ones(3))
     raw = np.random.default_rng(0).integers(BLACK, BLACK + SPAN // 2, (26, 33)).astype(np.uint16)
     light = (raw.astype(np.float64) - BLACK) / SPAN
@@ -143,7 +144,7 @@ def test_demosaicing_is_that_of_malvar_he_and_cutler():
     shown = bytes_of_linear()[np.clip(np.floor(expected * levels), 0, levels - 1).astype(int)]
     difference = np.abs(developed(raw, camera, denoise=None).astype(int) - shown)
     assert difference.max() <= 1
-    assert (difference > 0).mean() < 0.001  # at an edge between two parts of the table
+    assert (difference > 0).mean() < 0.001  # at the boundary between two parts of the table
 
 
 def test_denoising_averages_alike_pixels_and_keeps_edges():

@@ -12,7 +12,7 @@ from robustflow.images.io import read_image
 
 
 def naive_ssim(a, b):
-    """SSIM of one window at a time, from the formula (Wang et al. 2004, Eq. 13)."""
+    """Compute the SSIM of one window at a time, using the formula (Wang et al. 2004, Eq. 13)."""
     x, y = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float64) for image in (a, b))
     line = np.exp(-(np.arange(-5, 6) ** 2) / (2 * 1.5**2))
     weights = np.outer(line, line) / line.sum() ** 2

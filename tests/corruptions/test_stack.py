@@ -18,9 +18,9 @@ def test_parts_are_applied_in_order():
     contrast = load_corruption("contrast")
     low = contrast.apply(FRAME, contrast.draw(stream_for(contrast, 5, 0, ""), 5, FRAME.shape[:2]), 0)
     untouched = (first == low).mean()
-    assert 0.95 < untouched < 0.98, "impulses of severity 1 (3 % of the samples) lie on the low-contrast image"
+    assert 0.95 < untouched < 0.98, "impulses of severity 1 (3 % of the samples) are on top of the low-contrast image"
     other, _ = corrupt(FRAME, FRAME, "impulse_noise:1+contrast:5", 3)
-    assert other.std() < first.std() / 2, "contrast last flattens the impulses too"
+    assert other.std() < first.std() / 2, "if contrast is applied last, it also affects the impulses"
 
 
 def test_same_corruption_twice_draws_twice():

@@ -1,4 +1,4 @@
-"""The transform on tensors compared with the plain one: in structures, batches and the workers of a DataLoader."""
+"""The tensor transform compared with the array transform: structures, batches and DataLoader workers."""
 
 import re
 from pathlib import Path
@@ -76,7 +76,7 @@ def test_what_is_not_an_image_is_refused(tensors, says):
 
 
 class Same(Dataset):
-    """One flat image repeated many times: any difference comes from a separate draw."""
+    """Returns the same uniform image many times, so any difference is caused by a separate random draw."""
 
     def __init__(self, keyed):
         self.keyed = keyed

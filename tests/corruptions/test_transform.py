@@ -1,4 +1,4 @@
-"""The corruptions as a transform: formats, keys of draws, pickling, processes."""
+"""The corruption transform: formats, keys, pickling and processes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
 
 
 def test_it_is_the_corruption_of_that_name_and_severity():
-    """The transform equals the corruption called with the stream that the module's docstring names."""
+    """The transform gives the same result as the corruption with the random stream described in the module's
+    docstring."""
     image, corruption = picture(), load_corruption("fog")
     stream = Rng.of("robustflow transform", 7, "key", "a").spawn("draw")
     expected = corruption.apply(image, corruption.draw(stream, 2, image.shape[:2]), 0)
@@ -94,7 +95,7 @@ def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_l
 
 @pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
 def test_what_is_called_neutral_keeps_grey_grey(name):
-    """The grey result is the luma of the RGB result, whose channels may be equal."""
+    """The grey result is the luma of the RGB result; its channels may be equal."""
     grey = picture(48, 48, 1)
     transform = CorruptionTransform([name], [3])
     colour = transform(np.repeat(grey, 3, axis=2), key=0)

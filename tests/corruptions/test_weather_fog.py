@@ -1,4 +1,4 @@
-"""The corner of the plasma map compared with the whole map computed in NumPy, and the blend with its formula."""
+"""The corner of the plasma map compared with a full map computed in NumPy, and the blend compared with its formula."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from robustflow.random.rng import Rng, hash64
 
 
 def whole_map(rng, size, decay):
-    """Diamond-square on a torus of `size` points, in float64 with rolled arrays, without scaling."""
+    """Run the diamond-square algorithm on a torus of `size` points, in float64 with rolled arrays, without scaling."""
     grid = np.zeros((1, 1))
     level = 0
     while len(grid) < size:

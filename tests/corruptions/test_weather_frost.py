@@ -1,4 +1,4 @@
-"""Frost: the sources of the textures, and their blending with a frame."""
+"""Frost: texture sources, and blending with a frame."""
 
 import hashlib
 import os
@@ -19,7 +19,8 @@ from robustflow.random.rng import Rng
 
 @pytest.fixture
 def invented(monkeypatch, tmp_path):
-    """Five made-up textures in a folder, with their hashes in place of the real ones; no installed package, no pip."""
+    """Create five fake textures and replace the real hashes with theirs; neither an installed package nor pip is
+    used."""
     folder = tmp_path / "textures"
     folder.mkdir()
     hashes = {}
@@ -54,7 +55,7 @@ def wheel_of(folder, path, tamper=None):
 
 @pytest.fixture
 def pip(monkeypatch, invented):
-    """Replaces pip: writes a wheel of made-up textures into the given folder."""
+    """Replaces pip: writes a wheel with fake textures to the download folder."""
     calls = []
 
     def download(command, **_):
@@ -212,7 +213,7 @@ def test_the_real_textures():
     try:
         pictures = [photograph(slot) for slot in range(5)]
     except AssetError as error:
-        pytest.skip(f"no frost textures here: {error}")
+        pytest.skip(f"frost textures are not available: {error}")
     assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures)
     assert np.array_equal(pictures[1], pictures[2])
     frame = np.zeros((64, 96, 3), np.uint8)

@@ -40,7 +40,7 @@ def test_a_frame_is_the_reference_codes_formula(severity, shape):
     grey = (frame @ np.array([0.299, 0.587, 0.114]))[..., None]
     expected = share * frame + (1 - share) * np.maximum(frame, 1.5 * grey + 127.5) + layer + layer[::-1, ::-1]
     error = np.abs(snow.apply(frame, state, 1) - np.minimum(expected, 255))
-    # each of the two layers is rounded from a sum that is exact to 0.05, so values close to a half may round either way
+    # both layers are rounded sums with an error of up to 0.05, so values close to one half may be rounded up or down
     assert error.max() < 2.6
     assert (error > 0.51).mean() < 2 * 2 * 0.05
 

@@ -37,7 +37,7 @@ def test_a_frame_is_the_reference_codes_result(severity):
     expected = naive(frame, Rng.of("spatter"), spatter.parameter(severity))
     got = spatter.apply(frame, spatter.draw(Rng.of("spatter"), severity, shape), 0)
     assert np.abs(expected - frame).max() > 30
-    # a pixel within float rounding of a threshold may fall on either side of it
+    # rounding errors can move values close to a threshold to the other side
     assert (np.abs(got - expected) > 0.51).mean() < 0.005
 
 

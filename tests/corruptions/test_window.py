@@ -1,4 +1,4 @@
-"""A clip around a pair: one draw, the same bytes for the pair, and the preceding frames."""
+"""Clips that contain a pair: a single draw, the same bytes for the pair, and the preceding frames."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ EVERY_SECOND_FRAME = {"over_exposure", "under_exposure"}
 
 
 def window(frames, name, severity, **options):
-    """The corrupted frames; skips if textures or lenses are missing and cannot be fetched."""
+    """Return the corrupted frames; skip the test if textures or lenses are missing and cannot be downloaded."""
     try:
         return list(corrupt_clip(frames, name, severity, **options))
     except AssetError as error:

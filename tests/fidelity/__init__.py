@@ -1,1 +1,1 @@
-"""Comparison with the outputs of the reference implementation."""
+"""Comparison with the output of the reference implementation."""

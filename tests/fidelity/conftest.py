@@ -1,4 +1,4 @@
-"""Print the worst deviation of every corruption after the tests."""
+"""Print the maximum deviation for every corruption after the tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference folder with its frames, pictures and numbers."""
+"""The reference folder with frames, corrupted images and statistics."""
 
 import json
 from functools import cache
@@ -19,14 +19,15 @@ OUR_NAMES = {"brightness": "high_light"}
 
 @cache
 def table():
-    """The contents of reference.json, or None if the shared data is absent."""
+    """Return the contents of reference.json, or None if the shared data is missing."""
     path = FOLDER / "reference.json"
     return json.loads(path.read_text()) if path.exists() else None
 
 
 def cases(group, every=1):
-    """Test parameters (name, key) of every n-th entry per corruption of a group; a single skipped one if there is no
-    table.
+    """Return test parameters (name, key) for every n-th entry per corruption in a group.
+
+    If there is no table, a single skipped test is returned.
     """
     if table() is None:
         reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that holds it"
@@ -35,14 +36,14 @@ def cases(group, every=1):
 
 
 def read_image(name):
-    """A picture of the folder as RGB uint8, or None."""
+    """Return an image in the folder as RGB uint8, or None if it is missing."""
     image = cv2.imread(str(FOLDER / name), cv2.IMREAD_COLOR)
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 @cache
 def clean():
-    """The two clean frames."""
+    """Return the two clean frames."""
     return read_image("clean_1.png"), read_image("clean_2.png")
 
 
@@ -53,18 +54,18 @@ def clean_flows():
 
 @cache
 def truth():
-    """Ground truth of the pair as (flow, valid), decoded from KITTI's format."""
+    """Return the ground truth of the pair as (flow, valid), decoded from KITTI's format."""
     raw = cv2.imread(str(FOLDER / "flow_occ.png"), cv2.IMREAD_UNCHANGED)
     return (raw[..., 2:0:-1].astype(np.float64) - 32768) / 64, raw[..., 0] > 0
 
 
 def ours(name):
-    """Our corruption of that name, configured like the reference code."""
+    """Return our corruption with this name, configured like the reference code."""
     return load_corruption(OUR_NAMES.get(name, name), "reference")
 
 
 def corrupted(corruption, rng, severity, adjust=lambda state: state):
-    """The whole clean pair, corrupted; skips if an asset is missing and cannot be fetched."""
+    """Return the corrupted pair; skip the test if an asset is missing and cannot be downloaded."""
     frames = clean()
     try:
         state = adjust(corruption.draw(rng, severity, frames[0].shape[:2]))

@@ -1,8 +1,8 @@
-"""The statistics by which a corrupted pair is compared with the reference's.
+"""The statistics used to compare a corrupted pair with the reference.
 
-Definitions are those of the reference folder's README: PSNR and SSIM against the clean frame, per-channel mean and
-standard deviation, mean gradient, share of black and white samples, correlation of the residuals of the two frames,
-and the flow of two classical methods on the pair.
+They are defined in the README of the reference folder: PSNR and SSIM relative to the clean frame, per-channel mean and
+standard deviation, mean gradient, fraction of black and white samples, correlation between the residuals of the two
+frames, and the flow of two classical methods on the pair.
 """
 
 import cv2
@@ -22,7 +22,7 @@ def psnr(clean, other):
 
 
 def ssim(clean, other):
-    """Mean structural similarity of the grey images: 11 x 11 Gaussian window of sigma 1.5, mirrored borders."""
+    """Return the mean SSIM of the grey images, with an 11 x 11 Gaussian window (sigma 1.5) and mirrored borders."""
 
     def window(image):
         return cv2.sepFilter2D(image, cv2.CV_64F, _TAPS, _TAPS, borderType=cv2.BORDER_REFLECT_101)
@@ -42,7 +42,7 @@ def mean_gradient(frame):
 
 
 def image_stats(clean, corrupted):
-    """Statistics of a pair without flow, named as in the reference's table; None for undefined ones."""
+    """Return the statistics of a pair except for those of flow, named as in the reference table; None if undefined."""
     out, residuals = {}, []
     for number, (before, after) in enumerate(zip(clean, corrupted, strict=True), start=1):
         residual = after.astype(np.float64) - before
@@ -68,18 +68,18 @@ FLOWS = {
 
 
 def flows(frames):
-    """Flow of a pair by every method, {name: (H, W, 2)}."""
+    """Return the flow of a pair for every method, {name: (H, W, 2)}."""
     return {name: estimate(grey(frames[0]), grey(frames[1])) for name, estimate in FLOWS.items()}
 
 
 def epe(flow, truth, where):
-    """Mean end-point error over the pixels of the mask `where`."""
+    """Return the mean end-point error over the pixels in the mask `where`."""
     difference = (flow.astype(np.float64) - truth)[where]
     return float(np.hypot(difference[:, 0], difference[:, 1]).mean())
 
 
 def flow_stats(corrupted, clean_flows, truth, valid):
-    """CRE (increase of the error) and RCRE (change of the flow, on valid pixels and on all) of every method."""
+    """Return, for every method, CRE (increase in error) and RCRE (change of the flow, on valid and on all pixels)."""
     everywhere = np.ones(valid.shape, bool)
     out = {}
     for name, flow in flows(corrupted).items():

@@ -1,4 +1,4 @@
-"""Compare every picture of the corruptions without random choices (or with only that of the frame) pixel by pixel."""
+"""Compare every image pixel by pixel, for corruptions with no random choices except for that of the frame."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from . import reference
 pytestmark = pytest.mark.fidelity
 
 EXACT = ("jpeg_compression", "pixelate")
-"""Corruptions without a tolerance; the others may differ by one grey level, the reference's rounding error."""
+"""Corruptions that must match exactly; others may differ by one grey level, the rounding error of the reference."""
 
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("deterministic"))
@@ -35,8 +35,9 @@ def test_pictures(name, key, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("deterministic"))
 def test_whole_frames(name, key):
-    """The rest of the image agrees too: means and standard deviations differ by no more than a one-level change of
-    every pixel would cause.
+    """The rest of the image also agrees.
+
+    Means and standard deviations differ by at most the effect of changing every pixel by one level.
     """
     level, _, exposed = key.partition("_idx")
 

@@ -1,9 +1,8 @@
-"""Random corruptions: the mean of every statistic over our seeds is compared with the reference's over its sixteen
-seeds.
+"""Random corruptions: the mean of every statistic over our seeds is compared with that over the reference's 16 seeds.
 
-The test follows the reference folder's suggestion: means may differ by four standard errors plus a floor. Exceptions
-are those explained there: glass blur's share of white samples (the reference floors 254.999..) and half a grey level on
-its standard deviations.
+The test follows the README of the reference folder: means may differ by four standard errors plus a floor. The
+exceptions are also explained there: for glass blur, the fraction of white samples (the reference truncates 254.999..)
+and half a grey level in the standard deviations.
 """
 
 import numpy as np
@@ -21,7 +20,7 @@ QUICK_SEEDS, SEEDS = 5, 16
 
 
 def tolerance_floor(name, statistic):
-    """Floor of a statistic's tolerance; None if the statistic is not compared."""
+    """Return the floor of a statistic's tolerance, or None if the statistic is not compared."""
     kind = statistic.split("_")[0]
     if name == "glass_blur" and kind == "frac255":
         return None
@@ -55,7 +54,7 @@ def compare(name, key, seeds, measure, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("random", every=4))
 def test_image_statistics(name, key, record_property):
-    """Quick version: a third of the seeds, no flow, only the weakest and the strongest severity."""
+    """Quick version: a third of the seeds, no flow, and only the lowest and highest severities."""
     compare(name, key, QUICK_SEEDS, lambda pair: image_stats(reference.clean(), pair), record_property)
 
 

@@ -1,4 +1,4 @@
-"""Our statistics reproduce the reference's numbers on identical pictures."""
+"""Our statistics match those of the reference on identical images."""
 
 import pytest
 

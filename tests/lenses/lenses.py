@@ -1,4 +1,4 @@
-"""Textbook lenses for the tests."""
+"""Textbook lenses used in tests."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robustflow.lenses.prescription import Lens, Surface
 
 
 def lens_of(rows: list[tuple[float, float, str, float]], stop: int, conics: dict[int, float] | None = None) -> Lens:
-    """A lens from rows of (radius of curvature or 0 for a plane, thickness, glass behind, semi-diameter)."""
+    """Return a lens from rows of (radius of curvature or 0 for a plane, thickness, glass behind, semi-diameter)."""
     surfaces = tuple(
         Surface(
             curvature=1.0 / radius if radius else 0.0,
@@ -24,7 +24,7 @@ def lens_of(rows: list[tuple[float, float, str, float]], stop: int, conics: dict
 
 
 def cooke_triplet() -> Lens:
-    """A Cooke triplet of 50 mm, f/5, with the stop behind the second element."""
+    """Return a Cooke triplet, 50 mm f/5, with the stop behind the second element."""
     return lens_of(
         [
             (22.01359, 3.25896, "N-SK16", 9.5),
@@ -40,8 +40,9 @@ def cooke_triplet() -> Lens:
 
 
 def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
-    """A lens without spherical aberration at one wavelength, with a hyperboloid (k = -n^2) as its rear surface; and its
-    focus.
+    """Return a lens without spherical aberration at one wavelength, and its focus.
+
+    The rear surface is a hyperboloid (k = -n^2).
     """
     n = refractive_index("N-BK7", wavelength)
     radius = -20.0
@@ -51,7 +52,8 @@ def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
 
 
 def thin_lens(shape: float, focal_length: float, wavelength: float) -> Lens:
-    """A lens of N-BK7 of almost zero thickness, with shape factor q = (r2 + r1) / (r2 - r1) and the stop in contact."""
+    """Return a very thin N-BK7 lens with shape factor q = (r2 + r1) / (r2 - r1) and the stop in contact with the
+    lens."""
     n = refractive_index("N-BK7", wavelength)
     strength = 1.0 / (2.0 * focal_length * (n - 1.0))
     first, second = strength * (shape + 1.0), strength * (shape - 1.0)

@@ -1,4 +1,4 @@
-"""Figures show the expected elements, and are written as the requested files."""
+"""Figures contain the expected elements and are written to the requested files."""
 
 import numpy as np
 import pytest

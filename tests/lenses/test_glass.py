@@ -1,4 +1,4 @@
-"""Refractive indices compared with the catalogue's own n_d and V_d."""
+"""Refractive indices compared with n_d and V_d in the catalogue."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The merit function's statistics compared with those of rendered PSFs, and its residuals with their definitions."""
+"""Statistics in the merit function compared with those of rendered PSFs, and residuals with their definitions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_frequencies_double():
 
 @pytest.mark.parametrize("severity", [2, 4, 5])
 def test_ray_statistics_are_those_of_the_rendered_psf(severity):
-    """Rays evaluated by the formulas agree with the same rays as a picture evaluated by a Fourier sum."""
+    """Statistics computed from rays agree with a Fourier sum over an image of the same rays."""
     lens, field = shipped_lens(severity), shipped_field(severity)
     tangential, sagittal = modulation(field, FREQUENCIES)
     radius = moments(field)
@@ -43,7 +43,7 @@ def test_ray_statistics_are_those_of_the_rendered_psf(severity):
         sx, sy, weight = (np.stack([colour[part] for colour in rays]) for part in range(3))
         t, re, s, rms, mean = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5)), np.empty(3), np.empty(3)
         blur_statistics(sx, sy, weight, t, re, s, rms, mean)
-        # at the highest frequency the pixel sampling aliases, which rays do not show
+        # at the highest frequency, the pixel image has aliasing, which the rays do not have
         for frequency, tolerance in enumerate((0.02, 0.02, 0.02, 0.03, 0.06)):
             assert t[:, frequency] == pytest.approx(tangential[row, :, frequency], abs=tolerance)
             assert s[:, frequency] == pytest.approx(sagittal[row, :, frequency], abs=tolerance)

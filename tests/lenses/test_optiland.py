@@ -1,6 +1,4 @@
-"""Our tracer compared with optiland, an independent one: the shipped lenses and three textbook ones (extra
-`optics-test`).
-"""
+"""Our ray tracer compared with optiland's for the shipped lenses and three textbook lenses (extra `optics-test`)."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ LENSES = {
 
 
 def optiland_of(lens: Lens):
-    """The same lens built with optiland's own glass catalogue."""
+    """Return the same lens in optiland, with glasses from optiland's catalogue."""
     pytest.importorskip("optiland", reason="needs the extra optics-test: pip install 'robustflow[optics-test]'")
     from optiland.materials import Material
     from optiland.optic import Optic
@@ -66,7 +64,7 @@ def test_rays_meet_every_surface_where_optiland_says(name):
     )  # fmt: skip
     for wavelength in (0.46, 0.54, 0.64):
         for f, tangent in enumerate(fields):
-            # rays that fill the stop: between the aimed bottom and top, and as wide as the aimed side ray
+            # rays that fill the stop, bounded by the rays aimed at its bottom, top and side
             across, along = rng.uniform(-0.7, 0.7, (2, 40))
             x = x_aimed[9 + f] * across
             y = y_aimed[f] + np.where(along > 0, y_aimed[3 + f] - y_aimed[f], y_aimed[f] - y_aimed[6 + f]) * along

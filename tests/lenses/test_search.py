@@ -1,4 +1,4 @@
-"""The search is determined by its seed, stops after given numbers of steps, and improves in every stage."""
+"""The search depends only on its seed, ends after a fixed number of steps, and improves in every stage."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ def test_media_and_stop_of_a_structure():
 
 
 def test_random_structures_have_the_power_requested():
-    """For thin lenses in contact, the powers (n - 1) (c1 - c2) add up to that of the lens, which is 1 in units of its
-    focal length.
+    """For thin lenses in contact, the sum of the powers (n - 1) (c1 - c2) is the power of the lens, i.e. 1 / focal
+    length.
     """
     for number in range(20):
         candidate = random_candidate(Rng.of("test", number), 3, 1)

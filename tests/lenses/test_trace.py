@@ -1,4 +1,4 @@
-"""The tracer compared with closed forms, and properties of all rays."""
+"""The ray tracer compared with closed-form solutions, and properties of all rays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def bundle(heights, tangent=0.0, across=0.0) -> Rays:
 
 
 def test_one_sphere_refracts_as_snell_says():
-    """A meridional ray through one sphere, by angles: sin(i) = h / R, then Snell's law, then a straight line."""
+    """Trace a meridional ray through a sphere using angles: sin(i) = h / R, Snell's law, and a straight line."""
     n, radius, depth, height = refractive_index("N-BK7", WAVELENGTH), 30.0, 40.0, 7.0
     lens = lens_of([(0.0, 0.0, "air", 9.0), (radius, depth, "N-BK7", 20.0), (0.0, 10.0, "air", 20.0)], stop=0)
     path, _ = trace_path(lens, bundle(height), WAVELENGTH)

@@ -1,4 +1,4 @@
-"""The blur in plain float64: exact, with a kernel per pixel, and with kernels at nodes."""
+"""The blur in float64, either with an exact kernel per pixel or with kernels at nodes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robustflow.psf.tiles import Axis, grid_of
 
 
 def kernel_at(stack, x: float, y: float, height: int, width: int):
-    """The kernels (3, 61, 61) of the image point (x, y), in pixels from the top left."""
+    """Return the kernels (3, 61, 61) at the image point (x, y), in pixels from the top left."""
     dx, dy = x - (width - 1) / 2, y - (height - 1) / 2
     distance = math.hypot(dx, dy)
     place = min(distance / (math.hypot(height, width) / 2), 1.0) * (len(stack) - 1)
@@ -26,7 +26,7 @@ def kernel_at(stack, x: float, y: float, height: int, width: int):
 
 
 def blurred_pixel(frame, stack, x: int, y: int):
-    """The blurred value (3,) of one pixel; the image is extended by reflection about its border pixels."""
+    """Return the blurred value (3,) of one pixel; the image is mirrored at its border pixels."""
     height, width = frame.shape[:2]
     padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
     around = padded[y : y + 61, x : x + 61][::-1, ::-1].transpose(2, 0, 1)
@@ -34,7 +34,8 @@ def blurred_pixel(frame, stack, x: int, y: int):
 
 
 def blended_blur(frame, stack):
-    """The image convolved with the kernel of each node, weighted by the node's triangular window, and summed."""
+    """Convolve the image with the kernel of each node, and sum the results weighted by the nodes' triangular
+    windows."""
     height, width = frame.shape[:2]
     padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
     total = np.zeros(frame.shape)

@@ -17,7 +17,7 @@ from .naive_blur import blended_blur, blurred_pixel, kernel_at
 
 
 def textured(height: int, width: int, seed: int = 0) -> np.ndarray:
-    """A picture with edges, texture and saturated points."""
+    """Return an image with edges, texture and saturated points."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:height, :width]
     base = 127 + 90 * np.sign(np.sin(x / 9.0) * np.sin(y / 7.0 + x / 31.0))
@@ -28,7 +28,7 @@ def textured(height: int, width: int, seed: int = 0) -> np.ndarray:
 
 
 def point_field(shift_rows: int = 0) -> PsfField:
-    """PSFs of a single pixel, displaced outwards."""
+    """Return PSFs with a single non-zero pixel, which is shifted outwards."""
     stack = np.zeros((64, 3, 61, 61))
     stack[:, :, 30 + shift_rows, 30] = 1.0
     return PsfField(stack)
@@ -36,7 +36,7 @@ def point_field(shift_rows: int = 0) -> PsfField:
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_error_against_exact_kernels_is_below_rounding(severity):
-    """Errors on a photograph, in grey levels, at points all over it."""
+    """Return errors in grey levels at points distributed over a photograph."""
     field, frame = shipped_field(severity), skimage.data.astronaut()
     rng = np.random.default_rng(severity)
     got = blur(frame, field)
@@ -49,7 +49,7 @@ def test_error_against_exact_kernels_is_below_rounding(severity):
 
 
 def picture(kind: str, height: int, width: int) -> np.ndarray:
-    """A picture that is difficult in one particular way."""
+    """Return an image that is difficult in a particular way."""
     rng, (y, x) = np.random.default_rng(height), np.mgrid[:height, :width]
     kinds = {
         "noise": rng.integers(0, 256, (height, width, 3)),
@@ -64,9 +64,7 @@ def picture(kind: str, height: int, width: int) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["noise", "black and white", "board", "ramp", "white"])
 @pytest.mark.parametrize(("shape", "severity"), [((70, 111), 1), ((111, 64), 3), ((131, 90), 5)])
 def test_blur_of_any_picture_equals_the_float64_reference(kind, shape, severity):
-    """Single precision causes an error of at most 2e-4 grey levels, a thousandth of the error from the
-    nodes' spacing.
-    """
+    """Single precision causes an error of at most 2e-4 grey levels, a thousandth of the interpolation error."""
     frame, field = picture(kind, *shape), shipped_field(severity)
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
@@ -79,7 +77,7 @@ def test_blur_of_any_shape_equals_the_float64_reference(shape):
 
 def test_kernels_with_negative_values_equal_the_float64_reference():
     stack = np.random.default_rng(0).normal(1.0, 0.8, (64, 3, 61, 61))
-    field, frame = PsfField(stack + stack[..., ::-1]), picture("noise", 60, 91)  # lenses are symmetric
+    field, frame = PsfField(stack + stack[..., ::-1]), picture("noise", 60, 91)  # lenses are rotationally symmetric
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
 
@@ -114,7 +112,7 @@ def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
         assert np.abs(got[min(row, height - 1), min(column, width - 1)] - wanted).max() < 0.5
     green = got[..., 1] / got[..., 1].sum()
     rows, columns = np.mgrid[:height, :width]
-    assert abs((green * rows).sum() - y) < 1.0  # the part beyond the border is reflected back
+    assert abs((green * rows).sum() - y) < 1.0  # the part beyond the border is mirrored
     assert abs((green * columns).sum() - x) < 1.0
 
 
@@ -139,7 +137,7 @@ def test_mirrored_images_blur_to_mirrored_images():
 
 
 def test_no_edge_shows_where_tiles_meet():
-    """Second differences of a blurred ramp are as small between nodes as elsewhere."""
+    """Second differences of a blurred ramp are as small at nodes as between them."""
     ramp = np.broadcast_to((np.arange(250) // 1)[None, :, None], (180, 250, 3)).astype(np.uint8)
     got = blur(ramp, shipped_field(5))[40:-40, 40:-40]
     assert np.abs(np.diff(got, 2, axis=1)).max() < 0.05

@@ -1,4 +1,4 @@
-"""PSFs of a lens: energy, symmetry, centring, resolution."""
+"""PSFs of a lens: energy, symmetry, centring and resolution."""
 
 import numpy as np
 import pytest
@@ -28,20 +28,20 @@ def test_shipped_psfs_are_normalised_symmetric_and_centred(severity):
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_psfs_on_the_axis_are_round(severity):
-    """Rotational symmetry: at the image centre rows and columns are alike, up to the sampling of the pupil."""
+    """Rotational symmetry: at the image centre, rows and columns are equal except for the sampling of the pupil."""
     centre = shipped_field(severity).stack[0].astype(float)
     turned = np.abs(centre - centre.transpose(0, 2, 1)).sum((1, 2))
     assert turned.max() < 0.06
 
 
 def test_every_ray_that_passes_the_stop_is_counted_once():
-    """Energy: a window that contains the whole blur contains all rays, including the mirrored half."""
+    """Energy: a window that contains the entire blur contains all rays, including the mirrored half."""
     lens = shipped_lens(2)
     for x, y, weight in field_rays(lens, np.array([0.3]), 30, 60)[0]:
         inside = (np.abs(x) < 30) & (np.abs(y - y[weight > 0].mean()) < 30)
         assert weight[inside].sum() == weight.sum()
         assert set(np.unique(weight)) <= {0.0, 1.0}
-        # the share of the box that the round stop transmits
+        # the fraction of the box that is transmitted by the round stop
         assert weight.mean() == pytest.approx(np.pi / 4 / 1.15**2, rel=0.03)
 
 
@@ -53,7 +53,7 @@ def test_rays_land_where_the_tracer_says():
     one = np.ones(1)
     chief = trace(lens, Rays(0 * one, 0 * one, 0 * one, 0 * one, tangent * cosine * one, cosine * one, one), 0.54)
     assert weight.sum() > 0
-    # the stop is in front, so the ray through its centre is the chief ray, surrounded by the others
+    # the stop is in front of the lens, so the ray through its centre is the chief ray
     assert y[weight > 0].min() < chief.y[0] / PIXEL < y[weight > 0].max()
 
 

@@ -1,4 +1,4 @@
-"""The shipped lenses: the paper's numbers, manufacturing limits, and damaged files."""
+"""The shipped lenses: values in the paper, manufacturing limits, and damaged files."""
 
 import json
 
@@ -62,7 +62,7 @@ def test_radius_and_energy_over_the_whole_field_are_the_references(shared, sever
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_a_shipped_lens_can_be_made(severity):
-    """The glass and air gaps are thick enough, and no face is steeper than 0.9 of a hemisphere."""
+    """Glass and air gaps are thick enough, and all semi-diameters are less than 0.9 times the radius of curvature."""
     lens, limits = shipped_lens(severity), Limits()
     slack = 0.05
     for k, surface in enumerate(lens.surfaces[:-1]):
@@ -82,7 +82,7 @@ def test_a_shipped_lens_can_be_made(severity):
 
 @pytest.fixture
 def copy(tmp_path, monkeypatch):
-    """The shipped data in a folder that may be damaged."""
+    """Copy the shipped data to a folder in which it may be damaged."""
     for file in shipped.DATA.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
     monkeypatch.setattr(shipped, "DATA", tmp_path)

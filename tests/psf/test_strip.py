@@ -33,13 +33,12 @@ def test_transform_with_parts_exchanged_is_the_inverse():
 
 @pytest.mark.parametrize("length", LENGTHS)
 def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(length):
-    """Ten units in the last place of a double, an error larger than that of any mathematics library,
-    change no float.
-    """
+    """Errors of ten units in the last place of a double, more than in any math library, do not change any float32
+    value."""
     for k, pair in enumerate(twiddles(length)):
         angle = 2.0 * math.pi * k / length
         for value, exact in zip(pair, (math.cos(angle), -math.sin(angle)), strict=True):
-            slack = 10 * math.ulp(1.0)  # the error of the angle contributes too
+            slack = 10 * math.ulp(1.0)  # includes the error of the angle
             assert np.float32(exact - slack) == np.float32(exact + slack) == value or abs(exact) < 1e-12, Fraction(
                 k, length
             )
@@ -63,7 +62,7 @@ def test_windows_hold_their_whole_triangle(length, pitch):
     axis = Axis.of(length, pitch)
     assert axis.pitch <= pitch
     assert axis.windows.shape[1] == 2 * pitch
-    # the triangles are complete: one pixel further out they are zero
+    # the triangular windows are complete: they are zero one pixel further out
     places = (length - 1) / 2 + axis.offsets
     last = np.array(axis.starts) + axis.windows.shape[1]
     assert (last - places >= axis.pitch - 1e-9).all()

@@ -1,4 +1,4 @@
-"""Normal numbers generated from bits compared with scipy's quantile function."""
+"""Normal numbers generated from bits, compared with SciPy's quantile function."""
 
 import numpy as np
 from scipy.special import ndtri

@@ -1,6 +1,6 @@
-"""The counter-based generator: its values and their statistics.
+"""The counter-based random generator: values and statistics.
 
-Statistics are computed on fixed streams, so every test is deterministic; limits are about five standard errors.
+Statistics are computed on fixed streams, so every test is deterministic; the limits are about five standard errors.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ N = 1 << 17
 
 
 def hash_by_definition(key, counter):
-    """The generator in arbitrary-precision integers."""
+    """The generator implemented with arbitrary-precision integers."""
     mask = 2**64 - 1
 
     def mix(z):
@@ -38,7 +38,7 @@ def test_hash_is_what_it_says(key, counter):
 
 
 def test_known_answers():
-    """Golden values: a change in any of them changes every corrupted byte and needs a new STREAM_VERSION."""
+    """Golden values: if any of them changes, all corrupted frames change, and a new STREAM_VERSION is required."""
     known = {
         (0x0, 0): 0x48218226FF3CD4BF,
         (0x0, 1): 0xCD73FE3DE975AC26,
@@ -100,7 +100,7 @@ def test_bits_and_bytes_are_even(key):
 
 @pytest.mark.parametrize("what", ["key", "counter"])
 def test_avalanche(what):
-    """Flipping one bit of the key or counter flips each of the 64 output bits half of the time."""
+    """Flipping one bit of the key or counter flips each of the 64 output bits in half of the cases."""
     rows = 1024
     places = Rng.of("avalanche", what).bits(2 * rows).reshape(rows, 2)
     flips = np.zeros((64, 64))
@@ -141,7 +141,7 @@ def test_no_serial_correlation(lag):
 
 @pytest.mark.parametrize("keys", ["neighbours", "single bits", "frames", "golden ratio"])
 def test_streams_are_independent(keys):
-    """Streams with related keys are unrelated, at equal positions and with one shifted against the other."""
+    """Streams with similar keys are uncorrelated, both at the same positions and with an offset."""
     base = key_of("base")
     family = {
         "neighbours": [base + i for i in range(8)],

@@ -1,4 +1,4 @@
-"""Small clips for tests: pictures of the rendered scene, and clips on disk."""
+"""Small clips for tests: frames of the rendered scene and clips on disk."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from .render import Scene
 
 @cache
 def frames(count: int, height: int = 48, width: int = 64, step: float = 1.0) -> tuple[np.ndarray, ...]:
-    """RGB uint8 frames of a moving scene, `step` units of time apart."""
+    """Return RGB uint8 frames of a moving scene at intervals of `step` time units."""
     scene = Scene(height, width)
     return tuple(scene.frame(index * step) for index in range(count))
 
 
 def shown_as(fill: Fill, index: int) -> int:
-    """The decoded frame that is shown as frame `index`."""
+    """Return the decoded frame at the position of frame `index`."""
     return next((source for first, last, source in fill.lost if first <= index <= last), index)
 
 
 def pictures(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
-    """The clip in I420."""
+    """Return the clip in I420."""
     return [rgb_to_i420(frame) for frame in frames(count, height, width)]
 
 

@@ -1,8 +1,8 @@
-"""A rendered scene with real textures, whose picture and flow are known at any time.
+"""A rendered scene with real textures, whose image and flow are known at any time.
 
-A textured background moves and slowly rotates; a textured disk flies over it. Everything is evaluated in float64 by
+A textured background moves and slowly rotates; a textured disk moves across it. Everything is evaluated in float64 with
 bilinear sampling at exact positions, so `picture(t)` shows the same continuous scene for any real `t`, and the mean of
-many pictures is true motion blur.
+many images has exact motion blur.
 """
 
 from __future__ import annotations
@@ -20,9 +20,7 @@ def _texture(name: str) -> np.ndarray:
 
 @dataclass
 class Scene:
-    """Velocity `background`, rotation `turn` in rad and velocity `disk`, each per unit of time; velocities in pixels of
-    the picture.
-    """
+    """Velocities of the background and the disk in pixels, and rotation `turn` in radians, each per unit of time."""
 
     height: int = 144
     width: int = 176
@@ -47,7 +45,7 @@ class Scene:
         return np.rint(self.picture(time)).astype(np.uint8)
 
     def flow(self, start: float, stop: float) -> np.ndarray:
-        """Exact flow from `start` to `stop`, float64 (H, W, 2)."""
+        """Return the exact flow from `start` to `stop`, float64 (H, W, 2)."""
         x, y = self._grid()
         bx, by = self._to_background(x, y, start)
         tx, ty = self._from_background(bx, by, stop)

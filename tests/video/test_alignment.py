@@ -1,4 +1,4 @@
-"""Damaged streams: the number of frames is kept, and every picture is at its own time."""
+"""Damaged streams: the number of frames is preserved, and every frame is at its own time."""
 
 from __future__ import annotations
 
@@ -29,15 +29,13 @@ def decode(clip, packets) -> tuple[list[np.ndarray], Fill]:
 
 
 def ruined(packets, indices) -> list[Packet]:
-    """Overwrite the packets of some frames with bytes that no decoder can read."""
+    """Overwrite the packets of some frames with bytes that cannot be decoded."""
     return [Packet(b"\xff" * len(p.data), p.index) if p.index in indices else p for p in packets]
 
 
 @pytest.mark.parametrize("amount", [50_000_000, 1_000_000, 100_000, 20_000, 5_000, 2_000])
 def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
-    """If no frame depends on other frames, every undamaged frame is decoded as if nothing had happened, at its
-    position.
-    """
+    """If frames do not depend on each other, every undamaged frame is decoded correctly at its position."""
     clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, lossless("ultrafast", every_frame=True))
     pictures = clips.pictures(COUNT, HEIGHT, WIDTH)
     stream = corrupted_stream(clip, "bit_error", amount)
@@ -46,7 +44,7 @@ def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
     assert sorted(shown) == list(range(COUNT))
     for index in set(range(COUNT)) - hit:
         assert clips.shown_as(stream.fill, index) == index
-        # a broken frame can leave a residual in FFmpeg's decoder, from which the next frame starts
+        # a damaged frame can leave state in FFmpeg's decoder that affects the next frame
         assert index - 1 in hit or (shown[index] == pictures[index]).all()
         distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
         assert int(np.argmin(distances)) == index
@@ -61,7 +59,7 @@ def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(tmp_
     stream = corrupted_stream(clip, "bit_error", amount)
     shown = [picture for _, picture in stream.pictures]
     assert len(shown) == COUNT
-    # in coded order nothing before the first damage can depend on it
+    # in coded order, frames before the first damaged packet do not depend on it
     order = [packet.index for packet in read_packets(clip)]
     hit = set(stream.damage.frames_hit)
     before = order[: next((i for i, index in enumerate(order) if index in hit), len(order))]
@@ -77,7 +75,7 @@ def test_lost_first_picture_shows_the_first_that_decodes(tmp_path):
 
 
 def test_lost_first_idr_of_a_predicted_stream(tmp_path):
-    """Nothing can be shown until the next intra-coded frame; from there on every frame is at its position."""
+    """No frame can be decoded before the next intra-coded frame; all frames after it are at their positions."""
     ten = Encoding("gop of ten", (*lossless("veryfast").options, ("g", "10")))
     clip = clips.clip(tmp_path / "a.mp4", 30, encoding=ten)
     shown, fill = decode(clip, ruined(read_packets(clip), {0}))
@@ -119,7 +117,7 @@ def test_twice_the_same(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [1, 100])
 def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
-    """Clips of about 1 MB and 100 MB, N from 50 M to 2 000, with intra-coded frames that can be distinguished."""
+    """Test clips of about 1 MB and 100 MB with N from 50 M to 2 000; their intra-coded frames can be distinguished."""
     clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
     assert 0.7 * megabytes < clip.path.stat().st_size / 1e6 < 1.4 * megabytes
     for amount in (50_000_000, 5_000_000, 1_000_000, 100_000, 10_000, 2_000):
@@ -150,14 +148,14 @@ def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
 
 
 def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
-    """A real clip played forwards and backwards until its frames fill the file."""
+    """Yield the frames of a real clip, forwards and backwards in turn, until the file has the target size."""
     with av.open(str(source)) as container:
         frames = [frame.to_ndarray() for frame in container.decode(video=0)]
     height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
     encoding = lossless("ultrafast", every_frame=True)
     cycle = frames + frames[-2:0:-1]
     count = 20
-    for _ in range(3):  # frames differ in size, so approach the target step by step
+    for _ in range(3):  # the sizes of frames differ, so approach the target in steps
         shown = (cycle[index % len(cycle)] for index in range(count))
         clip = write_clip(path, shown, (height, width), Fraction(960), encoding)
         count = max(1, round(count * megabytes * 1e6 / path.stat().st_size))

@@ -1,6 +1,4 @@
-"""Encoding and decoding: lossless encoding is exact, times are preserved, one thread is used, and equal input gives
-equal files.
-"""
+"""Encoding and decoding: lossless encoding, time stamps, a single thread, and reproducible files."""
 
 import os
 import subprocess
@@ -43,9 +41,8 @@ def test_equal_pictures_make_equal_files(tmp_path):
 
 @pytest.mark.parametrize("encoding", [crf(30), abr(200_000)])
 def test_encoding_in_memory_is_encoding_to_a_file(tmp_path, encoding):
-    """The transcoded stream is never written to a file; its pictures equal those of the file that FFmpeg
-    would write.
-    """
+    """The transcoded stream is never written to a file; its frames are identical to those of a file written by
+    FFmpeg."""
     count = 40
     pictures = clips.pictures(count)
     encoder = Encoder(48, 64, Fraction(960), encoding)
@@ -66,9 +63,7 @@ _SLOW = pytest.mark.slow
     "encoding", [crf(30), pytest.param(abr(200_000), marks=_SLOW), pytest.param(lossless("medium"), marks=_SLOW)]
 )
 def test_memory_that_nobody_wrote_does_not_matter(encoding):
-    """The stream does not depend on the contents of allocated memory; x264's fastest code fails this (see
-    `codec.EXACT`).
-    """
+    """The stream does not depend on uninitialised memory; x264's fastest code fails this test (see `codec.EXACT`)."""
     code = f"""
 import hashlib, sys
 from fractions import Fraction

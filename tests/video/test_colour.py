@@ -1,4 +1,4 @@
-"""RGB <-> I420 compared with float arithmetic from the standard's definition, and with FFmpeg's converter."""
+"""RGB <-> I420 compared with the definition in the standard, in floating point, and with FFmpeg's converter."""
 
 from __future__ import annotations
 
@@ -17,9 +17,7 @@ RGB = st.tuples(st.integers(1, 9), st.integers(1, 9)).flatmap(lambda size: array
 
 
 def reference_yuv(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """BT.601 limited range from its definition, in float64, with chroma as the mean of 2x2 pixels; sides
-    must be even.
-    """
+    """Convert to BT.601 limited range as defined, in float64, averaging chroma over 2x2 pixels; sizes must be even."""
     r, g, b = (rgb[..., c] / 255.0 for c in range(3))
     y = 0.299 * r + 0.587 * g + 0.114 * b
     cb, cr = 0.5 * (b - y) / (1 - 0.114), 0.5 * (r - y) / (1 - 0.299)
@@ -28,7 +26,7 @@ def reference_yuv(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def reference_rgb(y: np.ndarray, cb: np.ndarray, cr: np.ndarray) -> np.ndarray:
-    """The inverse from its definition, with chroma repeated."""
+    """Compute the inverse as defined, repeating chroma."""
     y = (y.astype(float) - 16) / 219
     cb, cr = ((c.astype(float).repeat(2, 0).repeat(2, 1) - 128) / 224 for c in (cb, cr))
     r, b = y + 2 * (1 - 0.299) * cr, y + 2 * (1 - 0.114) * cb
@@ -45,7 +43,7 @@ def test_conversion_is_the_standards(rgb):
     chroma = picture[rows:].reshape(2, rows // 2, columns // 2)
     y, cb, cr = reference_yuv(even)
     for mine, exact in ((picture[:rows], y), (chroma[0], cb), (chroma[1], cr)):
-        assert np.abs(mine - exact).max() <= 0.5 + 0.01  # rounding, and 16-bit coefficients
+        assert np.abs(mine - exact).max() <= 0.5 + 0.01  # for rounding and 16-bit coefficients
     back = i420_to_rgb(picture, height, width)
     exact = reference_rgb(picture[:rows], chroma[0], chroma[1])[:height, :width]
     assert np.abs(back - exact).max() <= 0.5 + 0.02

@@ -1,4 +1,4 @@
-"""The noise filter gives the same bytes as FFmpeg's and as a plain loop over its definition."""
+"""The noise filter produces the same bytes as FFmpeg's filter and as a simple loop that follows its definition."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_byte_for_byte_ffmpegs(tmp_path, amount):
 @given(st.lists(st.binary(max_size=300), max_size=8), st.integers(1, 2000), st.integers(0, 2**32 - 1))
 def test_the_rule_as_a_loop(packets, amount, state):
     noise, total, expected = NoiseFilter(amount), state, []
-    noise.state = state  # anywhere, so that the 32-bit state wraps
+    noise.state = state  # large enough for the 32-bit state to wrap around
     for data in packets:
         out = bytearray(data)
         for i, byte in enumerate(data):

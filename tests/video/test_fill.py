@@ -1,4 +1,4 @@
-"""Filling lost frames compared with a plain definition of the result, for any loss and any order."""
+"""Filling of lost frames compared with a simple definition of the result, for any loss and any order."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_frame_shows_the_last_decoded_one_before_it(data):
 
 @given(st.permutations(range(20)), st.lists(st.integers(-5, 40), max_size=10))
 def test_order_of_arrival_does_not_matter(order, strangers):
-    """Twenty pictures in any order, with repeats and indices outside the clip."""
+    """Test twenty frames in any order, with duplicates and indices outside the clip."""
     arrivals = [(index, picture(index)) for index in order]
     arrivals += [(index, picture(index)) for index in strangers]
     fill = Fill(20)
@@ -43,7 +43,7 @@ def test_order_of_arrival_does_not_matter(order, strangers):
 
 
 def test_the_buffer_is_bounded():
-    """A picture that arrives later than the buffer allows is dropped."""
+    """A frame that arrives too late for the buffer is dropped."""
     late = REORDER + 5
     arrivals = [(index, picture(index)) for index in range(1, 1 + late)] + [(0, picture(0))]
     fill = Fill(late + 1)

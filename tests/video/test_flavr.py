@@ -16,7 +16,7 @@ pytestmark = pytest.mark.torch
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    """A network with one output, and its weights in the authors' layout."""
+    """Return a network with one output, and its weights in the authors' layout."""
     torch.manual_seed(0)
     net = FLAVR(n_outputs=1).eval().requires_grad_(False)
     path = tmp_path_factory.mktemp("flavr") / "FLAVR_2x.pth"
@@ -30,7 +30,7 @@ def clip():
 
 
 def test_brighter_frames_give_as_much_brighter_frames(saved):
-    """The mean of each colour is subtracted before the network and added after it."""
+    """The mean of each colour channel is subtracted before the network and added back after it."""
     net, _ = saved
     shift = torch.tensor([0.1, -0.2, 0.3]).view(1, 3, 1, 1)
     (found,) = net([frame + shift for frame in clip()])

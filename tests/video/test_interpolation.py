@@ -1,4 +1,4 @@
-"""Interpolation: positions of frames, and the flow-based method on a scene with known truth."""
+"""Interpolation: positions of frames, and the flow-based method on a scene with known ground truth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 
 class Linear:
-    """A cross-fade is exact on frames whose values are linear in time."""
+    """Cross-fading is exact for frames whose values are linear in time."""
 
     name = "linear"
 
@@ -34,8 +34,9 @@ class Linear:
 
 @given(st.integers(4, 12), st.integers(2, 5))
 def test_every_frame_is_at_its_time(count, factor):
-    """Frame k of the result is at source time 1 + k / factor; the first and last source frames serve only as
-    neighbours.
+    """Frame k of the result is at source time 1 + k / factor.
+
+    The first and last source frames are used only as neighbours.
     """
     source = [np.full((2, 2, 3), index * factor, np.uint8) for index in range(count)]
     result = [int(frame[0, 0, 0]) for frame in interpolate(source, Linear(), factor)]
@@ -50,9 +51,7 @@ def test_too_short_for_a_window(count):
 
 
 def test_the_scenes_flow_leads_to_the_same_point_of_its_texture():
-    """The renderer itself is correct: a pixel and the end of its flow vector show the same place of the
-    same texture.
-    """
+    """The renderer is correct: a pixel and the end of its flow vector show the same point of the texture."""
     scene, start, stop = Scene(120, 160, (1.7, 0.6), (-2.3, 1.1), turn=0.02), 0.5, 2.0
     flow = scene.flow(start, stop)
     y, x = np.mgrid[:120, :160].astype(float)

@@ -24,7 +24,7 @@ def test_means_are_the_rounded_means(seed, reaches):
     clip = np.random.default_rng(seed).integers(0, 256, (13, 3, 4, 3), np.uint8)
     asked = []
     means = mean_of_windows(lambda index: (asked.append(index), clip[index])[1], 6, reaches)
-    assert asked == list(range(6 - max(reaches), 6 + max(reaches) + 1))  # once each, forwards
+    assert asked == list(range(6 - max(reaches), 6 + max(reaches) + 1))  # each frame once, in ascending order
     for reach in reaches:
         assert (means[reach] == np.rint(clip[6 - reach : 7 + reach].astype(np.float64).mean(0))).all()
 
@@ -59,7 +59,9 @@ def test_four_times_the_frames_are_nearer_to_the_time_integral():
 
 
 def integral_psnr(scene: Scene) -> dict[int, tuple[float, float]]:
-    """PSNR in dB against the true integral for each c: with interpolation by 4, and with only the recorded frames."""
+    """Return the PSNR in dB against the exact integral for each c: with interpolation by 4, and with recorded frames
+    only.
+    """
     centre = 6
     source = [scene.frame(time) for time in range(2 * centre + 1)]
     master = list(interpolate(source, FlowInterpolator(), 4))  # frame k is at time 1 + k / 4

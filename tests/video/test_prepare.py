@@ -1,4 +1,4 @@
-"""Preparing clips: the files, which are the same for every way of making them, and refused input."""
+"""Preparing clips: the files, which do not depend on how they are created, and rejected input."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Hashes of the bytes of every permanent file."""
+    """Return the hash of every permanent file."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
@@ -83,7 +83,7 @@ def test_a_stopped_run_continues_and_ends_in_the_same_files(tmp_path, monkeypatc
             prepare_clip(source, tmp_path / "stopped", FLOW, stop)
         assert not (tmp_path / "stopped" / "clip.json").exists()
     prepare_clip(source, tmp_path / "stopped", FLOW)
-    assert len(made) == 33  # every gap once, over all three calls
+    assert len(made) == 33  # every gap once, in all three calls together
     assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
     made.clear()
     prepare_clip(source, tmp_path / "stopped", FLOW)
@@ -137,7 +137,7 @@ def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(tmp_p
 
 @pytest.mark.parametrize(("step", "count"), [(32, 161), (96, 500), (16, 100), (5, 60)])
 def test_key_frames_by_the_papers_words(step, count):
-    """One frame every `step` frames, without the first and last; and the longest blur's window fits."""
+    """Every `step`-th frame is used, except for the first and the last; the longest blur's window fits."""
     keys = choose_key_frames(count, step)
     every = list(range(0, count, step))
     assert keys == [k for k in every[1:-1] if 15 <= k <= count - 16]

@@ -1,4 +1,4 @@
-"""Rolling shutter of a clip: the source frame of each row, and the deviation from a moving scene."""
+"""Rolling shutter: the source frame for each row, and the deviation from a moving scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_each_row_is_from_the_frame_nearest_to_its_time(seed, height, readouts):
     asked = []
     made = rolling_frames(lambda index: (asked.append(index), clip[index])[1], 6, readouts)
     reach = (max(readouts) + 1) // 2
-    assert asked == list(range(6 - reach, 6 + reach + 1))  # once each, forwards
+    assert asked == list(range(6 - reach, 6 + reach + 1))  # each frame once, in ascending order
     for readout, frame in made.items():
         for y, row in enumerate(frame):
             time = readout * ((y + 0.5) / height - 0.5)
@@ -46,9 +46,7 @@ def test_the_longest_readout_stays_within_the_frames_around_a_key_frame(height):
 
 
 def test_rows_are_the_pictures_of_their_times():
-    """For a scene rendered at 960 frames per second, the deviation from the exact picture is at most half a frame's
-    motion.
-    """
+    """At 960 frames per second, the deviation from an exact rendering is at most the motion within half a frame."""
     scene = Scene(60, 80, background=(0.2, 0.1), disk=(-0.3, 0.15))
     made = rolling_frames(lambda index: scene.frame(index), 20, READOUTS)
     for readout, frame in made.items():

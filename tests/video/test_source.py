@@ -1,4 +1,4 @@
-"""Files of users are handled, or refused in one clear sentence."""
+"""User files are either supported or rejected with a single clear message."""
 
 import av
 import numpy as np
@@ -37,7 +37,7 @@ def test_rotation_is_applied(tmp_path, rotation, quarter):
 
 @pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])
 def test_frames_by_number_are_turned_too(tmp_path, rotation, quarter):
-    """A film as recorded by a phone; a run on it uses the frames that a player shows."""
+    """For a video recorded with a phone, a run uses the same frames that a video player shows."""
     image = np.zeros((32, 64, 3), np.uint8)
     image[:8, :16] = 255
     path = video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)
@@ -83,7 +83,7 @@ def test_variable_frame_rate_needs_a_decision(tmp_path):
 
 
 def test_rounded_times_are_a_constant_rate(tmp_path):
-    """Matroska rounds times to milliseconds: 33, 34, 33 ms mean 30 frames per second."""
+    """Matroska rounds times to milliseconds: 33, 34 and 33 ms correspond to 30 frames per second."""
     source = VideoFile(video(tmp_path / "a.mkv", clips.frames(10)))
     assert not source.variable
 
@@ -106,7 +106,7 @@ def test_cut_short(tmp_path, options):
 
 
 def test_damage_inside_is_not_passed_over(tmp_path):
-    """If the middle of the file is garbage, pictures may be missing; their number is checked."""
+    """If part of the file is garbage, frames may be missing; their number is checked."""
     path = video(tmp_path / "a.mp4", clips.frames(30, 96, 128), options={"movflags": "faststart"})
     data = bytearray(path.read_bytes())
     start = data.find(b"mdat") + 4
@@ -137,7 +137,7 @@ def test_sound_alone(tmp_path):
 
 
 def test_a_playlist_is_never_followed(tmp_path):
-    """A file that refers to other files (or addresses) is not opened as a video, whatever its name."""
+    """A file that refers to other files or URLs is not opened as a video, regardless of its name."""
     real = video(tmp_path / "real.mp4", clips.frames(3))
     for name, text in (
         ("a.mp4", f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{real}\n#EXT-X-ENDLIST\n"),

@@ -1,4 +1,4 @@
-"""Videos as made by other programs."""
+"""Videos like those created by other programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def video(
     sound: bool = False,
     options: dict[str, str] | None = None,
 ) -> Path:
-    """A video as made by a different program."""
+    """Write a video like those created by other programs."""
     with av.open(str(path), "w", options=options or {}) as container:
         stream = container.add_stream(codec, rate=30, options={"crf": "10"} if codec == "libx264" else {})
         stream.height, stream.width = frames[0].shape[:2]
