@@ -74,7 +74,7 @@ class Truth:
         return np.exp(shared + own - self.spread**2 / 2)
 
     def draw(self, rng: np.random.Generator, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Errors on the clean frames (n,), with mean 2, and at the settings (n, 3), with means 3, 5 and 10."""
+        """Errors on the clean frames (n,), with mean 2, and under three conditions (n, 3), with means 3, 5 and 10."""
         hard = self.difficulty(rng, sizes)
         clean = 2 * hard * rng.gamma(8, 1 / 8, len(hard))
         corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(8, 1 / 8, (len(hard), 3))

@@ -205,7 +205,7 @@ def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
 
 
 def test_a_summary_without_its_parts_is_found(run, tmp_path):
-    """A whole section may be missing, or a number may be too large for a float."""
+    """An entire section may be missing, or a number may be too large for a float."""
     folder = _copy(run.path, tmp_path)
     summary = json.loads((folder / "summary.json").read_text())
     del summary["corruptions"]

@@ -1,5 +1,5 @@
-"""Conclusions from runs on a user's own frames: the run's numbers, the evidence, and no praise for a model that ignores
-its frames.
+"""Conclusions from runs on a user's own frames: the run's numbers, the evidence, and no positive conclusion about a
+model that ignores its frames.
 """
 
 from __future__ import annotations

@@ -90,7 +90,10 @@ _CHANGES = {
         _FOG,
         {"epe_sum_occ": pl.lit(None, pl.Float64)},
     ),
-    "its regions do not add up to all pixels": (_FOG, {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)}),
+    "the values of its regions do not add up to those of all pixels": (
+        _FOG,
+        {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)},
+    ),
     "its counts of 1, 3 and 5 px outliers are inconsistent": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
     "its error is smaller than its outliers alone imply": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),
     "the length of its ground-truth flow does not match its regions": (
@@ -102,9 +105,9 @@ _CHANGES = {
         {"pred_magnitude_sum": pl.lit(0.0), "epe_sum": 0.9 * pl.col("magnitude_sum")},
     ),
     "the flow changed more on valid pixels than on all pixels": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
-    "the clean frames have a spread, although they are not random": (_CLEAN, {"spread_sum": pl.lit(1e-300)}),
+    "the clean frames have a spread, although they involve no randomness": (_CLEAN, {"spread_sum": pl.lit(1e-300)}),
     "the flow on the clean frames differs from the clean flow": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
-    "it has values of an attack but is not an attack": (_FOG, {"attack_linf": pl.lit(1.0)}),
+    "it has attack values but is not an attack": (_FOG, {"attack_linf": pl.lit(1.0)}),
     "its confidence ranks errors better than the oracle": (
         _FOG,
         {"error_at_80": pl.lit(1.0), "oracle_at_80": pl.lit(1.1)},

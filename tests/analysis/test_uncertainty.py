@@ -1,4 +1,4 @@
-"""Intervals and tests compared with formulas and a naive loop, and edge cases."""
+"""Intervals and tests are compared with formulas and a naive loop, including edge cases."""
 
 from __future__ import annotations
 
@@ -288,7 +288,7 @@ def test_a_constant_shift_is_certain():
 
 
 def test_pairing_is_what_makes_it_sharp():
-    """A small improvement on every image is detected although the intervals of the two means overlap widely."""
+    """A small improvement on every image is detected, although the intervals of the two means overlap widely."""
     rng = np.random.default_rng(3)
     clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
     better = corrupted * rng.uniform(0.9, 0.98, corrupted.shape)

@@ -46,7 +46,7 @@ class Visit:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """One chromium for all tests of a process; skips with a reason if Playwright or chromium is absent."""
+    """One Chromium instance for all tests in a process; skips with a reason if Playwright or Chromium is missing."""
     api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
     found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if found is None:

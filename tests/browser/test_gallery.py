@@ -66,7 +66,7 @@ def test_a_clip_plays_and_steps_by_keyboard(visit, clip_page):
     page.keyboard.press("Space")
     assert play.inner_text() == "Pause"
     seen_frames = set()
-    for _ in range(200):  # the page's policy forbids the evaluated strings with which wait_for_function polls
+    for _ in range(200):  # wait_for_function evaluates strings, which the page's policy forbids
         seen_frames.add(frame.input_value())
         if len(seen_frames) >= 3:
             break

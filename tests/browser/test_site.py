@@ -33,7 +33,7 @@ def opened(visit, pages):
 
 
 def _column(page, heading: str) -> list[str]:
-    """Visible cells of a column of the visible leaderboard, group by group."""
+    """Visible cells in a column of the visible leaderboard, by group."""
     head = page.locator(".board:visible thead th")
     index = next(
         i for i in range(head.count()) if head.nth(i).is_visible() and head.nth(i).inner_text().startswith(heading)

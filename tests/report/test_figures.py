@@ -88,7 +88,7 @@ def test_labels_do_not_hide_each_other():
 
 
 def test_families_by_hand():
-    """CSFlow under noise, out-of-domain: (10.82 + 9.75 + 10.95) / 3 over 4.11, minus 1."""
+    """CSFlow under noise, out-of-domain: the mean of 10.82, 9.75 and 10.95, divided by 4.11, minus 1."""
     families = {(line.setting, line.name): of_line for line, of_line in family_crer(_KITTI).items()}
     assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
     figure = crer_by_family(_KITTI)

@@ -1,4 +1,4 @@
-"""The paper's variants that run here, and their weights."""
+"""Which of the paper's variants can be run here, and with which weights."""
 
 import hashlib
 

@@ -21,7 +21,7 @@ class RunRanks:
 
 
 def printed_costs(results: Iterable[ModelResult]) -> dict[str, PrintedCost]:
-    """Return the paper's costs of the models in the results, by model in the order of Tab. 3."""
+    """Return the paper's costs for the models in the results, by model name, in the order of Tab. 3."""
     costs = {line.name: line.printed_cost for line in results if line.printed_cost is not None}
     return dict(sorted(costs.items(), key=lambda item: item[1].row))
 

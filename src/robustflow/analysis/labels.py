@@ -97,8 +97,8 @@ def setting_words(setting: str) -> str:
 
 
 def short_label(corruption: str) -> str:
-    """Return the name of a corruption in the paper's tables, for use below its family name; followed by its source if
-    the corruption exists only as files.
+    """Return the name of a corruption as in the paper's tables, for use below its family name. The source is added
+    for a corruption that exists only as files.
 
     >>> short_label("gaussian_noise"), short_label("fog"), short_label("robustspring_fog")
     ('Gaussian', 'Fog', 'RS fog')

@@ -58,7 +58,7 @@ class PrintedCost(Frozen):
     """Size, computing cost and relative robustness of a model in the paper (Tab. 3), with the printed ranks.
 
     Attributes:
-        row: row of the table, from 0.
+        row: zero-based index of the row in the table.
         parameters_m: number of parameters, millions.
         flops_g: floating-point operations per prediction, 10^9.
         crer_ood, crer_id: CRE / clean EPE in each setting; None if not evaluated.

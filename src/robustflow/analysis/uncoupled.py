@@ -83,7 +83,7 @@ class Uncoupled:
         """Tabulate one metric of `UNCOUPLED` by corruption and severity.
 
         Returns:
-            Columns `corruption`, one per severity, `mean`; null where nothing was measured.
+            A table with the column `corruption`, one column per severity, and `mean`; null where nothing was measured.
 
         Raises:
             UsageError: if the metric is unknown.

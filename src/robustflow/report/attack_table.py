@@ -48,8 +48,8 @@ _REMARK = (
 )
 
 _CURVES = (
-    "Mean error by budget in grey levels (0 to 255), with 95 % intervals over pairs or groups of pairs. Budget 0 is "
-    "the clean frames. Without ground truth, the error is the distance from the clean flow."
+    "Mean error by budget in grey levels (0 to 255), with 95 % intervals over pairs or groups of pairs. Budget 0 "
+    "refers to the clean frames. Without ground truth, the error is the distance from the clean flow."
 )
 _WARNED = "at least one pair has a warning; see the table of attacks"
 PREDICTION = "Does robustness to corruptions predict robustness to attacks?"

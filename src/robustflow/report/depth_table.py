@@ -28,8 +28,8 @@ def depth_table(runs: Sequence[Run], seed: int = 0) -> Table:
         raise UsageError(str(error)) from error
     if not found:
         raise UsageError(
-            f"the table '{FLAT_AND_DEPTH}' needs runs with a corruption and its 3D counterpart: --corruptions "
-            "fog,fog_3d"
+            f"the table '{FLAT_AND_DEPTH}' needs runs with a corruption and its 3D counterpart, for example "
+            "--corruptions fog,fog_3d"
         )
     label = METRIC_LABELS[found[0].metric]
     columns = tuple(map(Column, ("flat (px)", "in depth (px)", "value", "95 % low", "95 % high")))

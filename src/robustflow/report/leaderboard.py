@@ -102,7 +102,7 @@ _OVERVIEW = (
     (("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", "px"),
     (("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", "px"),
     (CRER, "CREr", "CRE / clean EPE", ""),
-    (("rcre", AVERAGE), "RCRE", "Change of the flow under corruption", "px"),
+    (("rcre", AVERAGE), "RCRE", "Change in the flow under corruption", "px"),
     (COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are computed over these pixels", ""),
     (PARAMETERS, "Param.", "Parameters, millions", "M"),
     (FLOPS, "FLOPs", "Floating-point operations of one prediction, 10⁹", "G"),
@@ -263,9 +263,8 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
     every = [cell for of_line in cells.values() for cell in of_line.values()]
     if any(cell.best for cell in every):
         yield (
-            "Bold values are the best of their column among models of one setting measured on the same frames, as in "
-            "the "
-            "paper; knowledge-driven methods are not marked."
+            "Bold values are the best in their column among models in the same setting measured on the same frames, as "
+            "in the paper; knowledge-driven methods are not marked."
         )
     if any(cell.derived for cell in every):
         yield "In italics: CREr that the paper does not print, computed from the values in the same line."

@@ -96,7 +96,7 @@ def _published_without_flow(benchmark: str) -> bool:
 
 
 _BEST = (
-    "Marked values are the best of their column among models of one setting measured on the same frames; lower is "
+    "Marked values are the best in their column among models in the same setting measured on the same frames; lower is "
     "better."
 )
 

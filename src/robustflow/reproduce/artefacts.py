@@ -13,7 +13,7 @@ ColumnChoice = Literal["epe", "cre", "rcre", "crer", "means", "families"]
 
 @dataclass(frozen=True)
 class Artefact:
-    """A table or a figure of the paper.
+    """A table or a figure in the paper.
 
     Attributes:
         name: name such as "tab2" or "fig4", numbered as in the paper and its appendix.

@@ -128,7 +128,7 @@ def _remedy(variant: Variant, benchmark: str) -> str:
     ways = []
     public = _nearest(variant, benchmark, checkpoints())
     if public is not None:
-        ways.append(f"as a stand-in {public.address}")
+        ways.append(f"download a stand-in: {public.address}")
     elif variant.model in NETWORKS:
         ways.append(f"{NETWORKS[variant.model].source}, saved as {variant.slug}.pth")
     stages = recipes_of(variant.model) if variant.model in trained_methods() else {}

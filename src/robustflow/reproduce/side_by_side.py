@@ -119,8 +119,8 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
 
 
 def _with_families(values: MetricValues) -> MetricValues:
-    """Return the values with CREr by family added under ("crer", FAMILY): the relative increase of the mean EPE under
-    the family's corruptions over the clean EPE."""
+    """Return the values with the CREr of each family added as ("crer", FAMILY): the relative increase of the mean EPE
+    under the family's corruptions over the clean EPE."""
     clean, more = values.get(("epe", CLEAN)), {}
     for family, names in FAMILIES.items():
         epe = [values["epe", name] for name in names if ("epe", name) in values]

@@ -16,10 +16,10 @@ images (docs/dis-rgb.md)."""
 
 @dataclass(frozen=True)
 class Variant:
-    """A method of the paper in a setting.
+    """A method from the paper in one setting.
 
     Attributes:
-        method: the paper's name of the method.
+        method: name of the method in the paper.
         setting: the paper's setting: "knowledge", "OOD" or "ID".
         model: name of the corresponding registered model.
     """

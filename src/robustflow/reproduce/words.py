@@ -1,4 +1,4 @@
-"""Messages about variants that cannot be run and how to obtain them, and about missing data."""
+"""Messages about variants that cannot be run, how to obtain their weights, and missing data."""
 
 from __future__ import annotations
 

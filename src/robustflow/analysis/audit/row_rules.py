@@ -115,7 +115,7 @@ def _missing_together(names: tuple[str, ...]) -> _Expr:
 
 
 def _misfit(parts: tuple[str, ...]) -> _Expr:
-    """Whether the regions of one split do not add up to all valid pixels."""
+    """Whether the values of the regions in one split do not add up to those of all valid pixels."""
     exact = [
         reduce(add, (pl.col(f"{field}_{part}") for part in parts)) != pl.col(whole)
         for field, whole in (("n", "n_valid"), ("fl_count", "fl_count"))
@@ -137,7 +137,7 @@ _whole = pl.col("n_all") == _pixels
 _all_of = ("n", "epe_sum", "rcre_sum", "fl_count")
 
 RULES: dict[str, _Expr] = {
-    "it has values of an attack but is not an attack": ~pl.col("_attack")
+    "it has attack values but is not an attack": ~pl.col("_attack")
     & _any([pl.col(name).is_not_null() for name in _OF_ATTACKS]),
     "its clean error differs from that of the sample's clean row": _any(
         [
@@ -176,7 +176,7 @@ RULES: dict[str, _Expr] = {
         + [_missing_together(tuple(f"{field}_{region}" for field in _all_of)) for region in REGIONS]
         + [pl.col("n_valid").is_null() & pl.col(f"n_{region}").is_not_null() for region in REGIONS]
     ),
-    "its regions do not add up to all pixels": _any([_misfit(parts) for parts in _SPLITS]),
+    "the values of its regions do not add up to those of all pixels": _any([_misfit(parts) for parts in _SPLITS]),
     "its counts of 1, 3 and 5 px outliers are inconsistent": _any(
         [
             pl.col(few) > pl.col(many)
@@ -200,7 +200,7 @@ RULES: dict[str, _Expr] = {
         [_exceeds(pl.col(f"oracle_at_{share}"), pl.col(f"error_at_{share}")) for share in COVERAGES]
         + [pl.col("rejected_count") > pl.col("n_all"), pl.col("confidence_spearman").abs() > 1]
     ),
-    "the clean frames have a spread, although they are not random": (pl.col("corruption") == CLEAN)
+    "the clean frames have a spread, although they involve no randomness": (pl.col("corruption") == CLEAN)
     & (pl.col("spread_sum") != 0),
     "the flow changed more on valid pixels than on all pixels": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
     "the flow on the clean frames differs from the clean flow": (pl.col("corruption") == CLEAN)

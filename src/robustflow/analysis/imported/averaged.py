@@ -1,4 +1,4 @@
-"""Describe the corruptions in an average; different sets have different descriptions."""
+"""Describe the set of corruptions in an average; each set has its own description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read JSON files of other programs, with a size limit and checks for repeated names and invalid numbers."""
+"""Read JSON files from other programs, with a size limit and checks for repeated names and invalid numbers."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class Results:
 
 
 def is_reference(content: Any) -> bool:
-    """Whether a file's content has the structure of such a `results.json`.
+    """Whether a file's content has the structure of the reference code's `results.json`.
 
     >>> is_reference({"fog": {"rCRE": [1, 2, 3, 4, 5]}}), is_reference({"experiments": []})
     (True, False)

@@ -12,7 +12,7 @@ THIN: Verdict = "too little evidence"
 
 
 class Statement(FrozenFinite):
-    """One statement of an observation, checked by a computation.
+    """One statement in an observation, checked by a computation.
 
     Attributes:
         claim: statement that is checked.
@@ -30,7 +30,7 @@ class Statement(FrozenFinite):
 
 
 class Observation(FrozenFinite):
-    """An observation of the paper.
+    """An observation from the paper.
 
     Attributes:
         number: number of the observation, 1 to 10.

@@ -84,7 +84,7 @@ def intervals(
 def statistics_of(
     sums: ClusterSums, severities: bool = False, corruptions: bool = True, families: bool = False
 ) -> list[MetricKey]:
-    """List the (metric, corruption, severity) of every mean that the rows allow."""
+    """List the (metric, corruption, severity) of every mean that can be computed from the rows."""
     keys: list[MetricKey] = [("epe", CLEAN, None)]
     for metric in INTERVAL_METRICS:
         keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]

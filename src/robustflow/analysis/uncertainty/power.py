@@ -107,8 +107,8 @@ def detectable(deviation: float, clusters: int, power: float = POWER, level: flo
 def plan_pairs(
     runs: Mapping[str, pl.DataFrame], effect: float, *, power: float = POWER, level: float = LEVEL
 ) -> pl.DataFrame:
-    """Compute the number of pairs needed to detect a difference, for each two models and the averages of EPE, CRE and
-    RCRE.
+    """Compute the number of pairs needed to detect a difference, for each pair of models and the averages of EPE, CRE
+    and RCRE.
 
     Args:
         runs: model name -> rows; each comparison uses only measurements on the same frames and ground truth.
@@ -138,7 +138,7 @@ def plan_pairs(
         count = len(first.clusters)
         if count < 2:
             raise RunError(
-                f"{names[0]} and {names[1]} have {counted(first.images, 'pair')} of only one sequence in common, so "
+                f"{names[0]} and {names[1]} have {counted(first.images, 'pair')} from only one sequence in common, so "
                 "there is no variance between sequences: run both on pairs from at least two sequences"
             )
         for metric in PLANNED_METRICS:

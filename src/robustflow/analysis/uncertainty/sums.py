@@ -143,7 +143,7 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row and column of each value among clusters and conditions."""
+    """Return the cluster index and the condition index of each value."""
     groups = pl.DataFrame({"group": clusters}, schema={"group": pl.String}).with_row_index("_row")
     at = values.select("group", "corruption", "severity").join(groups, on="group", how="left", maintain_order="left")
     at = at.join(columns, on=["corruption", "severity"], how="left", maintain_order="left")

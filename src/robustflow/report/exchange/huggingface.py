@@ -35,5 +35,5 @@ def _entry(facts: RunFacts, mean: RunMean, dataset: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Quote a text for YAML."""
+    """Quote text for YAML."""
     return json.dumps(text.strip())

@@ -1,4 +1,4 @@
-"""Shared helpers of the figures: figures without global state, comparable axes, and placement of names."""
+"""Shared helpers for the figures: creation without global state, comparable axes, and placement of names."""
 
 from __future__ import annotations
 

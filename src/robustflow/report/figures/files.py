@@ -41,7 +41,8 @@ def settle_layout(figure: Figure) -> None:
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """Encode a figure as "png" (200 dpi), "svg" or "pdf"; equal figures give equal bytes.
 
-    With `live_text`, text in an SVG stays text, rendered with the reader's fonts, instead of outlines.
+    With `live_text`, text in an SVG remains text, rendered with the reader's fonts, instead of being converted to
+    outlines.
 
     Raises:
         UsageError: the format is unknown.
@@ -51,7 +52,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     if figure.get_layout_engine() is not None:
         # compute the layout only once, because every draw would shift it slightly and change the bytes
         settle_layout(figure)
-        figure.set_layout_engine(None)  # not "none", with which everything is drawn twice to measure it
+        figure.set_layout_engine(None)  # "none" would draw everything twice to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"

@@ -61,8 +61,8 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
     figure.explain(key, legend)
     banded = any(point.low is not None for point in points)
     figure.caption = (
-        f"{metric_label(metric)} by budget of each attack; budget 0 is the clean frames, and budgets are not to "
-        "scale. A steeper curve means a less robust model. Hollow markers indicate a warning."
+        f"{metric_label(metric)} by budget of each attack; budget 0 refers to the clean frames, and budgets are not "
+        "to scale. A steeper curve means a less robust model. Hollow markers indicate a warning."
     ) + (" Bands are 95 % confidence intervals." if banded else "")
     return figure
 

@@ -27,7 +27,7 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
     )
     console.print(Text(plain(table.title, None), style="bold"))
     if any(column.prose for column in table.columns):
-        # In tables of prose, each section is a separate grid below its title, because both are long.
+        # In tables with prose, each section is a separate grid below its title, because titles and cells are long.
         for section in table.sections:
             console.print(Text(f"\n{plain(section.title, None)}", style="italic"))
             console.print(_grid(table, (section,), list(range(len(table.columns))), colour))

@@ -107,7 +107,7 @@ def whole_content(
 def _content(
     title: str, runs: Sequence[Run], files: Sequence[tuple[str, Sequence[ModelResult]]], published: bool, alone: bool
 ) -> Content:
-    # a page about its runs shows the selection of each run; the paper's lines are only shown below
+    # a page about its runs averages over all corruptions of each run, although it also shows the paper's lines
     beside, detailed = published and not alone, len(runs) <= MOST_DETAILED
     of_frames: dict[str, list[Run]] = {}
     for run in runs:

@@ -76,7 +76,7 @@ class Examples:
 
 @dataclass(frozen=True)
 class PanelPicture:
-    """A picture of a sample, the prediction and the errors; `corruption` is the name used in tables."""
+    """A picture with a sample, the prediction and the errors; `corruption` is the name used in tables."""
 
     title: str
     corruption: str

@@ -69,7 +69,7 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class FigureGroup:
-    """A group of figures of results measured on the same frames.
+    """A group of figures for results measured on the same frames.
 
     Attributes:
         benchmark: name of the benchmark.
@@ -152,7 +152,7 @@ def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str,
 
 
 def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
-    """Return the names of the runs of a sample set, in order. If there are more than a figure can distinguish, only the
+    """Return the names of the runs in a sample set, in order. If there are more than a figure can distinguish, only the
     top runs of the leaderboard are included."""
     if len(names) <= len(MODEL_STYLES):
         return names

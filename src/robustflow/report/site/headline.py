@@ -96,7 +96,7 @@ def _alone(line: ModelResult) -> list[str]:
     clean, whole, cre = (_text(line, key) for key in (_CLEAN, ("epe", AVERAGE), ("cre", AVERAGE)))
     if not clean or not whole:
         moved = _text(line, _MOVED)
-        return [f"{where}: corruption moves its flow by {moved} px (RCRE)."] if moved else []
+        return [f"{where}: corruption changes its flow by {moved} px (RCRE)."] if moved else []
     changes = (
         f"leaves the end-point error unchanged at {clean} px"
         if clean == whole
