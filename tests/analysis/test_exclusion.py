@@ -77,7 +77,7 @@ def test_experiments_and_rankings_use_one_guard():
     assert ACCURATE_BELOW == 0.5
     runs = {(arm.name, "demo", seed): Better for arm in arms() for seed in (0, 1)}
     runs[PLAIN, "demo", 1] = Arm
-    assert left_out(runs, "demo") == {1: f"{PLAIN}: clean EPE 25.10 px, zero flow's 50.00 px"}
+    assert left_out(runs, "demo") == {1: f"{PLAIN}: clean EPE 25.10 px, zero flow 50.00 px"}
     assert [bool(reasons_from_rows(one.rows)) for one in (Arm, Better)] == [True, False]
 
 

@@ -35,7 +35,7 @@ def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
     assert text.count("missing  ") == 5
     assert "put it into a folder named sintel or mpisintel there, or pass --data sintel=FOLDER" in text
     assert "100001 updates of 6 pairs, crop 368x768, fp32, 12 iterations" in text
-    assert text.endswith("training cannot start before the missing data are available")
+    assert text.endswith("training cannot start until the missing data are available")
 
 
 def test_the_plan_counts_what_is_there(shared):

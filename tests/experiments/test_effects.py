@@ -87,7 +87,7 @@ def test_a_seed_with_a_network_that_learned_nothing_or_is_missing_is_left_out_wh
     given["all", "shapes", 1] = made_runs(1, {}, clean=2.1)["all", "shapes", 0]  # zero flow has an error of 4 px
     del given["no_weather", "shapes", 3]
     assert left_out(given, "shapes") == {
-        1: "all: clean EPE 2.10 px, zero flow's 4.00 px",
+        1: "all: clean EPE 2.10 px, zero flow 4.00 px",
         3: "no_weather: not measured",
     }
     text, table = findings(given)

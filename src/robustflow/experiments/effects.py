@@ -96,7 +96,7 @@ def left_out(runs: Runs, dataset: str) -> dict[int, str]:
 
 def _unguarded(run: Run) -> str | None:
     missed = missed_motion(run.rows)
-    return None if missed is None else f"clean EPE {missed[0]:.2f} px, zero flow's {missed[1]:.2f} px"
+    return None if missed is None else f"clean EPE {missed[0]:.2f} px, zero flow {missed[1]:.2f} px"
 
 
 def _effect(plain: Array, arm: Array) -> Effect:

@@ -59,7 +59,7 @@ def _hypotheses(table: pl.DataFrame, hypotheses: Sequence[Hypothesis]) -> str:
             verdict = "it decreases" if effect["difference"] < 0 else "it increases"
         lines.append(
             f"- {_named(each)} {_change(effect)} px, difference {_difference(effect)}, p = {p:.3f} after Holm's "
-            f"correction for {len(hypotheses)}: {verdict}. The probability of detecting a change of "
+            f"correction for {len(hypotheses)} tests: {verdict}. The probability of detecting a change of "
             f"{_detectable(effect):.2f} px is {100 * _POWER:.0f} %."
         )
     return "\n".join(lines)

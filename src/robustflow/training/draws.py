@@ -54,6 +54,6 @@ def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, position
 
 
 def normal(key: int, shape: tuple[int, ...]) -> Tensor:
-    """Draw standard normal numbers on the CPU, always the same for the same key."""
+    """Draw standard normal numbers on the CPU; the same key always yields the same numbers."""
     generator = torch.Generator().manual_seed(key % 2**63)
     return torch.randn(shape, generator=generator)

@@ -224,7 +224,7 @@ def kaiming(network: nn.Module, seed: int = 0) -> None:
 
 
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
-    """Return the parameters that are trained."""
+    """Return the trainable parameters."""
     return [value for value in network.parameters() if value.requires_grad]
 
 

@@ -52,7 +52,7 @@ def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) ->
         if remarks:
             lines += [f"{name}:", *(f"  {remark}" for remark in remarks)]
     if missing:
-        lines.append("training cannot start before the missing data are available")
+        lines.append("training cannot start until the missing data are available")
     return "\n".join(lines)
 
 

@@ -36,8 +36,8 @@ Files = Sequence[tuple[str, int]]
 
 
 def installed() -> dict[str, str]:
-    """Return the versions, by name, of all installed software that can change results: this package with a hash of its
-    code, and the libraries it uses."""
+    """Return the versions, by name, of all installed software that can affect results: this package with a hash of its
+    code, and the libraries that it uses."""
     from ...digest import digest_of_bytes
     from ...runs.environment import environment
 
