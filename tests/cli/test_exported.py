@@ -28,4 +28,4 @@ def test_the_network_given_twice(robustflow):
     Path("net.onnx").write_bytes(b"a network")
     code, _, said = robustflow("run", "--model", "net.onnx", "--checkpoint", "net.onnx")
     assert code == 2
-    assert "'net.onnx' is itself the network; leave out the checkpoint" in said
+    assert "'net.onnx' is itself the network; omit the checkpoint" in said

@@ -20,7 +20,7 @@ FRAMES = (np.zeros((4, 5, 3), np.uint8),) * 2
         (ModelError("a frame is 4x5"), r"^a frame is 4x5 \(on sample 'a', fog severity 3\)$"),
         (
             IndexError("no row"),
-            r"^the model raised IndexError on sample 'a', fog .* 3: no row \(at .*_base\.py:\d+\); give",
+            r"^the model raised IndexError on sample 'a', fog .* 3: no row \(at .*_base\.py:\d+\); use",
         ),
     ],
 )

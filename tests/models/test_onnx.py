@@ -141,10 +141,10 @@ def one_input(path, shape, kind=TensorProto.FLOAT, count=1):
 @pytest.mark.parametrize(
     ("shape", "count", "says"),
     [
-        ([1, 4, 8, 8], 1, r"inputs are x0 \(1, 4, 8, 8\): expected two of \(N, 3, H, W\)"),
+        ([1, 4, 8, 8], 1, r"inputs are x0 \(1, 4, 8, 8\): expected two inputs \(N, 3, H, W\)"),
         (["n", "h", "w", 3], 2, r"expects frames of \?x3"),
         ([1, 3, 8, 8], 3, r"x2 \(1, 3, 8, 8\): expected two"),
-        ([4, 6, 8, 8], 1, r"x0 \(4, 6, 8, 8\): expected a dynamic batch or a batch of 1"),
+        ([4, 6, 8, 8], 1, r"x0 \(4, 6, 8, 8\): expected a dynamic batch size or a batch size of 1"),
         ([1, 6, 2**20, 2**20], 1, "expects frames of 1048576x1048576"),
     ],
 )
@@ -176,12 +176,12 @@ def test_integers_are_not_frames(tmp_path):
         ({"order": "gbr"}, UsageError, "unknown order 'gbr': did you mean 'rgb'"),
         ({"scaling": "0-2"}, UsageError, "unknown scaling '0-2'"),
         ({"layout": "both"}, UsageError, "unknown layout 'both'"),
-        ({"multiple": 0}, UsageError, "multiple must be a whole number from 1"),
-        ({"threads": 0}, UsageError, "threads must be a whole number from 1"),
+        ({"multiple": 0}, UsageError, "multiple must be an integer of at least 1"),
+        ({"threads": 0}, UsageError, "threads must be an integer of at least 1"),
         ({"device": "gpu"}, UsageError, "unknown device 'gpu' for onnxruntime"),
         ({"sha256": "0" * 64}, ModelError, "expected 0000"),
         ({"order_": "rgb"}, UsageError, "unknown option of model 'onnx' 'order_': did you mean 'order'"),
-        ({"checkpoint": "net.onnx"}, UsageError, "is itself the network; leave out the checkpoint"),
+        ({"checkpoint": "net.onnx"}, UsageError, "is itself the network; omit the checkpoint"),
     ],
 )
 def test_options_that_cannot_be(tmp_path, options, error, says):
@@ -227,9 +227,9 @@ def test_identity_names_the_file_by_its_hash_and_what_changes_the_numbers(tmp_pa
 
 
 def test_without_a_file(tmp_path):
-    with pytest.raises(ModelError, match=r"model 'onnx' needs its file"):
+    with pytest.raises(ModelError, match=r"model 'onnx' needs a file"):
         rf.load_model("onnx")
-    with pytest.raises(ModelError, match=r"missing\.onnx: no such file; give the path of the exported network"):
+    with pytest.raises(ModelError, match=r"missing\.onnx: no such file; pass the path of the exported network"):
         rf.load_model(str(tmp_path / "missing.onnx"))
 
 
@@ -251,7 +251,7 @@ def giant_weight():
 
 HOSTILE = {
     "html": (lambda good: b"<!DOCTYPE html><html>", "is a web page"),
-    "lfs": (lambda good: b"version https://git-lfs.github.com/spec/v1\n", "pointer of Git LFS"),
+    "lfs": (lambda good: b"version https://git-lfs.github.com/spec/v1\n", "Git LFS pointer"),
     "empty": (lambda good: b"", "is empty"),
     "cut": (lambda good: good[: len(good) // 2], "truncated or damaged"),
     "zip": (lambda good: b"PK\x03\x04" + bytes(100), "truncated or damaged"),
@@ -309,7 +309,7 @@ def test_weights_outside_its_folder_are_refused(tmp_path, location):
     (folder / "link").symlink_to(tmp_path / "secret")
     location = location.format(absolute=tmp_path / "secret")
     path = graphs.with_weights_beside(folder / "net.onnx", location)
-    with pytest.raises(ModelError, match=r"refused: it reads weights from '.*', outside its own folder") as error:
+    with pytest.raises(ModelError, match=r"it reads weights from '.*', outside its own folder") as error:
         rf.load_model(str(path))
     assert "\n" not in str(error.value)
     with pytest.raises(Exception, match=r"(?i)external|outside|escape|load model"):
@@ -325,5 +325,5 @@ def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):
 
 def test_a_missing_file_comes_before_a_missing_library(tmp_path, monkeypatch):
     monkeypatch.setattr("robustflow.extras.find_spec", lambda name: None)
-    with pytest.raises(ModelError, match="no such file; give the path of the exported network"):
+    with pytest.raises(ModelError, match="no such file; pass the path of the exported network"):
         rf.load_model(str(tmp_path / "net.onnx"))

@@ -73,5 +73,5 @@ def test_the_smallest_frames_of_dis(height, width, fits):
     if fits:
         assert np.isfinite(load_model("dis").predict(frame, frame)).all()
     else:
-        with pytest.raises(ModelError, match=f"8x12 pixels or more, not {height}x{width}"):
+        with pytest.raises(ModelError, match=f"at least 8x12 pixels, not {height}x{width}"):
             load_model("dis").predict(frame, frame)

@@ -9,13 +9,13 @@ from robustflow.models.option_checks import check_count, check_switch
 
 @pytest.mark.parametrize("value", [0, -1, 1.0, "3", None, True])
 def test_what_is_not_a_count_is_refused(value):
-    with pytest.raises(UsageError, match="iterations must be a whole number from 1, not"):
+    with pytest.raises(UsageError, match="iterations must be an integer of at least 1, not"):
         check_count("iterations", value)
 
 
 def test_a_count_may_begin_elsewhere():
     check_count("levels", 0, least=0)
-    with pytest.raises(UsageError, match="winsize must be a whole number from 2, not 1"):
+    with pytest.raises(UsageError, match="winsize must be an integer of at least 2, not 1"):
         check_count("winsize", 1, least=2)
 
 
@@ -26,5 +26,5 @@ def test_what_is_neither_true_nor_false_is_refused(value):
 
 
 def test_true_is_not_a_number_of_levels():
-    with pytest.raises(UsageError, match="levels must be a whole number from 0, not True"):
+    with pytest.raises(UsageError, match="levels must be an integer of at least 0, not True"):
         load_model("farneback", levels=True)

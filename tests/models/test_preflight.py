@@ -21,12 +21,12 @@ finally:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("-m", "raft"), "model 'raft' needs its checkpoint: name one of chairs, things, sintel, kitti"),
+        (("-m", "raft"), "model 'raft' needs its checkpoint: choose one of chairs, things, sintel, kitti"),
         (("-m", "raft", "--checkpoint", "no.ckpt"), "model 'raft': no file no.ckpt"),
         (("-m", "raft_large", "--checkpoint", "no.pth"), "model 'raft_large': no file no.pth"),
         (("-m", "arflow"), "model 'arflow' needs its checkpoint: get pwclite_ar.tar"),
         (("-m", "samflow_b", "--checkpoint", "no.pth"), "model 'samflow_b': no file no.pth"),
-        (("-m", "missing.onnx"), "missing.onnx: no such file; give the path of the exported network"),
+        (("-m", "missing.onnx"), "missing.onnx: no such file; pass the path of the exported network"),
     ],
 )
 def test_what_is_missing_is_reported_at_once(arguments, says, tmp_path):

@@ -123,7 +123,7 @@ def test_a_confidence_of_another_size_or_nan_is_one_line(tmp_path):
 
 
 def test_a_confidence_that_the_model_does_not_have_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="returns no confidence"):
+    with pytest.raises(UsageError, match="does not return a confidence"):
         run(tmp_path / "run", ModelSpec("dis"), "model")
     with pytest.raises(UsageError, match="forward-backward"):
         run(tmp_path / "run", ModelSpec("dis"), "forward")

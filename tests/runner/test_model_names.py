@@ -90,7 +90,7 @@ def test_training_sets_are_an_option(tmp_path, monkeypatch, capsys):
     ("option", "value", "says"),
     [
         ("--device", "cuda", "runs on the CPU only; leave out --device"),
-        ("--precision", "bf16", "has no choice of precision; leave out --precision"),
+        ("--precision", "bf16", "does not have a selectable precision; omit --precision"),
         ("--checkpoint", "things", "has no weights to load; leave out --checkpoint"),
     ],
 )

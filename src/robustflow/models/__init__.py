@@ -1,4 +1,4 @@
-"""Flow models: the protocol, the built-in adapters, and loading a model by name."""
+"""Flow models: the protocols, the built-in adapters, and loading models by name."""
 
 from __future__ import annotations
 

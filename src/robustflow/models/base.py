@@ -24,9 +24,9 @@ class FlowModel(Protocol):
 
     A model may also define `identity() -> dict`, which lists everything that affects its results (parameters,
     checkpoint hash, library version) and becomes part of a run's identity. A model that runs on an accelerator sets the
-    attribute `device` ("cuda:0"): frames are then corrupted and flows measured in separate processes (see `devices`). A
-    lightweight model that runs in one thread sets `single_threaded = True`: if the model is loaded by name, long runs
-    then use several processes by default.
+    attribute `device` ("cuda:0"), so that separate processes corrupt the frames and measure the flows (see `devices`).
+    A lightweight model that runs in one thread sets `single_threaded = True`; if it is loaded by name, long runs then
+    use several processes by default.
     """
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -38,7 +38,7 @@ class FlowModel(Protocol):
 
 @runtime_checkable
 class BatchedFlowModel(FlowModel, Protocol):
-    """A model that predicts several pairs in one call; batching changes a flow by at most 1e-4 px."""
+    """A model that predicts several pairs in one call; batching must not change a flow by more than 1e-4 px."""
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> Sequence[Flow]:
         """Predict one flow for each pair of frames; shapes as in `predict`."""
@@ -47,16 +47,16 @@ class BatchedFlowModel(FlowModel, Protocol):
 
 @runtime_checkable
 class ClipModel(Protocol):
-    """A multi-frame model, which declares the frames around the pair that it needs and receives them with the pair.
+    """A multi-frame model, which declares how many frames around the pair it needs, and receives them with the pair.
 
     All frames of a clip are corrupted with the same random draw, and the pair is byte-identical to the one that a
     two-frame model receives (see docs/design/architecture.md). The model must not keep state between calls, because
-    samples arrive in any order and in several processes. If a dataset has only pairs, a model that also has `predict`
-    receives only the two frames.
+    samples are predicted in any order and by several processes. If a dataset has only pairs, a model that also has
+    `predict` receives only the two frames.
 
     Attributes:
-        window: number of frames (before, after) the pair, or a `Window`, which also defines the behaviour at the ends
-            of a sequence.
+        window: numbers of additional frames (before, after) the pair, or a `Window`, which also defines the behaviour
+            at the ends of a sequence.
     """
 
     window: tuple[int, int] | Window
@@ -65,9 +65,9 @@ class ClipModel(Protocol):
         """Predict the flow from `frames[index]` to `frames[index + 1]`, in the format of `FlowModel.predict`.
 
         Args:
-            frames: frames of equal size in temporal order, RGB uint8 (H, W, 3) each. With the window (before, after)
-                there are always before + 2 + after frames: at the ends of the sequence, the outermost frame replaces
-                the missing ones.
+            frames: frames of equal size in temporal order, RGB uint8 (H, W, 3) each. With the window (before, after),
+                there are always before + 2 + after frames: at the ends of the sequence, the outermost frame is repeated
+                in place of missing ones.
             index: index of frame 1 of the pair in `frames`; with the window (before, after) always `before`.
         """
         ...
@@ -77,13 +77,14 @@ class ClipModel(Protocol):
 class Differentiable(Protocol):
     """A model whose flow is differentiable with respect to its frames, as white-box attacks require.
 
-    Padding, scaling and colour conversion happen inside the model, so a perturbation applies to the frame as stored on
-    disk. A model with the attribute `batched_gradients = True` receives N pairs in one call when a run attacks in
-    batches; without it, N is always 1.
+    The model does the padding, scaling and colour conversion itself, so a perturbation is defined on the frames as they
+    are stored on disk. A model with the attribute `batched_gradients = True` receives N pairs per call when a run
+    attacks samples in batches; without it, N is always 1.
     """
 
     def differentiable(self, images1: Any, images2: Any) -> Any:
-        """Return the flow of each pair as part of PyTorch's graph, on the device of the images or of the model.
+        """Return the flow of each pair as part of PyTorch's autograd graph, on the device of the images or of the
+        model.
 
         Args:
             images1: first images, RGB in 0..1, float32 tensor (N, 3, H, W).
@@ -97,7 +98,7 @@ class Differentiable(Protocol):
 
 @runtime_checkable
 class FlowLookup(Protocol):
-    """A model whose flows were computed elsewhere and are looked up by sample instead of predicted from frames."""
+    """A model with precomputed flows, which are looked up by sample instead of being predicted from frames."""
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
         """Return the flow of a sample; for clean frames `corruption` is "clean" and `severity` is 0."""
@@ -109,7 +110,7 @@ AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
 
 
 def model_identity(model: Any) -> dict[str, Any]:
-    """Return the model's part of a run's identity; the class name if the model does not provide one."""
+    """Return the model's part of a run's identity, or its class name if it does not define an identity."""
     if hasattr(model, "identity"):
         identity = model.identity()
         if not isinstance(identity, Mapping):
@@ -121,8 +122,8 @@ def model_identity(model: Any) -> dict[str, Any]:
             text = json.dumps({str(key): identity[key] for key in identity}, default=str, allow_nan=False)
         except (TypeError, ValueError, RecursionError) as error:
             raise ModelError(
-                f"the model's identity() cannot be written as JSON ({first_line(error)}); return finite "
-                "numbers, strings, and lists and dicts of these"
+                f"the model's identity() cannot be written as JSON ({first_line(error)}); return only "
+                "finite numbers, strings, and lists and dicts of them"
             ) from error
         named: dict[str, Any] = json.loads(text)
         return named
@@ -131,7 +132,7 @@ def model_identity(model: Any) -> dict[str, Any]:
 
 
 def given_name(model: Any) -> str | None:
-    """Return the name that a user's model declares in its attribute `name`, or None if that is not a string.
+    """Return the name that a user-defined model declares in its attribute `name`, or None if it is not a string.
 
     >>> class Mine:
     ...     name = "My model"
@@ -172,21 +173,21 @@ def predict_clip_checked(
 def predict_batch_checked(
     model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], cells: Sequence[tuple[str, str, int]]
 ) -> list[Flow]:
-    """Check like `predict_checked`, for several pairs in one call of the model; each cell is (key,
-    corruption, severity).
+    """Predict several pairs in one call, with the same checks as `predict_checked`; each cell is (key, corruption,
+    severity).
     """
     where = describe_cells(cells)
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
-        raise ModelError(f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one each")
+        raise ModelError(f"the model returned {len(flows)} flows on {where}; expected {len(pairs)}")
     return [
         checked_flow(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
     ]
 
 
 def describe_cell(key: str, corruption: str, *severities: int) -> str:
-    """Describe a cell for an error message.
+    """Describe a cell for error messages.
 
     >>> describe_cell("a", "fog", 1, 2), describe_cell("a", "clean", 0)
     ("sample 'a', fog severity 1, 2", "sample 'a', clean")
@@ -196,7 +197,7 @@ def describe_cell(key: str, corruption: str, *severities: int) -> str:
 
 
 def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
-    """Describe several cells (key, corruption, severity) for an error message.
+    """Describe several cells (key, corruption, severity) for error messages.
 
     >>> describe_cells([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
     "sample 'a', fog severity 1, 2; sample 'a', snow severity 1"
@@ -209,29 +210,27 @@ def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
 
 @contextmanager
 def naming_errors(where: str) -> Iterator[None]:
-    """Convert any exception that a model raises to a `ModelError` that says where it happened."""
+    """Convert any exception raised by a model to a `ModelError` that states where it was raised."""
     process = os.getpid()
     try:
         yield
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        # In a worker process, which ignores Ctrl-C, only the model can have raised this.
+        # Worker processes ignore Ctrl-C, so there only the model can have raised this.
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             raise
         raise ModelError(
             f"the model raised {type(error).__name__} on {where}: {' '.join(str(error).split()) or 'no message'}"
-            f"{traceback_hint(error)}; give --debug for the full traceback"
+            f"{traceback_hint(error)}; use --debug for the full traceback"
         ) from error
     finally:
         if os.getpid() != process:
-            os._exit(1)  # otherwise, a process forked by the model would continue the run itself
+            os._exit(1)  # otherwise, a process forked by the model would continue the run, too
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-    """Copy frames for the model, which may modify its input; the originals are still needed for corruption, metrics and
-    figures.
-    """
+    """Copy frames for the model, which may modify its input; the originals are still needed elsewhere."""
     return tuple(frame.copy() for frame in frames)
 
 
@@ -239,7 +238,7 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     """Check a model's result and convert it to a flow of the frames' size, float32 (H, W, 2).
 
     Raises:
-        ModelError: the result is not a float array or has the wrong shape.
+        ModelError: the result is not a float array, or has a wrong shape.
     """
     expected = (*frames[0].shape[:2], 2)
     try:
@@ -248,7 +247,7 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
             f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy "
-            "array, for a tensor flow.detach().cpu().numpy()"
+            "array (for a tensor: flow.detach().cpu().numpy())"
         ) from error
     if array.shape != expected or array.dtype.kind != "f":
         what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"

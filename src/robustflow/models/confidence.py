@@ -1,8 +1,8 @@
-"""Predict flow with a confidence: the backward flow, for any model, or a confidence that the model returns.
+"""Predict flow with a confidence: from the backward flow, for any model, or returned by the model itself.
 
-An answer is a flow with extra channels: (H, W, 4) with the backward flow, (H, W, 3) with the model's confidence or the
-standard deviation of the flow over several draws of a corruption. Engines pass answers around like flows; the metrics
-split them.
+An answer is a flow with extra channels: (H, W, 4) with the backward flow, or (H, W, 3) with the model's confidence or
+with the standard deviation of the flow over several draws of a corruption. Engines handle answers like flows; the
+metrics split them.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ CONFIDENCES = (FORWARD_BACKWARD, OF_MODEL)
 """Sources of a confidence."""
 
 Answer = npt.NDArray[np.float32]
-"""A flow with or without extra channels for its confidence, float32 (H, W, 2), (H, W, 3) or (H, W, 4)."""
+"""A flow with or without extra confidence channels, float32 (H, W, 2), (H, W, 3) or (H, W, 4)."""
 
 
 CHANNELS = {None: 2, OF_MODEL: 3, FORWARD_BACKWARD: 4}
-"""Number of channels of an answer for each confidence source; None means a flow without a confidence."""
+"""Number of channels in an answer for each confidence source; the key None means no confidence."""
 
 
 @runtime_checkable
@@ -34,14 +34,14 @@ class ConfidentModel(FlowModel, Protocol):
     """A model that returns a confidence for every pixel."""
 
     def predict_with_confidence(self, frame1: Frame, frame2: Frame) -> tuple[Flow, npt.NDArray[np.floating[Any]]]:
-        """Return the flow, as from `predict`, and its confidence: float (H, W) on any scale, larger where the flow is
+        """Return the same flow as `predict`, and its confidence: float (H, W) on any scale, larger where the flow is
         more reliable.
         """
         ...
 
 
 def check_confidence(kind: str | None, model: AnyModel) -> None:
-    """Raise unless a model supports this confidence source.
+    """Raise an error unless the model supports this confidence source.
 
     Raises:
         UsageError: the source is unknown, or the model does not support it.
@@ -51,10 +51,10 @@ def check_confidence(kind: str | None, model: AnyModel) -> None:
     if kind not in CONFIDENCES:
         raise unknown_name("confidence", kind, CONFIDENCES)
     if not isinstance(model, FlowModel) or isinstance(model, ClipModel):
-        raise UsageError("a confidence requires a model that predicts from two frames; leave out --confidence")
+        raise UsageError("only models that predict from two frames can return a confidence; omit --confidence")
     if kind == OF_MODEL and not isinstance(model, ConfidentModel):
         raise UsageError(
-            "this model returns no confidence (no predict_with_confidence); give --confidence forward-backward"
+            "this model does not return a confidence (no predict_with_confidence); use --confidence forward-backward"
         )
 
 
@@ -78,11 +78,12 @@ def with_back(flow: Flow, back: Flow) -> Answer:
 
 
 def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, ...], where: str) -> Answer:
-    """Call a model that returns a confidence, and check its flow and confidence; `where` names the frames in messages.
+    """Call a model that returns a confidence, and check its flow and confidence; `where` describes the frames in
+    messages.
 
     Raises:
-        ModelError: the model raised an exception, returned no flow, or its confidence has the wrong size or contains
-            NaN.
+        ModelError: the model raised an exception or did not return a flow, or its confidence has a wrong size or
+            contains NaN.
     """
     with naming_errors(where):
         answer = model.predict_with_confidence(frames[0].copy(), frames[1].copy())
@@ -95,19 +96,19 @@ def predict_with_confidence_checked(model: ConfidentModel, frames: tuple[Frame, 
         raise ModelError(f"the model's confidence on {where} is not an array of numbers") from None
     if confidence.shape != flow.shape[:2]:
         raise ModelError(
-            f"the model's confidence on {where} has the shape {confidence.shape}; expected {flow.shape[:2]}, a number "
-            "for each pixel"
+            f"the model's confidence on {where} has the shape {confidence.shape}; expected {flow.shape[:2]}, one "
+            "number per pixel"
         )
     if np.isnan(confidence).any():
         raise ModelError(
-            f"the model's confidence is NaN at {int(np.isnan(confidence).sum())} pixels on {where}; give a number for "
-            "each, -inf where it is unknown"
+            f"the model's confidence is NaN at {int(np.isnan(confidence).sum())} pixels on {where}; return a number "
+            "for each pixel, or -inf where it is unknown"
         )
     return np.concatenate([flow, confidence[..., None]], axis=2)
 
 
 def flow_of(answer: Answer) -> Flow:
-    """Return the flow of an answer, float32 (H, W, 2), in pixels.
+    """Return the flow channels of an answer, float32 (H, W, 2), in pixels.
 
     >>> flow_of(np.zeros((4, 6, 3), np.float32)).shape
     (4, 6, 2)

@@ -1,4 +1,4 @@
-"""Convert an object to a model: build a class with its options, wrap a function or a PyTorch module."""
+"""Convert an object to a model: instantiate a class with its options, or wrap a function or a PyTorch module."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .registry import MODELS
 
 _NOT_FOR_ALL = {
     "device": "runs on the CPU only",
-    "precision": "has no choice of precision",
+    "precision": "does not have a selectable precision",
     "checkpoint": "has no weights to load",
 }
-"""Options that the command line offers for every model, and why some models do not support them."""
+"""Command-line options for all models, and the reasons why some models do not support them."""
 
 
 class FunctionModel:
@@ -28,7 +28,7 @@ class FunctionModel:
         self._identity = identity or model_identity(function)
 
     def identity(self) -> dict[str, Any]:
-        """Return the identity as for `FlowModel`; by default, where the function is defined."""
+        """Return the identity as for `FlowModel`; by default, the location of the function's definition."""
         return self._identity
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -42,10 +42,10 @@ def as_model(candidate: Any, what: str) -> AnyModel:
 
     Args:
         candidate: object to convert to a model.
-        what: name of the object in messages.
+        what: description of the object for messages.
 
     Raises:
-        ModelError: the object is none of these, or the class cannot be instantiated.
+        ModelError: the object is not of a supported kind, or the class cannot be instantiated.
         UsageError: the class requires an option.
     """
     if inspect.isclass(candidate):
@@ -59,8 +59,8 @@ def as_model(candidate: Any, what: str) -> AnyModel:
     if callable(candidate):
         return FunctionModel(candidate)
     raise ModelError(
-        f"{what} has no method predict(frame1, frame2), nor a window with predict_clip(frames, index), and is not "
-        "callable; see the guide 'add your model'"
+        f"{what} has neither a method predict(frame1, frame2) nor a window with predict_clip(frames, index), and it is "
+        "not callable; see the guide 'add your model'"
     )
 
 
@@ -78,12 +78,12 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
     """Call a model's class or factory with its options.
 
     Args:
-        factory: class or function that makes the model.
+        factory: class or function that builds the model.
         name: name of the model, for messages.
         options: keyword arguments of the factory.
 
     Raises:
-        UsageError: an unknown option, or a required one is missing.
+        UsageError: an option is unknown, or a required option is missing.
         ModelError: the call fails.
     """
     parameters = parameters_of(factory)
@@ -92,11 +92,11 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
         if takes_any or option in parameters:
             continue
         if option in _NOT_FOR_ALL and name in MODELS.names():
-            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; leave out --{option}")
-        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; omit --{option}")
+        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it has no options)"])
     needed = [key for key in needed_options(factory) if key not in options]
     if needed:
-        raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")
+        raise UsageError(f"model '{name}' needs the option {needed[0]}: pass -O {needed[0]}=VALUE")
     try:
         return factory(**options)
     except RobustFlowError:
@@ -116,7 +116,7 @@ def needed_options(factory: Callable[..., Any]) -> list[str]:
 
 
 def takes_two_frames(function: Callable[..., Any]) -> bool:
-    """Return whether a callable predicts flow itself: a model, or a function with exactly two required arguments."""
+    """Return whether a callable predicts flow directly: a model, or a function with exactly two required arguments."""
     if isinstance(function, AnyModel):
         return True
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -125,7 +125,7 @@ def takes_two_frames(function: Callable[..., Any]) -> bool:
 
 
 def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """Return a callable's parameters; none if Python cannot determine them (some built-in types)."""
+    """Return a callable's parameters, or an empty mapping if Python cannot determine them (some built-in types)."""
     try:
         return inspect.signature(function).parameters
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Find the accelerators that a model runs on, from its attribute `device`: a string or a `torch.device`."""
+"""Find the accelerators on which a model runs, from its attribute `device`: a string or a `torch.device`."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def is_accelerator(device: str) -> bool:
 
 
 def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
-    """Return the accelerators that a run uses, with one prediction process each; none for a model on the CPU.
+    """Return the accelerators that a run uses, each with its own prediction process; none for a model on the CPU.
 
-    They are the devices listed in the option `device` ("cuda:0,cuda:1"); all CUDA devices that PyTorch finds if the
-    option is "cuda", or if it is not given and the network is one of this package; otherwise the device that the loaded
-    model declares.
+    They are the devices listed in the option `device` ("cuda:0,cuda:1"). If the option is "cuda", or if it is not given
+    and the network is part of this package, they are all CUDA devices that PyTorch finds; otherwise, the device that
+    the loaded model declares.
 
     Args:
-        spec: specification from which the model can be loaded again; None if the model was passed as an object.
+        spec: specification from which each process can load the model; None if the model was passed as an object.
         model: loaded model.
 
     Raises:
@@ -49,7 +49,7 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):
-            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; give cpu alone, and --workers")
+            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; use cpu alone, with --workers")
         return listed
     own = device_of(model)
     if not is_accelerator(own):
@@ -60,7 +60,7 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
 
 
 def _visible(kind: str) -> int:
-    """Return the number of devices of a kind that PyTorch finds; 0 if it cannot tell or the model
+    """Return the number of devices of one kind that PyTorch finds, or 0 if it cannot determine the number or the model
     does not use PyTorch.
     """
     torch = sys.modules.get("torch")

@@ -20,7 +20,7 @@ class Execution:
     """The execution settings of a PyTorch network.
 
     Attributes:
-        device: device name: "auto" (a CUDA device if available, otherwise the CPU), "cpu", "cuda", "cuda:1", ...
+        device: name of the device: "auto" (a CUDA device if available, otherwise the CPU), "cpu", "cuda", "cuda:1", ...
         precision: numerical precision, "fp32" (without TF32) or "bf16" (automatic mixed precision).
         compile: whether to compile the network with `torch.compile` on its first call.
         threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
@@ -45,7 +45,7 @@ class Execution:
         check_switch("compile", self.compile)
 
     def record(self, device: str) -> dict[str, Any]:
-        """Return the settings for a model's identity; `device` is the type of the device used."""
+        """Return the settings for a model's identity; `device` is the type of the device that is used."""
         return {"device": device, "precision": self.precision, "compile": self.compile, "threads": self.threads}
 
 

@@ -1,4 +1,4 @@
-"""The input that a network expects: colour order, value range, and how frames are fitted to a valid size."""
+"""The input that a network expects: colour order, value range, and how frames are adapted to a supported size."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from ..errors import ModelError, UsageError, unknown_name
 from .option_checks import check_count
 
 RAFT_SMALLEST = 121
-"""Minimum side length of a frame in pixels. RAFT halves its correlation volume three times and divides by the side of
-the last level minus one, which is 0 for frames of up to 120 pixels and gives NaN. The authors do not evaluate such
-small frames and only pad to multiples of 8, so all implementations here refuse them.
+"""Minimum side length of a frame in pixels. RAFT halves its correlation volume three times and divides by the side
+length of the last level minus one, which is 0 for frames of up to 120 pixels and results in NaN. The authors do not
+evaluate frames this small and only pad to multiples of 8, so all implementations here reject them.
 """
 
 ORDERS = ("rgb", "bgr")
@@ -28,25 +28,26 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
 }
 """Input scalings by name: the mean subtracted from RGB values 0..255, and the factor applied to the difference."""
 _SMALLEST, _LARGEST = 4, 2**15
-"""Valid range of the sides of a fixed input in pixels. A smaller number is probably a channel count; a larger one would
-need too much memory.
+"""Valid range of the side lengths of a fixed-size input, in pixels. A smaller number is probably a channel count; a
+larger one would require too much memory.
 """
 
 
 @dataclass(frozen=True)
 class InputConvention:
-    """The conversion of uint8 RGB frames to the input that a network was trained on.
+    """The conversion of uint8 RGB frames to the kind of input that a network was trained on.
 
     Attributes:
         mean: mean subtracted from values 0..255, per channel in `order`.
-        scale: factor applied after subtracting the mean, one number or one per channel in `order`.
+        scale: factor applied after the mean is subtracted, one number or one per channel in `order`.
         order: colour order, "rgb" or "bgr".
-        fit: treatment of sizes that are not a multiple of `multiple`: "none" (the network accepts any size), "pad" or
-            "stretch" to `size` or the next multiple; the flow is then cropped, or resized and rescaled.
+        fit: how to handle sizes that are not a multiple of `multiple`: "none" (the network accepts any size), or "pad"
+            or "stretch" to `size` or to the next multiple; the flow is then cropped, or resized and rescaled.
         multiple: number that height and width must be multiples of, in pixels.
-        size: size to fit frames to, (height, width) in pixels; None, or None for one side, means the next multiple.
+        size: (height, width) in pixels to which frames are padded or stretched; None, or None for one side, selects the
+            next multiple.
         padding: type of padding for "pad": "replicate" repeats the border, "zeros" adds zeros to the network's input.
-        smallest: minimum side length of a frame, in pixels, for which the network returns finite values.
+        smallest: minimum side length of a frame, in pixels, at which the network returns finite values.
         vertical: position of the rows that "pad" adds: "both" (the smaller half at the top) or "bottom". Columns are
             added on both sides.
     """
@@ -72,8 +73,8 @@ class InputConvention:
         """
         if min(height, width) < self.smallest:
             raise ModelError(
-                f"a frame is {height}x{width}, and below {self.smallest} pixels a side the network returns NaN or "
-                "fails; give larger frames, or a different model"
+                f"a frame is {height}x{width}, but below {self.smallest} pixels per side the network returns NaN or "
+                "fails; use larger frames or a different model"
             )
         if self.fit == "none":
             return height, width
@@ -84,13 +85,13 @@ class InputConvention:
         )
         if self.fit == "pad" and (fitted[0] < height or fitted[1] < width):
             raise ModelError(
-                f"the network accepts frames up to {fitted[0]}x{fitted[1]}, not {height}x{width}: export it with "
+                f"the network accepts frames of up to {fitted[0]}x{fitted[1]}, not {height}x{width}: export it with "
                 f"dynamic height and width, or predict in tiles with -O tile={fitted[0]}x{fitted[1]}"
             )
         return fitted
 
     def padding_sides(self, height: int, width: int) -> tuple[int, int, int, int]:
-        """Return the numbers of columns on the left and right and of rows at the top and bottom that "pad" adds.
+        """Return the numbers of columns on the left and right, and of rows at the top and bottom, that "pad" adds.
 
         >>> InputConvention(fit="pad", multiple=8).padding_sides(187, 310)
         (1, 1, 2, 3)
@@ -101,7 +102,7 @@ class InputConvention:
         return columns // 2, columns - columns // 2, above, rows - above
 
     def describe(self) -> dict[str, Any]:
-        """Return the entry for a run's manifest, without fields that have no effect."""
+        """Return the entry in a run's manifest, without fields that have no effect."""
         about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "fit": self.fit}
         about["scale"] = list(self.scale) if isinstance(self.scale, tuple) else self.scale
         if self.fit != "none":
@@ -116,7 +117,7 @@ class InputConvention:
 def named_convention(
     *, order: str, scaling: str, multiple: int, size: tuple[int | None, int | None] = (None, None)
 ) -> InputConvention:
-    """Build a convention from options, for an exported network or a user's module that does not define its own.
+    """Build a convention from options, for an exported network or a user-defined module.
 
     Args:
         order: colour order, "rgb" or "bgr".
@@ -141,7 +142,7 @@ def named_convention(
         raise UsageError(f"multiple must be at most {_LARGEST} pixels, not {multiple}")
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
         asked = "x".join("?" if side is None else str(side) for side in size)
-        raise ModelError(f"the network expects frames of {asked}; export it for (N, 3, H, W), with H and W dynamic")
+        raise ModelError(f"the network expects frames of {asked}; export it for (N, 3, H, W), with dynamic H and W")
     mean, scale = SCALINGS[scaling]
     if order == "bgr":
         mean, scale = mean[::-1], scale[::-1] if isinstance(scale, tuple) else scale

@@ -1,4 +1,5 @@
-"""Load a model by name, by `module.path:Attribute`, from an exported network's file or from a folder of flow files."""
+"""Load a model by name, by `module.path:Attribute`, from the file of an exported network, or from a folder of flow
+files."""
 
 from __future__ import annotations
 
@@ -26,8 +27,8 @@ TORCH_OPTIONS = (
 
 
 def list_models() -> list[str]:
-    """Return the registered model names, including those of installed packages; ptlflow provides more (`robustflow list
-    models`).
+    """Return the registered model names, including those from installed packages; ptlflow provides more (see
+    `robustflow list models`).
 
     >>> "dis" in list_models()
     True
@@ -42,8 +43,8 @@ def load_model(name: str, **options: Any) -> AnyModel:
         name: name listed by `robustflow list models`, including all ptlflow models; `module.path:Attribute` (an object
             with `predict`, a PyTorch module, a class or factory that returns one of these, or a function of two
             frames); path of an exported network (.onnx); or a folder of flow files.
-        options: keyword arguments of the model's constructor (`preset="fast"` for `dis`). Every model also takes
-            `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
+        options: keyword arguments of the model's constructor (`preset="fast"` for `dis`). Every model also accepts
+            `tile="HEIGHTxWIDTH"`, which makes it predict in tiles (see `tiling.TiledModel`).
 
     Raises:
         UsageError: the name or an option is unknown.
@@ -56,14 +57,12 @@ def load_model(name: str, **options: Any) -> AnyModel:
     exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
     if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):
         raise UsageError(
-            f"model '{name}': TorchScript is refused, because reading such a file can run code that it contains; "
-            "export the network to ONNX, or give the module: package.module:Class"
+            f"model '{name}': TorchScript is not supported, because reading a TorchScript file can run code in it; "
+            "export the network to ONNX, or pass the module as package.module:Class"
         )
     if exported is not None:
         if "checkpoint" in options:
-            raise UsageError(
-                f"'{name}' is itself the network; leave out the checkpoint, or give it to model '{exported}'"
-            )
+            raise UsageError(f"'{name}' is itself the network; omit the checkpoint, or use model '{exported}' with it")
         return load_model(exported, checkpoint=name, **options)
     if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
         tile = options.pop("tile")
@@ -71,7 +70,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     architecture = name.removeprefix(PTLFLOW)
     if name.startswith(PTLFLOW) and (architecture not in methods() or methods()[architecture].frames > 2):
         raise UsageError(
-            f"unknown model '{name}': write {architecture}; the prefix is only for names of different models here"
+            f"unknown model '{name}': use {architecture}; the prefix is only for names with a different meaning here"
         )
     if architecture != name or is_in_ptlflow(name):
         return _load_from_ptlflow(name, architecture, options)
@@ -91,9 +90,9 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model's name and options, from which each worker process loads a copy.
+    """A model's name and options, from which every worker process loads its own copy.
 
-    The option `trained_on` declares the training sets of any model (see `provenance`) and is not passed to the model.
+    The option `trained_on` declares the training sets of the model (see `provenance`) and is not passed to it.
     """
 
     name: str
@@ -107,7 +106,7 @@ class ModelSpec:
         return load_model(self.name, **options)
 
     def devices(self) -> tuple[str, ...]:
-        """The devices listed in the option `device`; none if it is not given.
+        """The devices listed in the option `device`; empty if it is not given.
 
         >>> ModelSpec("raft", (("device", "cuda:0,cuda:1"),)).devices()
         ('cuda:0', 'cuda:1')
@@ -125,17 +124,17 @@ class ModelSpec:
         return ModelSpec(self.name, (*kept, ("device", device)))
 
     def preflight(self) -> None:
-        """Raise if a file or library is missing, without importing heavy libraries; see `early`."""
+        """Raise an error if a file or library is missing, without importing heavy libraries; see `early`."""
         preflight(self.name, dict(self.options), EXPORTED)
 
     @property
     def is_own(self) -> bool:
-        """Whether the name refers to the user's code, `module.path:Attribute`."""
+        """Whether the name refers to user code, `module.path:Attribute`."""
         return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
 
     def identity(self, model: AnyModel) -> dict[str, Any]:
-        """Return the identity of `model` in a run. For a user's module it includes the hash of its source file, so a
-        run never resumes after the module was edited. Values that the model itself reports replace the options: a
+        """Return the identity of `model` in a run. For user code, it includes the hash of the source file, so a run
+        cannot be resumed after the code was edited. Values that the model itself reports replace the options; a
         checkpoint is identified by its hash, independent of its path.
         """
         identity = model_identity(model)
@@ -159,26 +158,24 @@ def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) ->
 def _no_such_path(name: str) -> UsageError:
     if Path(name).expanduser().exists():
         return UsageError(
-            f"model '{name}' is a file but not an exported network ({', '.join(EXPORTED)}); weights are given as "
+            f"model '{name}' is a file but not an exported network ({', '.join(EXPORTED)}); pass weights as "
             "--model NAME --checkpoint FILE"
         )
-    return UsageError(
-        f"model '{name}': no such file or folder, and no model of this name (see 'robustflow list models')"
-    )
+    return UsageError(f"model '{name}': no file, folder or model with this name exists (see 'robustflow list models')")
 
 
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
     if module_name.endswith(".py"):
         meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
-        raise UsageError(f"model '{name}' is a file; from its folder, give the module: {meant}")
+        raise UsageError(f"model '{name}' is a file; run the command in its folder and pass {meant}")
     target = import_target(name, "model")
     if is_module(target) and not isinstance(target, AnyModel):
         return _as_torch_model(target, name, options)
     if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):
         parameters = parameters_of(target)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-        # If the factory makes a plain module, the options that the factory does not accept configure `TorchModel`.
+        # If the factory builds a plain module, options that the factory does not accept configure `TorchModel`.
         rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
         factory_options = {key: options[key] for key in options if key not in rest}
         if rest and not any(key in TORCH_OPTIONS for key in rest):
@@ -187,10 +184,10 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
         if is_module(built) and not isinstance(built, AnyModel):
             return _as_torch_model(built, name, rest)
         if rest:
-            raise unknown_name(f"option of model '{name}'", next(iter(rest)), parameters or ["(it takes none)"])
+            raise unknown_name(f"option of model '{name}'", next(iter(rest)), parameters or ["(it has no options)"])
         target = built
     elif options:
-        raise UsageError(f"model '{name}' is already built, so it takes no options: {', '.join(options)}")
+        raise UsageError(f"model '{name}' is already built, so it does not accept options: {', '.join(options)}")
     return as_model(target, f"model '{name}'")
 
 

@@ -1,4 +1,4 @@
-"""Open a model's file, which is an untrusted download. Importable without the torch extra."""
+"""Open a model file, which is treated as an untrusted download. Importable without the torch extra."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ..errors import ModelError, UsageError
 
 _NO_MODEL = {
     b"<": "a web page: the download returned a login or error page instead of the file",
-    b"version https://git-lfs": "a pointer of Git LFS: fetch the file itself with `git lfs pull`",
+    b"version https://git-lfs": "a Git LFS pointer: fetch the file itself with `git lfs pull`",
 }
 
 
-def require_file(path: Path, what: str = "checkpoint; put the authors' file there, or give its path") -> None:
-    """Raise if a file is missing, before the library that reads it is imported.
+def require_file(path: Path, what: str = "checkpoint; put the authors' file there, or pass its path") -> None:
+    """Raise an error if a file is missing, before the library that reads it is imported.
 
     Args:
         path: path of the file.
-        what: description of the missing file and what to do about it, for the message.
+        what: description of the missing file and of what to do, for the message.
 
     Raises:
         ModelError: `path` does not exist.
@@ -34,20 +34,20 @@ def require_file(path: Path, what: str = "checkpoint; put the authors' file ther
 
 @contextmanager
 def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, str]]:
-    """Open a file and return it, positioned at its beginning, with its SHA-256 as 64 hexadecimal digits.
+    """Open a file, and return it (positioned at its start) with its SHA-256 as 64 hexadecimal digits.
 
     Args:
         path: path of the file.
         sha256: expected SHA-256, or at least its first eight digits.
 
     Raises:
-        ModelError: the file is missing, not a regular file (a pipe, a device), unreadable, empty, a web page, a Git LFS
-            pointer, or has a different hash.
+        ModelError: the file is missing, not a regular file (a pipe, a device), unreadable, empty, a web page or a Git
+            LFS pointer, or its hash is different.
         UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
     try:
         if not (path.is_file() or path.is_dir()) and path.exists():
-            raise ModelError(f"{path}: a pipe or a device, not a file; give the path of a checkpoint")
+            raise ModelError(f"{path}: a pipe or a device, not a file; pass the path of a checkpoint")
         with path.open("rb") as file:
             _refuse_what_is_no_model(path, file)
             file.seek(0)
@@ -57,9 +57,9 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
             file.seek(0)
             yield file, digest
     except FileNotFoundError:
-        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path") from None
+        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or pass its path") from None
     except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; give the path of a checkpoint") from None
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; pass the path of a checkpoint") from None
 
 
 def damaged(path: Path, error: Exception) -> ModelError:
@@ -67,14 +67,14 @@ def damaged(path: Path, error: Exception) -> ModelError:
     first_line = next(iter(str(error).splitlines()), "it ends early")
     return ModelError(
         f"{path}: truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "
-        "download it again and compare its size with the source's"
+        "download it again and compare its size with that of the original"
     )
 
 
 def _refuse_what_is_no_model(path: Path, file: BinaryIO) -> None:
     head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
     if not head:
-        raise ModelError(f"{path}: is empty; download it again")
+        raise ModelError(f"{path}: the file is empty; download it again")
     for start, what in _NO_MODEL.items():
         if head.startswith(start):
             raise ModelError(f"{path}: is {what}; download the checkpoint itself, for example in a browser")
@@ -82,9 +82,9 @@ def _refuse_what_is_no_model(path: Path, file: BinaryIO) -> None:
 
 def _check_hash(path: Path, digest: str, expected: str) -> None:
     if not re.fullmatch("[0-9a-fA-F]{8,64}", str(expected)) or not isinstance(expected, str):
-        raise UsageError(f"sha256={expected} is not the 64 hexadecimal digits of a SHA-256, nor the first 8 or more")
+        raise UsageError(f"sha256={expected} is not a SHA-256 (64 hexadecimal digits) or a prefix of at least 8 digits")
     if not digest.startswith(expected.lower()):
         raise ModelError(
-            f"{path}: its SHA-256 is {digest}, expected {expected}: not the expected file, or damaged in transit; "
+            f"{path}: its SHA-256 is {digest} instead of {expected}: a different file, or damaged in transit; "
             "download it again"
         )

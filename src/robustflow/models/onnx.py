@@ -1,7 +1,7 @@
 """Run optical-flow networks in ONNX files with onnxruntime. Loading a network requires the onnx extra.
 
-An ONNX file contains no code, only a graph of known operators and their weights. External weights are read from the
-file's own folder only.
+An ONNX file contains no code, only a graph of known operators and their weights. External weights are only read from
+the folder of the ONNX file.
 """
 
 from __future__ import annotations
@@ -39,22 +39,24 @@ class OnnxModel(PairNetwork):
     """A network in an ONNX file; satisfies `FlowModel`.
 
     Args:
-        checkpoint: path of the ONNX file. Its network takes two frames as two inputs (N, 3, H, W), stacked (N, 2, 3, H,
-            W) or concatenated (N, 6, H, W), and returns the flow at their resolution, (N, 2, H, W) or (N, H, W, 2).
+        checkpoint: path of the ONNX file. Its network must accept two frames as two inputs (N, 3, H, W), stacked (N, 2,
+            3, H, W) or concatenated (N, 6, H, W), and return the flow at their resolution, (N, 2, H, W) or (N, H, W,
+            2).
         order: colour order of the input, "rgb" or "bgr".
         scaling: value range of the input, "0-1", "-1-1", "0-255" or "imagenet".
         multiple: number that height and width must be multiples of; frames are padded by repeating the border, half on
             each side. If the network has a fixed input size, frames are padded to that size.
-        layout: layout of the inputs, "pair", "stacked" or "concatenated"; inferred from the inputs' shapes by default.
-        inputs: comma-separated names of the two inputs, first frame first; the file's order by default.
-        output: name of the output that is the flow; the last output by default.
+        layout: layout of the inputs, "pair", "stacked" or "concatenated"; by default inferred from the inputs' shapes.
+            inputs: comma-separated names of the two inputs, first frame first; by default in the order of the file.
+            output: name of the output that is the flow; by default the last output.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
-        device: device name, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
+        device: name of the device, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
         threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
             parallelised with processes instead.
 
     Raises:
-        UsageError: the order, scaling, layout or device is unknown, or the network has no such inputs or output.
+        UsageError: the order, scaling, layout or device is unknown, or the network does not have the given inputs or
+            output.
         ModelError: onnxruntime or the device is not available, or the file is not an ONNX network for two frames.
     """
 
@@ -73,14 +75,12 @@ class OnnxModel(PairNetwork):
         threads: int = 1,
     ) -> None:
         if checkpoint is None:
-            raise ModelError(
-                "model 'onnx' needs its file: give the path of a .onnx file as --checkpoint, or as --model"
-            )
+            raise ModelError("model 'onnx' needs a file: pass the path of an .onnx file as --checkpoint, or as --model")
         check_count("threads", threads)
         self.device = _parse_device(device)
         named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
         path = Path(checkpoint).expanduser()
-        require_file(path, "file; give the path of the exported network")
+        require_file(path, "file; pass the path of the exported network")
         for library in ("onnxruntime", "onnx"):
             require(library, "model 'onnx'")
         with opened(path, sha256) as (file, digest):
@@ -146,8 +146,8 @@ class OnnxModel(PairNetwork):
         except Exception as error:  # onnxruntime has a separate class for each kind of failure
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
             raise ModelError(
-                f"the network failed on {what}: {first_line(error)[:200]}; give the multiple of height and width that "
-                "it needs (-O multiple=64), or export it again"
+                f"the network failed on {what}: {first_line(error)[:200]}; set the multiple that its height and width "
+                "need (e.g. -O multiple=64), or export it again"
             ) from None
         flow = np.asarray(flow)
         pairs, _, height, width = image1.shape
@@ -173,21 +173,21 @@ def _session(path: Path, device: str, threads: int) -> Any:
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
-    options.log_severity_level = 4  # errors are raised as exceptions; other log output would go to the terminal
+    options.log_severity_level = 4  # errors are raised as exceptions; any other log output would clutter the terminal
     provider: Any = "CPUExecutionProvider"
     if device != "cpu":
         provider = (_CUDA, {"device_id": device.partition(":")[2] or "0", "use_tf32": "0"})
         if _CUDA not in onnxruntime.get_available_providers():
             raise ModelError(
-                f"this onnxruntime has no CUDA support for device '{device}': install onnxruntime-gpu in its "
-                "place, or give cpu"
+                f"this onnxruntime has no CUDA support for device '{device}': install onnxruntime-gpu "
+                "instead, or use cpu"
             )
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:  # onnxruntime has a separate class for each kind of failure
         raise damaged(path, error) from None
     if device != "cpu" and _CUDA not in session.get_providers():
-        raise ModelError(f"onnxruntime cannot use device '{device}' here (its CUDA libraries do not load); give cpu")
+        raise ModelError(f"onnxruntime cannot use device '{device}': its CUDA libraries cannot be loaded; use cpu")
     session.disable_fallback()
     return session
 
@@ -195,7 +195,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
 def _parse_device(device: str) -> str:
     kind, _, number = str(device).partition(":")
     if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
-        raise UsageError(f"unknown device '{device}' for onnxruntime: give cpu, cuda or cuda:0")
+        raise UsageError(f"unknown device '{device}' for onnxruntime: use cpu, cuda or cuda:0")
     return str(device)
 
 
@@ -208,8 +208,8 @@ def _chosen_output(nodes: list[Any], name: str | None) -> str:
 
 
 def _shape(shape: Any) -> tuple[Dim, ...] | None:
-    """Convert a shape from onnxruntime, where a dynamic side is a string or None and an unknown
-    rank is an empty shape.
+    """Convert a shape from onnxruntime, which represents a dynamic side by a string or None, and an unknown rank by an
+    empty shape.
     """
     return tuple(side if isinstance(side, int) and side > 0 else None for side in shape) or None
 
@@ -221,7 +221,7 @@ def _dtype(node: Any) -> Any:
 
 
 def _parse(path: Path, content: bytes) -> Any:
-    """Parse an ONNX file to its protobuf message.
+    """Parse an ONNX file into its protobuf message.
 
     Raises:
         ModelError: the file is not an ONNX network.
@@ -230,7 +230,7 @@ def _parse(path: Path, content: bytes) -> Any:
 
     try:
         model = onnx.load_from_string(content)
-    except Exception as error:  # protobuf's own exceptions, and any others that a malicious file provokes
+    except Exception as error:  # protobuf's own exceptions, and any others that a malicious file causes
         raise damaged(path, error) from None
     if not model.graph.node:
         raise ModelError(f"{path}: not an ONNX network (it has no operators); export it with torch.onnx.export")
@@ -238,7 +238,8 @@ def _parse(path: Path, content: bytes) -> Any:
 
 
 def _read_names(model: Any) -> set[str]:
-    """Return the names that a network's operators read, including those in branches, and the output names."""
+    """Return the names of all values that a network's operators read, including those in branches, and the output
+    names."""
     import onnx
 
     return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {
@@ -247,7 +248,7 @@ def _read_names(model: Any) -> set[str]:
 
 
 def _external_files(path: Path, model: Any) -> dict[str, str]:
-    """Return the SHA-256 of every external weight file of an ONNX file, by the name used in the file.
+    """Return the SHA-256 of every external weight file of an ONNX file, keyed by the name used in the ONNX file.
 
     Args:
         path: path of the ONNX file.
@@ -269,7 +270,8 @@ def _external_files(path: Path, model: Any) -> dict[str, str]:
 
 
 def _messages(message: Any, kind: type) -> Iterator[Any]:
-    """Yield every message of a type nested in a message: tensors of initializers and attributes, nodes of branches."""
+    """Yield all messages of a given type nested in a message: tensors in initializers and attributes, nodes in
+    branches."""
     if isinstance(message, kind):
         yield message
     for field, value in message.ListFields():
@@ -283,15 +285,15 @@ def _weights_sha256(path: Path, name: str) -> str:
     file = (folder / name).resolve()
     if not name or not file.is_relative_to(folder):
         raise ModelError(
-            f"{path}: refused: it reads weights from '{name[:200]}', outside its own folder; get the genuine file, or "
-            "save it again with its weights in the same folder"
+            f"{path}: it reads weights from '{name[:200]}', outside its own folder; get the original "
+            "file, or save it again with its weights in the same folder"
         )
     if file.exists() and not file.is_file():  # reading a pipe or a device could block forever
-        raise ModelError(f"{path}: refused: its weights '{name[:200]}' are not a regular file; get the genuine file")
+        raise ModelError(f"{path}: its weights '{name[:200]}' are not a regular file; get the original file")
     try:
         return sha256_of_file(file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(
-            f"{path}: its weights '{name[:200]}' cannot be read ({reason}); put that file beside it"
+            f"{path}: its weights '{name[:200]}' cannot be read ({reason}); put that file in the same folder"
         ) from None

@@ -1,7 +1,7 @@
-"""The knowledge-driven methods in OpenCV: Farneback and DIS on grey frames.
+"""The knowledge-driven methods in OpenCV: Farneback and DIS on greyscale frames.
 
 OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; therefore both adapters use
-one OpenCV thread, which gives the same flow on every machine.
+a single OpenCV thread, which results in the same flow on every machine.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .option_checks import check_count
 
 
 class Farneback:
-    """Gunnar Farneback's polynomial expansion (2003) on grey frames, with the OpenCV parameters of the paper.
+    """Gunnar Farneback's polynomial expansion (2003) on greyscale frames, with the OpenCV parameters used in the paper.
 
     Args:
         pyr_scale: size of each pyramid level relative to the previous one, between 0 and 1 (exclusive).
@@ -54,7 +54,7 @@ class Farneback:
             ("iterations", iterations, 1),
             ("poly_n", poly_n, 1),
         ):
-            check_count(name, value, least)  # OpenCV accepts smaller values, but crashes or returns NaN
+            check_count(name, value, least)  # OpenCV accepts smaller values, but then crashes or returns NaN
         for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
             if not isinstance(number, int | float) or not 0 < number < limit:
                 raise UsageError(f"{name} must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
@@ -80,7 +80,7 @@ class Farneback:
 
 
 class Dis:
-    """OpenCV's implementation of dense inverse search (Kroeger et al. 2016), on grey frames.
+    """OpenCV's implementation of dense inverse search (Kroeger et al. 2016), on greyscale frames.
 
     Args:
         preset: name of OpenCV's preset, "ultrafast", "fast" or "medium" (default).
@@ -105,17 +105,17 @@ class Dis:
         """Predict a flow as in `FlowModel.predict`.
 
         Raises:
-            ModelError: the frames are smaller than 8 pixels on one side, or than 12 on both, too small for OpenCV's
-                pyramid.
+            ModelError: one side of the frames is smaller than 8 pixels, or both sides are smaller than 12; this is too
+                small for OpenCV's pyramid.
         """
         height, width = frame1.shape[:2]
         if min(height, width) < 8 or max(height, width) < 12:
             raise ModelError(
-                f"dis needs frames of 8x12 pixels or more, not {height}x{width}; give larger ones, or model dis_rgb"
+                f"dis needs frames of at least 8x12 pixels, not {height}x{width}; use larger frames, or model dis_rgb"
             )
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
-            # A new object per pair: otherwise DIS starts from the previous flow.
+            # A new object for each pair; otherwise DIS would start from the previous flow.
             method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
             flow = method.calc(grey1, grey2, None)
         return np.asarray(flow, np.float32)

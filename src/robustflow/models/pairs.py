@@ -1,4 +1,4 @@
-"""Check pairs of frames for a network, and group pairs of equal size."""
+"""Check the pairs of frames passed to a network, and group pairs of equal size."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class PairNetwork(ABC):
     def _together(self) -> bool:
         """Whether pairs of equal size are batched: on a GPU, if the network's batch size is dynamic.
 
-        On the CPU each pair runs separately: a batch is no faster, and it changes the last bits of each flow (up to
-        1e-4 px) because the summation order in a convolution depends on the batch size.
+        On the CPU, each pair is predicted separately: a batch would not be faster, and it would change the last bits of
+            each flow (by up to 1e-4 px), because the summation order in a convolution depends on the batch size.
         """
 
     @abstractmethod
@@ -46,8 +46,8 @@ class PairNetwork(ABC):
             The flows, float32 (H, W, 2) each, (u right, v down) in pixels.
 
         Raises:
-            UsageError: the frames are not pairs of RGB uint8 images.
-            ModelError: the network does not support the size, fails, or does not return a flow.
+            UsageError: the frames are not pairs of RGB uint8 images. ModelError: the network does not support the
+                frames' size, fails, or does not return a flow.
         """
         return predict_by_size(self._predict, frames1, frames2)
 
@@ -60,7 +60,7 @@ class PairNetwork(ABC):
 def predict_by_size(
     predict: Callable[[list[Frame], list[Frame]], Sequence[Flow]], frames1: Sequence[Frame], frames2: Sequence[Frame]
 ) -> list[Flow]:
-    """Call `predict` once for each size that occurs, and return the flows in the order of the pairs.
+    """Call `predict` once for each frame size, and return the flows in the order of the pairs.
 
     Args:
         predict: function that returns the flows for pairs of equal size.
@@ -75,7 +75,7 @@ def predict_by_size(
     (2, 3, 2)
     """
     if len(frames1) != len(frames2):
-        raise UsageError(f"{len(frames1)} first frames but {len(frames2)} second frames; give pairs")
+        raise UsageError(f"{len(frames1)} first frames but {len(frames2)} second frames; pass pairs")
     sizes: dict[tuple[int, ...], list[int]] = {}
     for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
         check_pair(frame1, frame2)
@@ -98,4 +98,4 @@ def check_pair(frame1: Frame, frame2: Frame) -> None:
             what = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
             raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
     if frame1.shape != frame2.shape:
-        raise UsageError(f"frames of one pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")
+        raise UsageError(f"the frames of a pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")

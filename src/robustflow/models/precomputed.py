@@ -15,10 +15,10 @@ from ..sample import Flow
 
 
 class Precomputed:
-    """A model that reads its flows from a folder laid out like the released benchmark:
-    `clean/<key>.<ext>` and `<corruption>_<severity>/<key>.<ext>`, where ext is flo, png (KITTI 16-bit), pfm or flo5.
+    """A model that reads its flows from a folder with the layout of the released benchmark: `clean/<key>.<ext>` and
+    `<corruption>_<severity>/<key>.<ext>`, where ext is flo, png (KITTI 16-bit), pfm or flo5.
 
-    A key with slashes (`alley_1/frame_0001`) is a path below the condition's folder.
+    A key with slashes (`alley_1/frame_0001`) is a path relative to the condition's folder.
 
     Raises:
         ModelError: the folder has no subfolder `clean`.
@@ -33,8 +33,8 @@ class Precomputed:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Return a hash of all files' names and contents, so different flows are a different model, independent of
-        their location. File sizes would not suffice, because they depend only on the frames' sizes.
+        """Return a hash of all files' names and contents, so that different flows are a different model wherever they
+        are stored. File sizes would not be sufficient, because they depend only on the frame sizes.
         """
         listing = hashlib.sha256()
         settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]

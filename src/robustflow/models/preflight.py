@@ -1,4 +1,4 @@
-"""Refuse invalid models by name before any heavy library is imported."""
+"""Reject invalid models by their name and options before any heavy library is imported."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_fil
 
 
 def preflight(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
-    """Raise if a model's file, library or checkpoint is missing.
+    """Raise an error if a model's file, library or checkpoint is missing.
 
-    This is only an early check: the model repeats it when it is loaded, together with all other checks.
+    This is only an early check: it is repeated, together with all other checks, when the model is loaded.
 
     Args:
         name: name of the model.
@@ -33,7 +33,7 @@ def preflight(name: str, options: Mapping[str, Any], exported: Mapping[str, str]
     checkpoint, method = options.get("checkpoint"), methods().get(name)
     if method is None:
         if Path(name).suffix.lower() in exported:
-            require_file(Path(name).expanduser(), "file; give the path of the exported network")
+            require_file(Path(name).expanduser(), "file; pass the path of the exported network")
             require("onnxruntime", f"model '{name}'")
         if not is_in_ptlflow(name):
             return

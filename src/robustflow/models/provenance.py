@@ -1,4 +1,4 @@
-"""Determine a model's training sets; `benchmarks/setting.py` defines what they mean for results on a benchmark."""
+"""Determine a model's training sets; `benchmarks/setting.py` defines their consequences for results on a benchmark."""
 
 from __future__ import annotations
 
@@ -32,21 +32,22 @@ TRAINING_SETS = {
     "IN": "imagenet",
     "X": "other",
 }
-"""Training sets by their abbreviations in the literature. `SET:train` is the part that a benchmark does not evaluate
-(see `PARTS`); `SET?` is a set that may have been used; "other" is any data that shares neither frames nor scenes with a
-benchmark.
+"""Training sets, keyed by their abbreviations in the literature. `SET:train` is the part on which a benchmark does not
+evaluate (see `PARTS`); `SET?` is a dataset that may have been used; "other" stands for any data that shares neither
+frames nor scenes with a benchmark.
 """
 
 DECLARED = "trained_on"
-"""Name of the option of every model, and of the attribute of a user's model, that declares its training sets."""
+"""Name of the option (available for every model) and of the attribute (of user-defined models) that declares the
+training sets."""
 
 PARTS = {"kitti2015": ("train", "drive-disjoint", "released")}
-"""Parts of a training set that a declaration `SET:PART` may name, for sets with more parts than "train": the training
-part of the project's split, of its drive-disjoint split, or of the released KITTI-FC.
+"""Parts that a declaration `SET:PART` may name, for training sets with more parts than "train": the training part of
+the project's split, of its drive-disjoint split, or of the released KITTI-FC.
 """
 
 KNOWLEDGE = "method"
-"""The basis of a method without learning."""
+"""Value of `basis` for a method without learning."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,10 @@ class Training:
     """The training sets of a model.
 
     Attributes:
-        sets: names from `TRAINING_SETS`, optionally with a part from `PARTS` (":train"), or with "?" if the set may
-            have been used; None if unknown.
+        sets: names from `TRAINING_SETS`, optionally with a part from `PARTS` (":train"), or with "?" if it is uncertain
+            whether the dataset was used; None if unknown.
         basis: source of this information.
-        note: description of any uncertainty.
+        note: description of the uncertainty, if any.
         trained: whether the model was trained; False for methods without learning and for random weights.
     """
 
@@ -70,7 +71,7 @@ class Training:
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
     """Return a model's training sets from its identity.
 
-    A checkpoint in the catalogue is recognised by its file's hash, regardless of its path and of any declaration.
+    A checkpoint in the catalogue is recognised by the hash of its file, regardless of its path and of any declaration.
 
     Args:
         identity: identity of the model, with `name` and `checkpoint`.
@@ -124,8 +125,8 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
         parts = PARTS.get(known, ("train",))
         if colon and which not in parts:
             raise UsageError(
-                f"unknown part of a training set in '{part}': write {known}, or {known}:train for what is not "
-                f"evaluated; parts of it are {', '.join(parts)}"
+                f"unknown part of a training set in '{part}': write {known}, or {known}:train for the part that is "
+                f"not evaluated; its parts are {', '.join(parts)}"
             )
         sets.append(known + colon + which + part[len(certain) :])
     return tuple(dict.fromkeys(sets))

@@ -1,4 +1,4 @@
-"""The registered models: each name with the location of its class or factory."""
+"""The registered models: their names, and the locations of their classes or factories."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
 MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
 
 EXPORTED = {".onnx": "onnx"}
-"""File extensions of exported networks, and the model that reads each of them."""
+"""File extensions of exported networks, with the model that reads each of them."""
 
 TORCHSCRIPT = (".ts", ".torchscript")
-"""File extensions of TorchScript, which is refused: PyTorch's reader runs `__setstate__` methods from the file before
-anything can be checked, and TorchScript operators can write files.
+"""File extensions of TorchScript, which is not supported: PyTorch's reader runs `__setstate__` methods from the file
+before anything can be checked, and TorchScript operators can write files.
 """

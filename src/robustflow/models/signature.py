@@ -1,6 +1,6 @@
 """Determine the inputs and outputs of a network: how a pair is passed, at what size, and how the flow is returned.
 
-Shared by ONNX files and users' modules. Importable without the torch extra.
+Shared by ONNX files and user-defined modules. Importable without the torch extra.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
 
     Raises:
         UsageError: the layout is unknown.
-        ModelError: no layout or more than one layout fits the inputs.
+        ModelError: no layout, or more than one, matches the inputs.
 
     >>> infer_layout([("images", (None, 6, None, None))], None)
     'concatenated'
@@ -39,18 +39,18 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
     if len(chosen) == 1:
         return cast(Layout, chosen[0])
     if chosen:
-        reason = f"several are possible; give the option layout, one of {', '.join(chosen)}"
+        reason = f"several layouts are possible; set the option layout to one of {', '.join(chosen)}"
     elif fitting:
         reason = f"layout={layout} does not fit; {fitting[0]} does"
     else:
         reason = (
-            "expected two of (N, 3, H, W), one of (N, 2, 3, H, W) or one of (N, 6, H, W); export it with such inputs"
+            "expected two inputs (N, 3, H, W), or one input (N, 2, 3, H, W) or (N, 6, H, W); export it with such inputs"
         )
     raise ModelError(f"the network's inputs are {describe_arrays(inputs)}: {reason}")
 
 
 def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[bool, tuple[Dim, Dim]]:
-    """Return whether a network accepts several pairs at once, and the (height, width) of its input, None if dynamic.
+    """Return whether a network accepts several pairs per call, and the (height, width) of its input, None if dynamic.
 
     Raises:
         ModelError: the batch size is fixed at more than one pair, or the inputs differ in size.
@@ -63,8 +63,8 @@ def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[
     sizes = [{shape[axis] for shape in shapes} - {None} for axis in (-2, -1)]
     if batches - {1} or any(len(side) > 1 for side in sizes):
         raise ModelError(
-            f"the network's inputs are {describe_arrays(inputs)}: expected a dynamic batch or a batch of 1, and "
-            "frames of one size; export it with such inputs"
+            f"the network's inputs are {describe_arrays(inputs)}: expected a dynamic batch size or a batch size "
+            "of 1, and frames of one size; export it with such inputs"
         )
     height, width = (next(iter(side), None) for side in sizes)
     return not batches and bool(shapes), (height, width)
@@ -79,7 +79,7 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
 
     Raises:
         UsageError: the network has no input of this name.
-        ModelError: the network has further inputs.
+        ModelError: the network has additional inputs.
 
     >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
     [1, 0]
@@ -91,17 +91,17 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
             raise unknown_name("input of the network", name, known)
     if sorted(wanted) != sorted(known):
         raise ModelError(
-            f"the network's inputs are {describe_arrays(inputs)}, and only {', '.join(wanted)} would be used; export "
+            f"the network's inputs are {describe_arrays(inputs)}, but only {', '.join(wanted)} would be used; export "
             "it without the other inputs"
         )
     return [known.index(name) for name in wanted]
 
 
 def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
-    """Raise if a network reads only one of its two frames.
+    """Raise an error if a network reads only one of its two frames.
 
-    `torch.export`, and `torch.onnx.export` with dynamo, write such a network if the same example tensor is passed for
-    both frames.
+    `torch.export`, and `torch.onnx.export` with dynamo, write a network like this if the same example tensor is passed
+    for both frames.
 
     Args:
         inputs: names of the network's inputs.
@@ -114,13 +114,13 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
     lost = [name for name in inputs if name not in read]
     if 0 < len(lost) < len(inputs):
         raise ModelError(
-            f"the network does not read its input {', '.join(lost)[:60]}: the exporter was given one tensor for both "
-            "frames and treated them as one input; export it with two tensors"
+            f"the network does not read its input {', '.join(lost)[:60]}: the same example tensor was passed to the "
+            "exporter for both frames, which made them one input; export it with two different tensors"
         )
 
 
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
-    """Return the axis of an output that contains (u, v), inferred from the shape; channels first if both fit.
+    """Return the axis of an output that contains (u, v), inferred from the shape; channels first if both are possible.
 
     Args:
         shape: shape of the output.
@@ -139,8 +139,8 @@ def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Li
         return "nhwc"
     raise ModelError(
         f"the network's flow has the shape {tuple(shape)} for {pairs} inputs of {height}x{width}; expected "
-        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; change the network, or choose another output "
-        "with -O output="
+        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; change the network, or choose a different "
+        "output with -O output="
     )
 
 
@@ -159,7 +159,7 @@ def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
 
 
 def _fits(layout: str, shapes: Sequence[Sequence[Dim] | None]) -> bool:
-    """Return whether inputs of these shapes fit a layout; an unknown side or shape fits any layout."""
+    """Return whether inputs of these shapes match a layout; an unknown side or shape matches any layout."""
     count, axes = {"pair": (2, (3,)), "stacked": (1, (2, 3)), "concatenated": (1, (6,))}[layout]
     return len(shapes) == count and all(
         shape is None

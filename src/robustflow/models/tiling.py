@@ -1,6 +1,7 @@
 """Predict in overlapping tiles and blend them, as the authors of FlowFormer and SAMFlow do for large frames.
 
-Their networks were trained on crops of one size and are less accurate at other sizes; tiles have the training size.
+Their networks were trained on crops of a single size and are less accurate at other sizes; tiles have the training
+size.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ from .base import AnyModel, ClipModel, FlowModel, model_identity
 OVERLAP = 20
 """Minimum overlap of neighbouring tiles, in pixels."""
 LARGEST = 8192
-"""Maximum side length of a tile in pixels. Frames are padded to at least one tile, and a larger one
-would exhaust memory.
+"""Maximum side length of a tile in pixels. Frames are padded to at least one tile, so a larger tile would exhaust
+memory.
 """
 SIGMA = 0.05
 """Standard deviation of the blending weight, as a fraction of the tile's side."""
 
 
 def tile_origins(length: int, tile: int) -> list[int]:
-    """Return the start of each tile along a side: every `tile - OVERLAP` pixels, with the last tile flush with the end.
+    """Return the start of each tile along an axis: every `tile - OVERLAP` pixels, with the last tile flush with the
+    end.
 
     Args:
-        length: length of the side in pixels, at least `tile`.
-        tile: length of a tile in pixels, greater than `OVERLAP`.
+        length: length of the axis in pixels, at least `tile`. tile: length of a tile in pixels, greater than `OVERLAP`.
 
     >>> tile_origins(1242, 960)
     [0, 282]
@@ -42,8 +43,8 @@ def tile_origins(length: int, tile: int) -> list[int]:
 def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
     """Return the Gaussian weights of a tile's flow, (height, width), largest at the centre.
 
-    The weight at the corners is 1e-44 of that at the centre. In float32 this is a denormal number or zero, and the
-    weighted mean of pixels covered only by corners would be inaccurate or 0/0; hence float64.
+    The weight at the corners is 1e-44 times the weight at the centre. In float32, this is a denormal number or zero,
+    and the weighted mean at pixels covered only by corners would be inaccurate or 0/0; hence float64.
     """
     y, x = (np.arange(size) / size - 0.5 for size in (height, width))
     return np.exp(-(y[:, None] ** 2 + x**2) / (2 * SIGMA**2))
@@ -53,28 +54,28 @@ def tiled(model: AnyModel, tile: str | None) -> AnyModel:
     """Wrap `model` so that it predicts in tiles of HEIGHTxWIDTH; return it unchanged if `tile` is None or "none".
 
     Raises:
-        UsageError: the model is multi-frame or reads precomputed flows, or `tile` is not a size.
+        UsageError: the model is multi-frame or reads precomputed flows, or `tile` is not a valid size.
     """
     if tile in (None, "none"):
         return model
     if isinstance(model, ClipModel):
-        raise UsageError("a multi-frame model cannot predict in tiles; leave out the option tile")
+        raise UsageError("a multi-frame model cannot predict in tiles; omit the option tile")
     if not isinstance(model, FlowModel):
-        raise UsageError("flows computed elsewhere cannot be predicted in tiles; leave out the option tile")
+        raise UsageError("precomputed flows cannot be predicted in tiles; omit the option tile")
     return TiledModel(model, str(tile))
 
 
 class TiledModel:
-    """A model that predicts each tile separately. Frames smaller than a tile are padded with black at the bottom and
-    right.
+    """A model that predicts each tile separately. Frames smaller than a tile are padded with black at the bottom and on
+    the right.
 
     Args:
         model: model that predicts the tiles.
-        tile: size HEIGHTxWIDTH of a tile in pixels; the authors use 432x960 for KITTI and Sintel, and 384x720 for
+        tile: size of a tile in pixels, HEIGHTxWIDTH; the authors use 432x960 for KITTI and Sintel, and 384x720 for
             KITTI's test server.
 
     Raises:
-        UsageError: `tile` is not a size or not larger than the overlap.
+        UsageError: `tile` is not a valid size, or not larger than the overlap.
 
     >>> class Right:
     ...     def predict(self, frame1, frame2):
@@ -89,9 +90,9 @@ class TiledModel:
         self.trained_on: str | None = getattr(model, "trained_on", None)
         self._tile = parse_size(tile)
         if min(self._tile) <= OVERLAP:
-            raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
+            raise UsageError(f"tile {tile}: height and width must be larger than the tile overlap of {OVERLAP} pixels")
         if max(self._tile) > LARGEST:
-            raise UsageError(f"tile {tile}: height and width must be at most {LARGEST} pixels; leave out tile")
+            raise UsageError(f"tile {tile}: height and width must be at most {LARGEST} pixels; omit tile")
         self._weights = tile_weights(*self._tile)[..., None]
 
     @property
@@ -108,7 +109,7 @@ class TiledModel:
         return self.predict_batch([frame1], [frame2])[0]
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Predict several pairs, whose sizes may differ; each call of the model has one tile of each pair."""
+        """Predict several pairs, whose sizes may differ; each call of the model receives one tile from every pair."""
         blends = [_Blend(frame1, frame2, self._weights) for frame1, frame2 in zip(frames1, frames2, strict=True)]
         for index in range(max((len(blend.windows) for blend in blends), default=0)):
             active = [blend for blend in blends if index < len(blend.windows)]

@@ -1,4 +1,4 @@
-"""Find the line of the user's code at which a model failed, for a one-line error message."""
+"""Find the line of user code at which a model failed, for one-line error messages."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _PACKAGE = str(Path(__file__).resolve().parent.parent)
 
 
 def traceback_hint(error: BaseException) -> str:
-    """Return the last line of the user's code in a traceback, or else the last line: " (at net.py:12)".
+    """Return the last line of user code in a traceback as " (at net.py:12)"; if there is none, the last line of all.
 
-    Frames of libraries and of this package are skipped if there are any others.
+    User code is any code outside of this package and installed libraries.
 
     >>> try:
     ...     {}["a"]

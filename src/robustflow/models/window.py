@@ -1,5 +1,5 @@
-"""The window of a multi-frame model: the frames around a pair that it receives, and the behaviour
-at a sequence's ends.
+"""The window of a multi-frame model: the frames that it receives around a pair, and the behaviour at the ends of a
+sequence.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ Ends = Literal["repeat", "short", "inside"]
 
 
 class Window(NamedTuple):
-    """Frames around a pair, counted from frame 1 of the pair, which is offset 0; frame 2 is offset 1.
+    """Frames around a pair, as offsets from frame 1 of the pair; frame 1 has offset 0, and frame 2 has offset 1.
 
     Attributes:
         before: number of frames before frame 1.
         after: number of frames after frame 2.
-        ends: behaviour if the sequence has fewer frames on one side. "repeat": the frame nearest to the missing ones is
-            repeated, so there are always before + 2 + after frames and frame 1 has index `before`. "short": missing
-            frames are omitted. "inside": the window is shifted until it lies within the sequence, so the pair has a
-            different position in the window; for a sequence shorter than the window, the clip is the whole sequence.
+        ends: behaviour if frames are missing on one side. "repeat": the frame nearest to the missing ones is repeated,
+            so there are always before + 2 + after frames, and frame 1 has index `before`. "short": missing frames are
+            omitted. "inside": the window is shifted until it lies within the sequence, so the position of the pair in
+            the window changes; if the sequence is shorter than the window, the clip is the entire sequence.
     """
 
     before: int
@@ -29,7 +29,7 @@ class Window(NamedTuple):
 
     @property
     def reach(self) -> int:
-        """The largest distance of a frame from the pair on either side, in frames."""
+        """The largest distance between a frame and the pair, in frames."""
         return self.before + self.after
 
     def offsets(self, there: range) -> tuple[int, ...]:
@@ -73,8 +73,9 @@ def window_of(model: Any) -> Window:
     whole = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
     if not (whole and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
         raise ModelError(
-            f"the model's window is {declared!r}; declare (before, after): the number of frames before frame 1 and "
-            f"after frame 2, at least one in all, and optionally the behaviour at the ends: {', '.join(get_args(Ends))}"
+            f"the model's window is {declared!r}; declare (before, after), the numbers of frames before frame 1 and "
+            "after frame 2, at least one in total, and optionally the behaviour at the ends: "
+            f"{', '.join(get_args(Ends))}"
         )
     return Window(*parts)
 

@@ -25,7 +25,7 @@ def test_every_size_is_offered_with_the_same_options(name):
     assert ("finetuned" in parameters) == (name == "samflow_h")
     with pytest.raises(UsageError, match="did you mean 'iterations'"):
         load_model(name, iteration=3)
-    with pytest.raises(UsageError, match="iterations must be a whole number from 1"):
+    with pytest.raises(UsageError, match="iterations must be an integer of at least 1"):
         load_model(name, iterations=0)
 
 

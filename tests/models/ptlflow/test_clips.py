@@ -172,7 +172,7 @@ def test_models_that_need_more(library, name):
         model.predict_clip(tuple(frames[:3]), 2)
     with pytest.raises(UsageError, match=f"'{name}' needs a clip, but only two-frame networks can be profiled"):
         network_of(model)
-    with pytest.raises(UsageError, match=r"requires \d frames; leave out before"):
+    with pytest.raises(UsageError, match=r"requires \d frames; omit before"):
         load_model(name, checkpoint="random", before=2)
 
 
@@ -181,7 +181,7 @@ def test_how_many_frames_the_memory_gets(library):
     assert load_model("memflow", checkpoint="random").window == CLIPS["memflow"].window
     assert load_model("memflow", checkpoint="random", before=2).window.before == 2
     for wrong in (0, 1.5):
-        with pytest.raises(UsageError, match="before must be a whole number"):
+        with pytest.raises(UsageError, match="before must be an integer"):
             load_model("memflow", checkpoint="random", before=wrong)
 
 

@@ -37,5 +37,5 @@ def test_sequences_become_lists_through_all_bases(net):
 
 def test_a_constructor_without_further_arguments_hides_those_of_its_base():
     assert constructor_options("pyramid", Pyramid, None) == ({}, None)
-    with pytest.raises(UsageError, match="model 'pyramid' has no single number of iterations"):
+    with pytest.raises(UsageError, match="model 'pyramid' does not have exactly one number of iterations"):
         constructor_options("pyramid", Pyramid, 3)

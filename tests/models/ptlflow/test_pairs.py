@@ -104,7 +104,7 @@ def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
     model = adapter(name)
     assert np.isfinite(model.predict(*textured_pair(smallest, 160))).all()
     for size in ((smallest - 1, 160), (160, smallest - 1)):
-        with pytest.raises(ModelError, match=rf"a frame is {size[0]}x{size[1]}, and below {smallest} pixels a side"):
+        with pytest.raises(ModelError, match=rf"a frame is {size[0]}x{size[1]}, but below {smallest} pixels per side"):
             model.predict(*textured_pair(*size))
     if smallest == 121:
         assert np.isnan(from_the_library(library, name, model, textured_pair(120, 160), 2)).any()
@@ -139,7 +139,7 @@ def test_any_other_model_by_its_name(library):
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=1, device="cpu")
     assert model.predict(*frames).shape == (128, 160, 2)
     assert load_model("ptlflow:raft", checkpoint="random").identity()["iterations"] == 32
-    with pytest.raises(UsageError, match="no single number of iterations"):
+    with pytest.raises(UsageError, match="does not have exactly one number of iterations"):
         load_model("pwcnet", checkpoint="random", iterations=3)
     spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
     assert "source" not in spec.identity(model), "the library is known by its version, not by a file's hash"
@@ -248,12 +248,12 @@ def test_checkpoints_by_name(library, tmp_path, monkeypatch):
     monkeypatch.setattr(torch.hub, "download_url_to_file", no_network)
     place = tmp_path / "checkpoints" / "raft-things-802bbcfd.ckpt"
     with pytest.raises(
-        ModelError, match=rf"cannot fetch https://\S+ \(Network is unreachable\).*put that file at {place}"
+        ModelError, match=rf"cannot download https://\S+ \(Network is unreachable\).*save that file as {place}"
     ):
         load_model("raft", checkpoint="things")
     with pytest.raises(UsageError, match="unknown checkpoint of raft 'thing': did you mean 'things'"):
         load_model("raft", checkpoint="thing")
-    with pytest.raises(ModelError, match="name one of chairs, things, sintel, kitti, or get the authors' file"):
+    with pytest.raises(ModelError, match="choose one of chairs, things, sintel, kitti, or get the authors' file"):
         load_model("raft")
     with pytest.raises(ModelError, match=r"no file /nowhere/raft\.pth"):
         load_model("raft", checkpoint="/nowhere/raft.pth")
@@ -269,7 +269,7 @@ def test_checkpoints_by_name(library, tmp_path, monkeypatch):
 
 @pytest.mark.torch
 def test_random_weights_have_no_hash(library):
-    with pytest.raises(UsageError, match="random weights have no file"):
+    with pytest.raises(UsageError, match="random weights are not read from a file"):
         load_model("raft", checkpoint="random", sha256="12345678")
 
 

@@ -44,11 +44,11 @@ def test_a_published_name_goes_before_a_file_of_that_name(tmp_path, monkeypatch)
 
 
 def test_what_is_nowhere_says_where_it_belongs():
-    with pytest.raises(ModelError, match="needs its checkpoint: name one of things, kitti, or get the authors' file"):
+    with pytest.raises(ModelError, match="needs its checkpoint: choose one of things, kitti, or get the authors' file"):
         find(None)
-    with pytest.raises(ModelError, match="needs its checkpoint: get the authors' file, and give its path"):
+    with pytest.raises(ModelError, match="needs its checkpoint: get the authors' file, and pass its path"):
         find(None, {})
     with pytest.raises(UsageError, match="unknown checkpoint of net 'thing': did you mean 'things'"):
         find("thing")
-    with pytest.raises(ModelError, match=r"no file /nowhere/thing\.pth; name one of things, kitti, or get"):
+    with pytest.raises(ModelError, match=r"no file /nowhere/thing\.pth; choose one of things, kitti, or get"):
         find("/nowhere/thing.pth")

@@ -150,10 +150,10 @@ def test_what_a_network_raises_names_the_size(error, says):
     ("options", "error", "says"),
     [
         ({"device": "gpu"}, UsageError, "unknown device 'gpu'"),
-        ({"device": "cuda:99"}, ModelError, "this machine has no device 'cuda:99'"),
+        ({"device": "cuda:99"}, ModelError, "torch cannot use a device 'cuda:99'"),
         ({"precision": "fp16"}, UsageError, "unknown precision 'fp16'"),
-        ({"threads": 0}, UsageError, "threads must be a whole number from 1"),
-        ({"threads": 1.5}, UsageError, "threads must be a whole number from 1"),
+        ({"threads": 0}, UsageError, "threads must be an integer of at least 1"),
+        ({"threads": 1.5}, UsageError, "threads must be an integer of at least 1"),
         ({"compile": "no"}, UsageError, "compile must be true or false, not 'no'"),
         ({"device": "meta"}, UsageError, "unknown device 'meta'"),
         ({"device": None}, UsageError, "unknown device 'None'"),

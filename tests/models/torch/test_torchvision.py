@@ -40,7 +40,7 @@ def test_weights_by_name_or_file(optical_flow, tmp_path, monkeypatch):
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
     monkeypatch.setattr(torch.hub, "download_url_to_file", lambda *args, **options: 1 / 0)
     with pytest.raises(
-        ModelError, match=r"cannot fetch https://download\.pytorch\.org/models/raft_small_C_T_V2-\w+\.pth"
+        ModelError, match=r"cannot download https://download\.pytorch\.org/models/raft_small_C_T_V2-\w+\.pth"
     ):
         load_model("raft_small", checkpoint="C_T_V2")
     with pytest.raises(UsageError, match="did you mean 'C_T_V2'"):
@@ -56,5 +56,5 @@ def test_weights_by_name_or_file(optical_flow, tmp_path, monkeypatch):
 def test_frames_too_small_for_the_correlation_volume_are_refused(optical_flow, name):
     model = load_model(name, checkpoint="random", iterations=1, device="cpu")
     assert np.isfinite(model.predict(*textured_pair(121, 121))).all()
-    with pytest.raises(ModelError, match="a frame is 120x160, and below 121 pixels a side"):
+    with pytest.raises(ModelError, match="a frame is 120x160, but below 121 pixels per side"):
         model.predict(*textured_pair(120, 160))

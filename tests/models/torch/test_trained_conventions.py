@@ -83,14 +83,22 @@ REFUSED = {
     "times 20": ({"returns": lambda flows: flows[-1] * 20}, {}, r"multiplied by 0\.05 and v by 0\.05"),
     "-1..1 over the image": ({"returns": lambda flows: flows[-1] / _signs(96.0, 64.0)}, {}, "by 95 and v by 63"),
     "(v, u) / 20": ({"returns": lambda flows: flows[-1].flip(1) / 20}, {}, r"\(v, u\); u must be multiplied by 20"),
-    "0-255 for -1-1": ({}, {"scaling": "0-255"}, r"better, best first: scaling=-1-1, order=rgb \(0\.17 px\)"),
-    "0-1 for 0-255": ({"scaling": "0-255"}, {"scaling": "0-1"}, "better, best first: scaling=0-255, order=rgb"),
+    "0-255 for -1-1": (
+        {},
+        {"scaling": "0-255"},
+        r"better conventions, best first: scaling=-1-1, order=rgb \(0\.17 px\)",
+    ),
+    "0-1 for 0-255": (
+        {"scaling": "0-255"},
+        {"scaling": "0-1"},
+        "better conventions, best first: scaling=0-255, order=rgb",
+    ),
 }
 WARNED = {
     "coarsest last": (
         {"returns": lambda flows: flows[::-1]},
         {},
-        "output 0 is used, .* 0.17 px and the last by 1.7 px",
+        "output 0 is used, .* 0.17 px, and that of the last output is 1.7 px",
     ),
     "coarsest last by key": (
         {"returns": lambda flows: {"fine": flows[-1], "coarse": flows[0]}},
@@ -106,8 +114,8 @@ WARNED = {
     "second level alone": ({"returns": lambda flows: flows[1]}, {}, "off by 0.68 px"),
     "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "u must be multiplied by 2 and v by 2"),
     "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, r"u must be multiplied by 0\.5 and v by 0\.5"),
-    "zero": ({"returns": lambda flows: 0 * flows[-1]}, {}, "as networks without trained weights are"),
-    "-1-1 for 0-255": ({"scaling": "0-255"}, {}, "better, best first: scaling=0-255, order=rgb"),
+    "zero": ({"returns": lambda flows: 0 * flows[-1]}, {}, "as is typical of networks without trained weights"),
+    "-1-1 for 0-255": ({"scaling": "0-255"}, {}, "better conventions, best first: scaling=0-255, order=rgb"),
 }
 FAST = (
     "-1-1 rgb",
@@ -158,7 +166,7 @@ def test_finest_output_is_used_where_none_is_declared():
 
 def test_undeclared_network_that_fits_several_conventions_names_them_best_first():
     """`tiny` is equally accurate in BGR; the convention named first is the one it was trained with."""
-    with pytest.raises(ModelError, match="several conventions fit shifted textures") as error:
+    with pytest.raises(ModelError, match="several conventions work about equally well") as error:
         rf.TorchModel(Version(scaling="0-255"), layout="pair", device="cpu")
     one_line(error)
     said = str(error.value)

@@ -153,7 +153,7 @@ def test_a_network_of_torchvision_needs_no_declaration():
 def test_the_order_of_a_trained_network_is_found_and_reported():
     net = trained_matcher()
     with pytest.warns(
-        ConventionWarning, match=r"Matcher: it does not declare .* using scaling=-1-1, order=bgr, layout=pair"
+        ConventionWarning, match=r"Matcher: the model does not declare .*; scaling=-1-1, order=bgr, layout=pair is used"
     ):
         model = rf.TorchModel(net, scaling="-1-1", device="cpu")
     assert model.identity()["input"]["order"] == "bgr"
@@ -188,10 +188,10 @@ class AnyRange(nn.Module):
         (
             AnyRange(),
             {"order": "bgr"},
-            r"best first: scaling=.* px\); scaling=.*; declare the one it was trained with, the first with ",
+            r"best first: scaling=.* px\); scaling=.*; declare the one used in training, for example the first with ",
         ),
-        (Channels(), {}, "as for networks without trained weights; declare it, for"),
-        (nn.Conv2d(3, 2, 3), {}, "accepts a pair in none of the common ways"),
+        (Channels(), {}, "as is typical of networks without trained weights; declare the input, for"),
+        (nn.Conv2d(3, 2, 3), {}, "does not accept a pair in any common way"),
     ],
     ids=["any range", "untrained", "no flow"],
 )
@@ -219,9 +219,9 @@ def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
         ({"scaling": "0-2"}, "unknown scaling '0-2'"),
         ({"order": "gbr"}, "unknown order 'gbr'"),
         ({"layout": "both"}, "unknown layout 'both'"),
-        ({"multiple": 0}, "multiple must be a whole number from 1"),
+        ({"multiple": 0}, "multiple must be an integer of at least 1"),
         ({"precision": "fp64"}, "unknown precision 'fp64'"),
-        ({"sha256": "0" * 64}, "sha256 applies to a checkpoint's file"),
+        ({"sha256": "0" * 64}, "sha256 refers to a checkpoint file"),
     ],
 )
 def test_options_that_cannot_be(options, says):

@@ -31,7 +31,7 @@ def test_names_that_do_not_fit_are_told_apart(tmp_path, state):
     assert "not a checkpoint of small (7 entries)" in text
     assert "1 missing (first.weight)" in text
     assert "1 unexpected (head.weight)" in text
-    assert "1 of another shape (first.bias 5 instead of 4)" in text
+    assert "1 with a different shape (first.bias 5 instead of 4)" in text
     assert all(torch.equal(value, before[key]) for key, value in net.state_dict().items())
 
 

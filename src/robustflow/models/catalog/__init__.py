@@ -1,7 +1,7 @@
 """Metadata of the methods and their public checkpoints, from `methods.csv` and `checkpoints.csv`.
 
-The training sets of a checkpoint come from the authors' code, documentation and answers. A question mark marks a set
-that may have been used for training: `kitti2015?`.
+The training sets of the checkpoints were taken from the authors' code, documentation and answers. A question mark
+denotes a dataset that may have been used for training: `kitti2015?`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from pydantic import Field
 from ...validated import Frozen
 
 PTLFLOW = "ptlflow:"
-"""Prefix for ptlflow models whose plain names denote a different model here: `raft` runs the paper's 12 iterations,
-`ptlflow:raft` the library's 32; `raft_small` is torchvision's model.
+"""Prefix for ptlflow models whose plain names refer to a different model here: `raft` runs 12 iterations as in the
+paper, `ptlflow:raft` runs the library's 32; `raft_small` is torchvision's model.
 """
 
 _ADDRESSES = {
     "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",
     "torchvision": "https://download.pytorch.org/models/",
 }
-"""Base URLs of the libraries' published checkpoints."""
+"""Base URLs of the checkpoints published by the libraries."""
 
 
 class MethodEntry(Frozen):
@@ -34,13 +34,13 @@ class MethodEntry(Frozen):
     Attributes:
         model: name by which the method is loaded.
         method: unique label in tables, figures and pages, as in the method's paper. `dis` is OpenCV's widely used DIS
-            on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
+            on greyscale frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
         year: year of publication.
-        type: basis of the method: prior knowledge, or training with or without labels.
+        type: basis of the method: prior knowledge, supervised training or unsupervised training.
         source: origin of the implementation: a library or this project.
-        extra: pip extra that the method requires, "" for none.
+        extra: pip extra that the method requires; "" if none.
         frames: maximum number of input frames: 2, or more for a multi-frame method.
-        code_licence: licence of the implementation; most published weights have none.
+        code_licence: licence of the implementation; most published weights have no licence.
     """
 
     model: str
@@ -57,16 +57,17 @@ class CheckpointEntry(Frozen):
     """A public checkpoint.
 
     Attributes:
-        model: name of the model that it belongs to; `ptlflow:NAME` if NAME alone denotes a different library's model.
+        model: name of the model to which it belongs; `ptlflow:NAME` if NAME alone refers to a model of a different
+            library.
         checkpoint: name of the checkpoint.
         file: name of the file.
-        sha256: first eight digits of the file's SHA-256.
-        trained_on: training sets, named as in `provenance.TRAINING_SETS` and separated by "+"; "?" marks a set that may
-            have been used.
-        confidence: confidence in `trained_on`: "high" if it comes from the authors' code, documentation or answer;
-            "medium" if it is inferred from their naming, a reproduction by others, or a matching accuracy; "low" if it
-            is not documented.
-        note: evidence for `trained_on`, and what is uncertain.
+        sha256: first eight hexadecimal digits of the file's SHA-256.
+        trained_on: training sets, named as in `provenance.TRAINING_SETS` and separated by "+"; "?" denotes a dataset
+            that may have been used.
+        confidence: confidence in `trained_on`: "high" if it is stated in the authors' code, documentation or answers;
+            "medium" if it is inferred from their naming, from a reproduction by others, or from a matching accuracy;
+            "low" if it is not documented.
+        note: evidence for `trained_on`, and remaining uncertainties.
     """
 
     model: str
@@ -109,8 +110,8 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
-    """Return the public checkpoints of a model; `ptlflow:NAME` has those of NAME, unless NAME is a different library's
-    model.
+    """Return the public checkpoints of a model; `ptlflow:NAME` has the same as NAME, unless NAME refers to a model of a
+    different library.
 
     >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")
     (True, False)

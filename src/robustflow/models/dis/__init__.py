@@ -1,1 +1,1 @@
-"""Dense inverse search on colour frames, with one file per step of the method."""
+"""Dense inverse search on colour frames, with one module for each step of the method."""

@@ -1,4 +1,4 @@
-"""Dense inverse search on RGB frames, the version of DIS that the benchmark's paper ran."""
+"""Dense inverse search on RGB frames, the version of DIS that was evaluated in the benchmark's paper."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class OperatingPoint:
     """The parameters of an operating point; Kroeger et al. 2016, section 3.
 
     Attributes:
-        finest_scale: finest scale of the search for frames 1024 px wide, at which frames are downsampled by
-            2**finest_scale; the flow is upsampled from there, see `scales`.
+        finest_scale: finest scale of the search for frames 1024 px wide; at this scale, frames are downsampled by
+            2**finest_scale. The flow is upsampled from there; see `scales`.
         patch_size: side length of a patch in pixels.
-        overlap: overlap of neighbouring patches as a fraction of the patch's side, from 0 to 1 (exclusive).
+        overlap: overlap of neighbouring patches as a fraction of the side length, from 0 to 1 (exclusive).
         iterations: maximum number of gradient descent steps per patch and scale.
         refined: whether each scale's dense flow is refined variationally.
     """
@@ -47,9 +47,9 @@ class OperatingPoint:
     def scales(self, height: int, width: int) -> tuple[int, int]:
         """Return the coarsest and the finest scale for a frame size.
 
-        The coarsest scale is the one at which a patch can reach a motion of a fifth of the longer side, limited to
-        scales at which a patch still fits into the frame. The finest scale is `finest_scale` for frames at least as
-        wide as the paper's, 1024 px; for smaller frames it is finer by as many scales as the coarsest one is.
+        At the coarsest scale, a patch can follow a motion of up to a fifth of the longer side; a patch must still fit
+        into the frame at this scale. The finest scale is `finest_scale` for frames that are at least 1024 px wide, as
+        in the paper; for smaller frames, it is reduced by the same number of scales as the coarsest one.
 
         >>> [OPERATING_POINTS[2].scales(*size) for size in [(375, 1242), (436, 1024), (240, 320), (16, 16)]]
         [(5, 3), (5, 3), (4, 2), (0, 0)]
@@ -75,12 +75,13 @@ class DisRgb:
     and the flow is refined. The implementation follows the paper; details that the paper omits were chosen by their
     error on real pairs (docs/dis-rgb.md).
 
-    The first call after installation takes a few seconds longer, because the loops are compiled and cached on disk.
+    The first call after installation takes a few seconds longer, because the loops are then compiled and cached on
+    disk.
 
     Args:
-        operating_point: operating point of the paper, from 1 (fastest) to 4 (most accurate). The default, 2, is also
+        operating_point: operating point from the paper, from 1 (fastest) to 4 (most accurate). The default, 2, is also
             the default of the authors' program, which the benchmark's paper used. It computes the flow at 1/8
-            resolution for frames at least 640 px wide, and at higher resolution for smaller frames.
+            resolution for frames at least 640 px wide, and at a higher resolution for smaller frames.
 
     >>> frame = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
     >>> flow = DisRgb().predict(frame, frame)
@@ -110,7 +111,7 @@ class DisRgb:
         point = OPERATING_POINTS[self._number]
         height, width = frame1.shape[:2]
         coarsest, finest = point.scales(height, width)
-        # Every scale is exactly half the size of the previous one, and a patch fits into the coarsest.
+        # Every scale is exactly half the size of the previous one, and a patch fits into the coarsest scale.
         full_height, full_width = (max(-(-side >> coarsest) << coarsest, point.patch_size) for side in (height, width))
         images1 = pyramid(frame1, full_height, full_width, coarsest)
         images2 = pyramid(frame2, full_height, full_width, coarsest)
@@ -125,7 +126,7 @@ class DisRgb:
 
 
 def densified(image1: Image, image2: Image, displacements: Displacements, patch: int, stride: int) -> Flow:
-    """Compute every pixel's flow as the weighted mean of the displacements u_i of the patches that cover it.
+    """Compute each pixel's flow as the weighted mean of the displacements u_i of the patches that cover it.
 
     The weights are 1 / max(1, |d_i|), where d_i is the colour difference in grey levels between the pixel in frame 1
     and its match in frame 2 under u_i. Patches that match the pixel well therefore dominate.

@@ -1,8 +1,8 @@
 """Quadratic forms of the data terms around the current flow (Kroeger et al. 2016, section 2.4).
 
-Around the current flow, constancy of an image quantity q means q_x du + q_y dv + q_t = 0. The square, divided by |grad
-q|^2 + 0.01 to give a squared distance in pixels, and summed over channels, is a quadratic form in (du, dv, 1). In E_I,
-q is the colours; in E_G, their two derivatives.
+Around the current flow, the constancy of an image quantity q means q_x du + q_y dv + q_t = 0. The square of the left
+side, divided by |grad q|^2 + 0.01 to obtain a squared distance in pixels, and summed over channels, is a quadratic form
+in (du, dv, 1). In E_I, q is the colours; in E_G, q is their two derivatives.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Tensors = npt.NDArray[np.float32]
 
 
 def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
-    """Compute the quadratic forms around `flow`, zero where the flow points outside the frame.
+    """Compute the quadratic forms around `flow`; they are zero where the flow points outside the frame.
 
     Args:
         image1, image2: images in interleaved RGB, float32 (H, 3 W).
@@ -45,7 +45,8 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
 
 @njit(cache=True, nogil=True)
 def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
-    """Return the mean and the difference of frame 1 and frame 2 warped backwards along the flow."""
+    """Warp frame 2 backwards along the flow; write the mean of frame 1 and the result to `middle`, the difference to
+    `change`."""
     height, width, _ = flow.shape
     half = np.float32(0.5)
     for y in range(height):

@@ -15,7 +15,7 @@ _TAPS = 3
 
 
 def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
-    """Return the start of each patch along an axis: every `stride` pixels, with the last flush with the end.
+    """Return the start of each patch along an axis: every `stride` pixels, with the last patch flush with the end.
 
     >>> grid(21, 8, 5).tolist(), grid(8, 8, 5).tolist()
     ([0, 5, 10, 13], [0])
@@ -24,15 +24,15 @@ def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
 
 
 def search_area(image: Image, patch: int) -> Image:
-    """Pad frame 2 by edge replication as far as `in_search_area` lets a patch move."""
+    """Pad frame 2 by edge replication, as far as `in_search_area` allows patches to move."""
     return with_border(image, patch + _TAPS)
 
 
 @njit(cache=True, nogil=True)
 def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
-    """Return the whole and fractional part of a coordinate in `search_area` for a patch at `place` in frame 2.
+    """Return the integer and fractional parts of the coordinate in `search_area` of a patch at `place` in frame 2.
 
-    Patches move at most just outside the frame, where all pixels replicate the edge.
+    A patch can move at most just outside the frame, where all pixels replicate the edge.
     """
     inside = min(max(place, float(-patch)), float(size)) + (patch + _TAPS)
     whole = int(inside)

@@ -1,4 +1,4 @@
-"""Image pyramid for the search: downsampling, derivatives, and upsampling of the flow to full size."""
+"""Image pyramid for the search: downsampling, derivatives, and upsampling of the flow to full resolution."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Image = npt.NDArray[np.float32]
 """An image with rows of interleaved RGB, values 0 to 255, float32 (H, 3 W)."""
 
 _HALF = tuple(np.float32(weight / 320) for weight in (1, 13, 51, 95))
-"""Filter weights of the four pixels on one side, outermost first: slightly wider than 1 5 10 10 5
-1, to reduce aliasing.
+"""Filter weights of the four pixels on one side, outermost first; the filter is slightly wider than 1 5 10 10 5 1, to
+reduce aliasing.
 """
 
 
 def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:
     """Return the frame at scales 0 to `coarsest`, each half the size of the previous one.
 
-    Averaging 2x2 pixels would alias: the texture of the downsampled frame would change as it moves.
+    Averaging 2x2 pixels would cause aliasing: the texture in the downsampled frame would change as it moves.
 
     Args:
         frame: frame, uint8 (H, W, 3).
@@ -65,8 +65,8 @@ def slopes(image: Image, order: int) -> tuple[Image, Image]:
 
 
 def enlarged(flow: Flow, factor: int, height: int, width: int) -> Flow:
-    """Upsample the flow of frames downsampled by `factor` bilinearly to full-size pixels and crop it to (height, width,
-    2).
+    """Upsample the flow between frames downsampled by `factor` bilinearly to full resolution, and crop it to (height,
+    width, 2).
     """
     out = np.empty((height, width, 2), np.float32)
     _enlarge(flow, factor, out)

@@ -2,9 +2,9 @@
 
 The energy minimised around a flow (u, v) is the sum over pixels of delta Psi(E_I) + gamma Psi(E_G) + alpha Psi(E_S),
 where Psi(s^2) = sqrt(s^2 + 0.001^2), E_I and E_G are the forms of `motion_tensor`, and E_S = |grad u|^2 + |grad v|^2.
-Each of a few fixed-point iterations fixes the derivatives of Psi, which gives a linear system, and solves it
-approximately by a few sweeps of successive over-relaxation in red-black order, so that no direction is favoured.
-Weights, number of sweeps and relaxation factor are those of the authors' program.
+Each of a few fixed-point iterations fixes the derivatives of Psi, which yields a linear system, and solves this
+approximately by a few sweeps of successive over-relaxation, in red-black order so that no direction is favoured. The
+weights, the number of sweeps and the relaxation factor are the same as in the authors' program.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
 
 @njit(cache=True, nogil=True)
 def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: Any, system: Any, smooth: Any) -> None:
-    """Return the data terms' linear system per pixel (xx, xy, yy, right-hand sides) and the smoothness weights."""
+    """Return the linear system of the data terms for each pixel (xx, xy, yy, right-hand sides) and the smoothness
+    weights."""
     height, width, _ = flow.shape
     zero, two, least = np.float32(0), np.float32(2), np.float32(_EPSILON * _EPSILON)
     for y in range(height):
@@ -76,7 +77,7 @@ def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: A
 @njit(cache=True, nogil=True)
 def _link(smooth: Any, links: Any) -> None:
     """Return the weights between neighbours: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at
-    edges.
+    the edges.
     """
     height, width = smooth.shape
     half = np.float32(0.5)

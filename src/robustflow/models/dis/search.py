@@ -1,13 +1,13 @@
 """Inverse search: find the displacement of every patch by gradient descent (Kroeger et al. 2016, section 2.1).
 
 A patch T of frame 1 is matched to frame 2, I, by minimising the sum over pixels x and channels of (I(x + u) - T(x))^2,
-with the mean of each channel subtracted from both. A step is u -= H^-1 sum S (I(x + u) - T(x)), where S is the gradient
-of T and H = sum S S^T. The gradient is taken at T, so H is computed only once.
+with the mean of each channel subtracted from both. Each step is u -= H^-1 sum S (I(x + u) - T(x)), where S is the
+gradient of T and H = sum S S^T. As the gradient is that of T, H is computed only once.
 
-Two identities make a step cheap and affect only rounding. With the mean of S subtracted, sum S (I - T) does
-not depend on the means of I and T. And I between pixels is a fixed mix of 4x4 spline coefficients, so sum S I(x + u) is
-the same mix of its values for the coefficients at 4x4 integer displacements. Each of these values is computed once per
-patch and reused in later steps.
+Two identities make a step cheap and affect only rounding. First, if the mean of S is subtracted, sum S (I - T) does not
+depend on the means of I and T. Second, I between pixels is a weighted sum of 4x4 spline coefficients, so sum S I(x + u)
+is the same weighted sum of its values at 4x4 integer displacements. Each of these values is computed only once per
+patch, and reused in later steps.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ def inverse_search(
 ) -> Displacements:
     """Find the displacements of a grid of patches.
 
-    A patch keeps its initial displacement if it has no texture, if it would move by more than its own size (an outlier
-    in the paper), or if its final match is no better. The paper lacks the last rule: gradient descent without a line
-    search may increase the error, in which case OpenCV stops.
+    A patch keeps its initial displacement if it has no texture, if it would move by more than its own size (which the
+    paper treats as an outlier), or if its final match is not better than the initial one. The last rule is not in the
+    paper: gradient descent without a line search may increase the error; in this case, OpenCV stops.
 
     Args:
         image1, image2: images in interleaved RGB, float32 (H, 3 W), with H and W at least `patch`.
-        coarse: initial flow, float32 (h, w, 2): dense flow of the same frames at half the size, or zeros.
+        coarse: initial flow, float32 (h, w, 2): the dense flow between the same frames at half the size, or zeros.
         patch, stride: size of a patch and distance between patches in pixels.
-        iterations: maximum number of steps; the search ends after a step smaller than 0.001 px.
+        iterations: maximum number of steps; the search stops after a step smaller than 0.001 px.
     """
     height, width = image1.shape[0], image1.shape[1] // 3
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
@@ -102,9 +102,7 @@ def _descend(
     memory: Any,
     lanes: Any,
 ) -> tuple[float, float]:
-    """Return the final displacement of a patch. `memory` caches sums at integer displacements,
-    valid for this patch only.
-    """
+    """Return the final displacement of a patch. `memory` caches the sums at integer displacements for this patch."""
     (y, x), (u0, v0), (sx, sy), (hxx, hxy, hyy), (patch_id, owner, sums) = corner, begin, slope, hessian, memory
     height, width, patch = image1.shape[0], image1.shape[1] // 3, sx.shape[0]
     top = in_search_area(y + v0, height, patch)[0] - patch - 2
@@ -161,8 +159,8 @@ def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
 
 @njit(cache=True, nogil=True)
 def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
-    """Sum a patch of `image` times `sx` and `sy`: over each column first, in a vectorised loop,
-    then over the columns.
+    """Sum a patch of `image` multiplied by `sx` and `sy`: first over each column in a vectorised loop, then over the
+    columns.
     """
     a, b = lanes[0], lanes[1]
     for k in range(a.size):
@@ -181,7 +179,8 @@ def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) ->
 
 @njit(cache=True, nogil=True)
 def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
-    """Return the sum of squared differences between a patch and its bilinear match, less their means per channel."""
+    """Return the sum of squared differences between a patch and its bilinear match, after subtracting each channel's
+    mean."""
     y0, at_y = in_search_area(y + v, image1.shape[0], patch)
     x0, at_x = in_search_area(x + u, image1.shape[1] // 3, patch)
     wy, wx = np.float32(at_y), np.float32(at_x)

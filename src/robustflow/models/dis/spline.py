@@ -1,8 +1,8 @@
 """Interpolate frames with cubic splines, which are smooth and pass through every pixel.
 
 Other interpolation methods blur by an amount that depends on the subpixel position, which biases matches towards
-integer displacements. At 1/8 resolution this bias is up to 0.4 px at full size with Catmull-Rom weights, and 0.1 px
-with splines.
+integer displacements. For a search at 1/8 resolution, this bias is up to 0.4 px at full resolution with Catmull-Rom
+weights, and 0.1 px with splines.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from .pyramid import Image
 
 
 def coefficients(image: Image) -> Image:
-    """Return the coefficients for `spline_weights`, in the frame's shape; the frame is mirrored about its edge pixels.
+    """Return the spline coefficients to be weighted by `spline_weights`, in the frame's shape; the frame is mirrored
+    about its edge pixels.
 
     Args:
         image: image in interleaved RGB, float32 (H, 3 W), with H and W at least 2.
@@ -48,7 +49,7 @@ def spline_weights(t: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True, nogil=True)
 def mirrored_once(index: int, size: int) -> int:
-    """Mirror `index`, at most one pixel outside, about the edge pixels.
+    """Mirror `index` about the edge pixels; it may be at most one pixel outside.
 
     >>> mirrored_once(-1, 8), mirrored_once(3, 8), mirrored_once(8, 8)
     (1, 3, 6)

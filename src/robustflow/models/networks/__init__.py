@@ -1,3 +1,3 @@
-"""Network definitions with the state-dict keys of the authors' checkpoints. Every module here
-requires the torch extra.
+"""Network definitions with the same state-dict keys as the authors' checkpoints. All modules in this package require
+the torch extra.
 """

@@ -13,8 +13,8 @@ from .blocks.warp import warp
 
 
 class ReducedDenseEstimator(nn.Module):
-    """The decoder of a level, from correlation, reduced features and flow to a flow residual. Each layer receives the
-    outputs of the two previous layers.
+    """The decoder of a level, which maps correlation, reduced features and flow to a flow residual. Each layer receives
+    the outputs of the two previous layers.
 
     State-dict keys: `conv1.0 ... conv5.0 predict_flow.0`.
     """
@@ -41,8 +41,8 @@ class ReducedDenseEstimator(nn.Module):
 class ARFlow(nn.Module):
     """PWC-lite: one coarse-to-fine pass over five levels with one decoder.
 
-    Images are RGB in 0..1, float (N, 3, H, W), H and W multiples of 64. State-dict keys are those of the authors'
-    files.
+    Images are RGB in 0..1, float (N, 3, H, W), H and W multiples of 64. The state-dict keys are the same as in the
+    authors' files.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class ARFlow(nn.Module):
         return self.flows(self.features(image1), self.features(image2))[0]
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        """Return the flows of both directions per level, in the format of `flows`."""
+        """Return the flows in both directions for each level, in the format of `flows`."""
         features1, features2 = self.features(image1), self.features(image2)
         return self.flows(features1, features2), self.flows(features2, features1)
 
@@ -66,8 +66,8 @@ class ARFlow(nn.Module):
         return self.feature_pyramid_extractor(image)
 
     def flows(self, features1: list[Tensor], features2: list[Tensor]) -> list[Tensor]:
-        """Return one flow per level, finest first, each upsampled to four times its level's size and in pixels of that
-        size. Swap the pyramids for the backward flow.
+        """Return one flow per level, finest first, each upsampled to four times the size of its level, in pixels at
+        that size. Swap the pyramids to obtain the backward flow.
         """
         coarse_to_fine = list(zip(features1[:0:-1], features2[:0:-1], self.conv_1x1, strict=True))
         flow = torch.zeros_like(coarse_to_fine[0][0][:, :2], dtype=torch.float32)

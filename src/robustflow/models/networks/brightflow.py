@@ -38,11 +38,11 @@ class UpdateBlock(nn.Module):
 
 
 class BrightFlow(nn.Module):
-    """RAFT trained without labels. The brightness corrector, after which the method is named, is used only in training.
+    """RAFT trained without labels. The brightness corrector that gave the method its name is used only in training.
 
-    Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. State-dict keys are those of the authors' files
-    without `module.`; they start with `model.`. The files also contain `corrector.` and other entries that only
-    training needs.
+    Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. The state-dict keys are the same as in the
+    authors' files without `module.`; they start with `model.`. The files also contain `corrector.` and other entries
+    that are only needed for training.
 
     Args:
         iterations: number of recurrent updates.
@@ -66,7 +66,7 @@ class BrightFlow(nn.Module):
         return [self._enlarge(flow, state) for flow, state in self._iterate(image1, image2)]
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        """Return the flows of both directions after each iteration."""
+        """Return the flows in both directions after each iteration."""
         return self.flows(image1, image2), self.flows(image2, image1)
 
     def _iterate(self, image1: Tensor, image2: Tensor) -> Iterator[tuple[Tensor, Tensor]]:

@@ -1,4 +1,5 @@
-"""FlowFormer's memory encoder: the cost map of every pixel becomes eight latent tokens (Huang et al. 2022, 3.2)."""
+"""FlowFormer's memory encoder: the cost map of every pixel is encoded as eight latent tokens (Huang et al. 2022,
+3.2)."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ _WIDTH, _TOKENS, _HEADS, _DEPTH = 128, 8, 8, 3
 
 
 class CostPatchEmbedding(nn.Module):
-    """Embed cost maps as one token per 8 x 8 pixels.
+    """Embed cost maps, with one token per 8 x 8 pixels.
 
     State-dict keys: `proj.{0,2,4} ffn_with_coord.{0,2} norm`.
     """
@@ -43,7 +44,7 @@ class CostPatchEmbedding(nn.Module):
 
 
 class LatentAttention(nn.Module):
-    """Pre-norm attention of latent tokens, to other tokens or among themselves, and an MLP of the same width.
+    """Pre-norm attention from latent tokens to other tokens or among themselves, followed by an MLP of the same width.
 
     State-dict keys: `norm1 norm2 q k v proj ffn.{0,3}`.
     """
@@ -60,8 +61,8 @@ class LatentAttention(nn.Module):
         self.ffn = nn.Sequential(nn.Linear(_WIDTH, _WIDTH), nn.GELU(), nn.Identity(), nn.Linear(_WIDTH, _WIDTH))
 
     def forward(self, x: Tensor, others: Tensor | None = None) -> Tensor:
-        """Update tokens (M, K, 128) by attention to `others` (M, L, 128), which are not normalised,
-        or to themselves.
+        """Update tokens (M, K, 128) by attention to `others` (M, L, 128), which are not normalised, or among
+        themselves.
         """
         query = self.norm1(x)
         target = query if others is None else others
@@ -97,7 +98,7 @@ class CostPerceiver(nn.Module):
 
 
 class MemoryEncoder(nn.Module):
-    """Compute cost maps and cost memory from two images.
+    """Compute the cost maps and the cost memory from two images.
 
     State-dict keys: `feat_encoder channel_convertor cost_perceiver_encoder`.
     """

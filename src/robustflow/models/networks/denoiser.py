@@ -33,7 +33,7 @@ class Denoiser(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.conv_ee = _TimedConv()
-        # Entry 0 in the checkpoints' numbering is the time code, which has no weights.
+        # Entry 0 in the checkpoints' numbering is the time encoding, which has no weights.
         self.time_mlp = nn.Sequential(nn.Identity(), nn.Linear(_CODE, 512), nn.GELU(), nn.Linear(512, 512))
         self.block_time_mlp = nn.Sequential(nn.SiLU(), nn.Linear(512, 256))
 
@@ -53,9 +53,9 @@ class Denoiser(nn.Module):
             update: update block, shared with the refinement.
             net: hidden state, (N, 128, H, W).
             context: context features, (N, 128, H, W).
-            correlation: correlation looked up at the flow, (N, 324, H, W).
+            correlation: correlation looked up at the targets of the flow, (N, 324, H, W).
             flow: current flow in pixels of this resolution, (N, 2, H, W).
-            attention: attention of the context from `Aggregator.attention`.
+            attention: context attention from `Aggregator.attention`.
             time: diffusion time, from 0 (clean) to 999 (noise).
         """
         code = self.block_time_mlp(self.time_mlp(time_code(time, _CODE, net)))

@@ -1,4 +1,5 @@
-"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), sampled deterministically (DDIM 2021)."""
+"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), with deterministic sampling (DDIM
+2021)."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ STEPS = 1000
 
 
 def cosine_betas(steps: int = STEPS, offset: float = 0.008) -> Tensor:
-    """Return the noise variances, float64 (steps,), at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
+    """Return the noise variances, float64 (steps,), clipped to at most 0.999 (Nichol and Dhariwal 2021, equation
+    17)."""
     time = torch.linspace(0, steps, steps + 1, dtype=torch.float64) / steps
     kept = torch.cos((time + offset) / (1 + offset) * math.pi / 2) ** 2
     return (1 - kept[1:] / kept[:-1]).clamp(0, 0.999)
@@ -45,7 +47,7 @@ def register_schedule(module: nn.Module) -> None:
 
 
 def sampling_times(rounds: int = 4) -> list[int]:
-    """Return the times at which the sampler denoises, in descending order of noise.
+    """Return the times at which the sampler denoises, from the noisiest to the cleanest.
 
     >>> sampling_times()
     [999, 749, 499, 249]
@@ -77,7 +79,7 @@ def renoise(noisy: Tensor, clean: Tensor, kept: Tensor, kept_next: Tensor) -> Te
 
 
 def time_code(time: float, channels: int, like: Tensor) -> Tensor:
-    """Return the sinusoidal code of a time, (1, channels): sines, then cosines (Vaswani et al. 2017)."""
+    """Return the sinusoidal encoding of a time, (1, channels): sines, then cosines (Vaswani et al. 2017)."""
     half = channels // 2
     rates = torch.exp(torch.arange(half, device=like.device) * (-math.log(10000) / (half - 1)))
     return torch.cat(((time * rates).sin(), (time * rates).cos()))[None].to(like.dtype)

@@ -1,4 +1,5 @@
-"""FlowDiffuser (Luo et al., CVPR 2024): flow denoised from Gaussian noise by a recurrent decoder, refined at 1/4."""
+"""FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow, which is refined at
+1/4."""
 
 from __future__ import annotations
 
@@ -17,23 +18,23 @@ from .window_volume import WindowVolume
 
 _ITERATIONS = 6
 _REACH = 0.1
-"""Displacement that a sample value of 1 denotes, as a fraction of the map's size."""
+"""Displacement represented by a sample value of 1, as a fraction of the map's size."""
 
 
 class FlowDiffuser(nn.Module):
-    """The published model; state-dict keys are those of the authors' checkpoints.
+    """The published model; the state-dict keys are the same as in the authors' checkpoints.
 
-    The number of steps is part of the method: four denoising steps with six iterations each, then six iterations at
-    1/4.
+    The number of steps is part of the method: four denoising steps with six iterations each, then six iterations at 1/4
+    resolution.
 
     Args:
-        seed: the seed for the initial noise if no noise is given.
+        seed: the seed for the initial noise if no noise is passed.
     """
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
         self.seed = seed
-        # Constants in the checkpoints: a placeholder, and the factor between normalised flow and sample.
+        # Constants in the checkpoints: a placeholder, and the factor between the normalised flow and the sample.
         self.zero = nn.Parameter(torch.zeros(12), requires_grad=False)
         self.scale = nn.Parameter(torch.full((1,), 0.5), requires_grad=False)
         register_schedule(self)
@@ -48,7 +49,7 @@ class FlowDiffuser(nn.Module):
         self.update_dfm = Denoiser()
 
     def encode(self, encoder: Twins, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the features at 1/8 and at 1/4; the second stage runs twice with the same weights."""
+        """Return the features at 1/8 and at 1/4 resolution; the second stage is applied twice with the same weights."""
         quarter = encoder.stage(0, image)
         return encoder.stage(1, quarter), encoder.stage(1, quarter, dense=True)
 
@@ -63,7 +64,7 @@ class FlowDiffuser(nn.Module):
             image1: first image, RGB in 0..255, (N, 3, H, W) with H and W multiples of 8.
             image2: second image, same format as `image1`.
             noise: standard normal noise, the only source of randomness, (N, 2, H / 8, W / 8); by default
-                `initial_noise` from the seed, the same for all pairs of equal size.
+                `initial_noise` with the seed, which is the same for all pairs of equal size.
 
         Returns:
             The full-resolution flows (N, 2, H, W) in pixels after each denoising step and after the refinement, and the
@@ -80,16 +81,17 @@ class FlowDiffuser(nn.Module):
     def denoised_predictions(
         self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor
     ) -> list[Tensor]:
-        """Compute the training predictions: one denoising step from the noisy ground truth, and the refinement.
+        """Compute the predictions for training: one denoising step from the noisy ground truth, and the refinement.
 
         Args:
-            image1, image2: pair of images, same format as for `flows`.
+            image1, image2: pair of images, in the same format as for `flows`.
             truth: ground-truth flow in pixels, (N, 2, H, W).
             time: diffusion time, from 0 (almost no noise) to 999.
             noise: standard normal noise, (N, 2, H / 8, W / 8).
 
         Returns:
-            The flow after each iteration at full resolution: six of the denoising step, six of the refinement.
+            The flow after each iteration, at full resolution: six iterations of the denoising step, then six of the
+                refinement.
         """
         image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
         pyramid, features4, context8, context4 = self._encoded(image1, image2)
@@ -108,8 +110,8 @@ class FlowDiffuser(nn.Module):
         ]
 
     def _encoded(self, image1: Tensor, image2: Tensor) -> tuple[CorrelationPyramid, Tensor, Tensor, Tensor]:
-        """Return the correlations at 1/8, both images' features at 1/4, and the context at 1/8 and 1/4, for images in
-        -1..1.
+        """Return the correlations at 1/8 resolution, the features of both images at 1/4, and the context at 1/8 and
+        1/4, for images in -1..1.
         """
         features8, features4 = self.encode(self.fnet, torch.cat((image1, image2)))
         context8, context4 = self.encode(self.cnet, image1)
@@ -151,8 +153,8 @@ class FlowDiffuser(nn.Module):
         return states
 
     def _refined(self, features: Tensor, context: Tensor, net: Tensor, flow: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """Return the state and the flow at 1/4, in pixels of that resolution, after each iteration
-        of the refinement.
+        """Return the state and the flow at 1/4 resolution, in pixels of that resolution, after each iteration of the
+        refinement.
         """
         enlarge = {"size": context.shape[2:], "mode": "bilinear", "align_corners": True}
         flow, net = F.interpolate(2 * flow, **enlarge), F.interpolate(net, **enlarge)

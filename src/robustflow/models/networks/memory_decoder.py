@@ -1,6 +1,4 @@
-"""FlowFormer's recurrent decoder, which queries the cost memory at the current target of the flow (Huang et al. 2022,
-3.3).
-"""
+"""FlowFormer's recurrent decoder, which queries the cost memory at the current target (Huang et al. 2022, 3.3)."""
 
 from __future__ import annotations
 
@@ -62,7 +60,7 @@ class _Aggregator(nn.Module):
 
 
 class UpdateBlock(nn.Module):
-    """The hidden-state update of GMA.
+    """GMA's update of the hidden state.
 
     State-dict keys: `encoder gru flow_head mask.{0,2} aggregator`.
     """
@@ -82,7 +80,7 @@ class UpdateBlock(nn.Module):
 
 
 class _RelativePositions(nn.Module):
-    """Position tables that the checkpoints contain but the published model does not use."""
+    """Position tables that are stored in the checkpoints but not used by the published model."""
 
     def __init__(self, size: int = 160) -> None:
         super().__init__()
@@ -121,8 +119,9 @@ class MemoryDecoder(nn.Module):
         """Decode the flow from cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H, W).
 
         Returns:
-            The full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, from every iteration if `every` is true (for the
-            loss), otherwise from the last; and the last flow (N, 2, H, W) at 1/8, in pixels of that resolution.
+            The full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, after every iteration if `every` is true (for the
+            loss), otherwise only after the last one; and the last flow (N, 2, H, W) at 1/8 resolution, in pixels of
+            that resolution.
         """
         net, inp = self.proj(context).chunk(2, dim=1)
         net, inp = net.tanh(), inp.relu()
@@ -143,6 +142,6 @@ class MemoryDecoder(nn.Module):
             net = self.update_block(net, inp, costs, target - start, attention)
             target = target + self.update_block.flow_head(net)
             if every or iteration == iterations - 1:
-                # The factor balances the gradients of mask and flow.
+                # The factor balances the gradients of the mask and the flow.
                 flows.append(convex_upsample(target - start, 0.25 * self.update_block.mask(net)))
         return flows, target - start

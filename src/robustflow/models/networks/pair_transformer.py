@@ -1,4 +1,4 @@
-"""The feature transformer of FlowDiffuser: self-attention in shifted windows of each image, then cross-attention
+"""The feature transformer of FlowDiffuser: self-attention in shifted windows within each image, then cross-attention
 between the images.
 """
 
@@ -15,7 +15,7 @@ _WIDTH, _WINDOW = 256, 8
 
 
 def mask_bias(labels: Tensor) -> Tensor:
-    """Return a bias of -100 for the logits of token pairs with different labels; (..., N) gives (..., N, N)."""
+    """Return a bias of -100 for the logits of token pairs with different labels: (..., N, N) for labels (..., N)."""
     return (labels[..., :, None] != labels[..., None, :]).to(torch.float32) * -100
 
 
@@ -33,7 +33,7 @@ class Attention(nn.Module):
         self.proj = nn.Linear(_WIDTH, _WIDTH)
 
     def forward(self, x: Tensor, other: Tensor, bias: Tensor) -> Tensor:
-        """Map (..., N, 256) attending to (..., M, 256)."""
+        """Map tokens (..., N, 256), which attend to (..., M, 256), to the same shape."""
         return self.proj(attend(self.q(x), self.k(other), self.v(other), bias=bias.to(x.dtype)))
 
 
@@ -47,7 +47,7 @@ class WindowBlock(nn.Module):
     State-dict keys: `layer_norm1 layer_norm2 self_attn mlp`.
 
     Args:
-        shift: shift of the windows down and right in pixels; the map wraps around, with masking.
+        shift: shift of the windows downwards and to the right, in pixels; the map wraps around, with masking.
     """
 
     def __init__(self, shift: int) -> None:
@@ -64,7 +64,7 @@ class WindowBlock(nn.Module):
         """
         height, width = labels.shape
         if self.shift:
-            # The shift also brings pixels from opposite edges together, which must not attend to each other.
+            # The shift also puts pixels from opposite edges into one window; these must not attend to each other.
             y, x_ = (torch.arange(size, device=x.device) for size in (height, width))
             wrapped = 2 * (y < self.shift).long()[:, None] + (x_ < self.shift).long()
             labels = 4 * labels + wrapped
@@ -91,8 +91,8 @@ class CrossBlock(nn.Module):
         self.mlp = _mlp()
 
     def forward(self, x: Tensor, other: Tensor, bias: Tensor) -> Tensor:
-        """Update tokens (N, H * W, 256) by attention to those of the second image, with `bias` (H * W, H * W) on the
-        logits.
+        """Update tokens (N, H * W, 256) by attention to those of the second image, with `bias` (H * W, H * W) added to
+        the logits.
         """
         x = x + self.cross_attn(self.layer_norm1(x), self.layer_norm2(other), bias)
         return x + self.mlp(self.layer_norm3(x))
@@ -118,7 +118,7 @@ class Layer(nn.Module):
             return x
         first, second = x.flatten(1, 2).chunk(2)
         bias = mask_bias(labels.flatten())
-        # The block contains residuals already; the published model adds a further one around the block.
+        # The block already contains residuals; the published model adds another one around the block.
         second = second + self.cross_transformer(second, first, bias)
         first = first + self.cross_transformer(first, second, bias)
         return torch.cat((first, second)).view(x.shape)
@@ -131,7 +131,7 @@ class _Body(nn.Module):
 
 
 class PairTransformer(nn.Module):
-    """The transformer that enhances the features of both images by attention between them.
+    """The transformer that enhances the features of both images by attention between the images.
 
     State-dict keys: `tb.blocks`.
     """
@@ -141,8 +141,8 @@ class PairTransformer(nn.Module):
         self.tb = _Body()
 
     def forward(self, features1: Tensor, features2: Tensor) -> tuple[Tensor, Tensor]:
-        """Update features (N, 256, H, W) of any size; they are padded to whole windows at the top and on both sides,
-        and masked.
+        """Update features (N, 256, H, W) of any size; they are padded at the top and on both sides to a multiple of the
+        window size, and masked.
         """
         _, _, height, width = features1.shape
         over_x, over_y = -width % _WINDOW, -height % _WINDOW

@@ -30,7 +30,8 @@ class ResidualBlock(nn.Module):
 
 
 class ResidualEncoder(nn.Module):
-    """RAFT's encoder: a 7 x 7 convolution with stride 2, three stages of two residual blocks, and a 1 x 1 convolution.
+    """RAFT's encoder: a 7 x 7 convolution with stride 2, three stages with two residual blocks each, and a 1 x 1
+    convolution.
 
     Args:
         outputs: number of output channels, at 1/8 resolution.

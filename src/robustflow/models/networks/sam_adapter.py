@@ -1,5 +1,5 @@
-"""SAMFlow's combination of SAM's features with the flow network's context (Zhou et al. 2024):
-fusion, task token, adapter.
+"""Fusion, task token and adapter, with which SAMFlow adds SAM's features to the flow network's context (Zhou et al.
+2024).
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ class TwoWayBlock(nn.Module):
     tokens, each followed by a residual and a norm.
 
     Args:
-        first: whether this is the first block, whose attention among the tokens has no position codes and no residual.
+        first: whether this is the first block, whose attention among the tokens has no positional encoding and no
+            residual.
     """
 
     def __init__(self, first: bool) -> None:
@@ -89,7 +90,8 @@ class TwoWayBlock(nn.Module):
         self.cross_attn_image_to_token = Attention(_WIDTH // 2)
 
     def forward(self, tokens: Tensor, image: Tensor, token_code: Tensor, image_code: Tensor) -> tuple[Tensor, Tensor]:
-        """Update tokens (N, T, 256) and image (N, H * W, 256), given their position codes; shapes are unchanged."""
+        """Update tokens (N, T, 256) and image (N, H * W, 256), given their positional encodings; the shapes do not
+        change."""
         if self.first:
             tokens = self.self_attn(tokens, tokens, tokens)
         else:
@@ -115,8 +117,8 @@ class TwoWayTransformer(nn.Module):
         self.norm_final_attn = nn.LayerNorm(_WIDTH)
 
     def forward(self, tokens: Tensor, image: Tensor, image_code: Tensor) -> tuple[Tensor, Tensor]:
-        """Return updated tokens (N, T, 256) and image (N, H * W, 256); the input tokens also serve
-        as position codes.
+        """Return updated tokens (N, T, 256) and image (N, H * W, 256); the input tokens are also used as positional
+        encodings.
         """
         token_code = tokens
         for layer in self.layers:
@@ -126,14 +128,14 @@ class TwoWayTransformer(nn.Module):
 
 
 class _RandomFourier(nn.Module):
-    """Position codes from a learned frequency matrix with random initialisation."""
+    """Positional encodings from a frequency matrix that is initialised randomly and learned."""
 
     def __init__(self) -> None:
         super().__init__()
         self.positional_encoding_gaussian_matrix = nn.Parameter(torch.randn(2, _WIDTH // 2))
 
     def forward(self, height: int, width: int) -> Tensor:
-        """Return the position codes of a grid, (height * width, 256)."""
+        """Return the positional encodings of a grid, (height * width, 256)."""
         matrix = self.positional_encoding_gaussian_matrix
         y = 2 * (torch.arange(height, device=matrix.device) + 0.5) / height - 1
         x = 2 * (torch.arange(width, device=matrix.device) + 0.5) / width - 1

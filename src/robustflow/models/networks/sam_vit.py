@@ -1,7 +1,7 @@
 """The image encoder of Segment Anything (Kirillov et al. 2023): a ViT with windows and decomposed relative positions.
 
-The published position tables are for a grid of 64 x 64 patches. SAMFlow crops them for smaller grids; larger grids are
-not supported.
+The published position tables were trained for a grid of 64 x 64 patches. SAMFlow crops them for smaller grids; larger
+grids are not supported.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PATCH, _GRID, _WINDOW = 16, 64, 14
 
 @dataclass(frozen=True)
 class SamSize:
-    """The hyperparameters of a published encoder; blocks in `global_blocks` attend to the whole grid."""
+    """The hyperparameters of a published encoder; blocks in `global_blocks` attend to the complete grid."""
 
     width: int
     depth: int
@@ -51,7 +51,7 @@ class ChannelNorm(nn.Module):
 
 
 def neck(width: int) -> nn.Sequential:
-    """Build the neck from the encoder's width to 256 channels, which is the same for the ViTs and TinyViT.
+    """Build the neck that maps the encoder's width to 256 channels; it is the same for the ViTs and TinyViT.
 
     State-dict keys: `0 1 2 3`.
     """
@@ -64,10 +64,10 @@ def neck(width: int) -> nn.Sequential:
 
 
 def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
-    """Select the rows of a relative-position table for every pair of patches on a line of `size` patches.
+    """Select the rows of a relative-position table for all pairs of patches on a line of `size` patches.
 
     Args:
-        table: relative-position table, (2 * S - 1, C) with S at least `size`; the middle row is for distance 0.
+        table: relative-position table, (2 * S - 1, C) with S at least `size`; the middle row corresponds to distance 0.
         size: number of patches on the line.
         first: whether to use the first 2 * size - 1 rows, as in the training of the fine-tuned SAMFlow-H, instead of
             the middle ones.
@@ -103,7 +103,7 @@ class Attention(nn.Module):
     def forward(self, tokens: Tensor, height: int, width: int) -> Tensor:
         """Map tokens (M, height * width, C) to the same shape."""
         query, key, value = self.qkv(tokens).chunk(3, dim=-1)
-        # The position terms use the query before it is scaled.
+        # The position terms use the unscaled query.
         grid = query.unflatten(-1, (self.heads, -1)).unflatten(1, (height, width))
         rows = relative_rows(self.rel_pos_h, height, self.first_rows)
         columns = relative_rows(self.rel_pos_w, width, self.first_rows)
@@ -124,7 +124,7 @@ class _Mlp(nn.Module):
 
 
 class Block(nn.Module):
-    """A transformer block: pre-norm attention, in windows of 14 x 14 or over the whole grid, and an MLP.
+    """A transformer block: pre-norm attention, in windows of 14 x 14 or over the complete grid, and an MLP.
 
     State-dict keys: `norm1 attn norm2 mlp`.
     """
@@ -164,7 +164,7 @@ class SamVit(nn.Module):
 
     Args:
         size: hyperparameters of the encoder, `VIT_B` or `VIT_H`.
-        first_rows: whether to use the first rows of the position tables, see `relative_rows`.
+        first_rows: whether to use the first rows of the position tables; see `relative_rows`.
     """
 
     def __init__(self, size: SamSize, first_rows: bool = False) -> None:

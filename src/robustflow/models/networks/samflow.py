@@ -1,4 +1,4 @@
-"""SAMFlow (Zhou et al., AAAI 2024): FlowFormer with Segment Anything's features of image 1 in its context."""
+"""SAMFlow (Zhou et al., AAAI 2024): FlowFormer whose context includes Segment Anything's features of image 1."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class _WeightedAdd(nn.Module):
 
 
 class SamFlow(nn.Module):
-    """The published model in one of its four sizes; state-dict keys are those of the authors' checkpoints.
+    """The published model in one of its four sizes; the state-dict keys are the same as in the authors' checkpoints.
 
     Args:
         size: size of the SAM encoder: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or
             "huge_finetuned" (ViT-H, fine-tuned on Sintel), which adds the adapter's output with learned weights and
             uses different rows of SAM's position tables.
-        iterations: number of decoder iterations; the authors train with 12 and evaluate with 24 on KITTI and 32 on
-            Sintel.
+        iterations: number of decoder iterations; the authors train with 12, and evaluate with 24 on KITTI and with 32
+            on Sintel.
     """
 
     def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny", iterations: int = 12) -> None:
@@ -59,12 +59,12 @@ class SamFlow(nn.Module):
 
     @classmethod
     def of(cls, size: Literal["tiny", "base", "huge"], finetuned: bool, iterations: int) -> SamFlow:
-        """Build the network of a size; `finetuned` applies only to "huge"."""
+        """Build the network of the given size; `finetuned` applies only to "huge"."""
         return cls("huge_finetuned" if finetuned else size, iterations)
 
     def fused_context(self, image1: Tensor) -> Tensor:
-        """Fuse the context network's and SAM's features of RGB images (N, 3, H, W) in 0..255: (N,
-        256, H / 8, W / 8).
+        """Return the fused features of the context network and SAM, (N, 256, H / 8, W / 8), for RGB images (N, 3, H, W)
+        in 0..255.
         """
         sam = self.up_layer8(self.sam_encoder((image1 - self.sam_mean) / self.sam_std))
         return self.CFM(torch.cat((self.context_encoder(2 * image1 / 255 - 1), sam), dim=1))
@@ -91,8 +91,8 @@ class SamFlow(nn.Module):
             image2: second image, same format as `image1`.
 
         Returns:
-            The full-resolution flows (N, 2, H, W) in pixels, and the last flow at 1/8, (N, 2, H / 8, W / 8), in pixels
-            of that resolution.
+            The full-resolution flows (N, 2, H, W) in pixels, and the last flow at 1/8 resolution, (N, 2, H / 8, W / 8),
+            in pixels of that resolution.
         """
         return self._decode(image1, image2, every=True)
 

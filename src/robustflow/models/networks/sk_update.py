@@ -24,7 +24,8 @@ class Depthwise(nn.Conv2d):
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, channels, H, W) to the same shape."""
         if self.kernel_size == (1, 1):
-            # An equivalent formulation: as a depthwise convolution it takes a third of the network's time in torch.
+            # An equivalent formulation: in torch, the depthwise convolution would take a third of the network's run
+            # time.
             return x * self.weight.view(-1, 1, 1) + self.bias.view(-1, 1, 1)
         return super().forward(x)
 
@@ -84,7 +85,7 @@ class Aggregator(nn.Module):
         self.to_v = nn.Conv2d(128, 128, 1, bias=False)
 
     def attention(self, context: Tensor) -> Tensor:
-        """Compute the attention once per image, from context (N, 128, H, W) to (N, H * W, H * W)."""
+        """Compute the attention (N, H * W, H * W) from the context (N, 128, H, W), once per image."""
         return context_attention(self.to_qk(context))
 
     def forward(self, attention: Tensor, motion: Tensor) -> Tensor:

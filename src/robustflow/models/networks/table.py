@@ -1,6 +1,6 @@
 """Table of the networks implemented in this project: network, checkpoint file, input convention and options.
 
-Each entry defines a model whose network is in this package. Building a model requires the torch extra.
+Each entry defines a model whose network is part of this package. Building a model requires the torch extra.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Option(NamedTuple):
 
     Attributes:
         default: value of the option if it is not given.
-        check: function of the option's name and value that raises UsageError for an invalid value.
-        fit: function from a value to the input convention, for an option that affects preprocessing; other options are
-            passed to the network and are part of the model's identity.
+        check: function of the option's name and value that raises a UsageError if the value is invalid.
+        fit: function that maps a value to the input convention, for an option that affects preprocessing; all other
+            options are passed to the network and are part of the model's identity.
     """
 
     default: Any
@@ -40,16 +40,16 @@ class Option(NamedTuple):
 
 @dataclass(frozen=True)
 class Network:
-    """A network of this project.
+    """A network implemented in this project.
 
     Attributes:
         net: factory of the network as "module:attribute" in this package, called with the options as keywords.
-        source: description of the checkpoint file and of where the authors publish it.
-        convention: input convention of the network.
-        options: options of the network by name.
-        fixed: fixed keywords of the factory, recorded like options.
-        scope: prefix of the network's entries in the checkpoint, see `load_weights`.
-        tile: default tile size HEIGHTxWIDTH; None for a network without the option `tile`.
+        source: description of the checkpoint file, and where the authors publish it. convention: input convention of
+            the network.
+        options: options of the network, keyed by name.
+        fixed: fixed keyword arguments of the factory, recorded like options.
+        scope: prefix of the network's entries in the checkpoint; see `load_weights`. tile: default tile size
+            HEIGHTxWIDTH; None for a network without the option `tile`.
     """
 
     net: str
@@ -70,8 +70,8 @@ class Network:
 
 
 def _seed(name: str, value: Any) -> None:
-    if type(value) is not int:  # True is an int to Python
-        raise UsageError(f"{name} must be a whole number, not {value!r}")
+    if type(value) is not int:  # in Python, True is an int
+        raise UsageError(f"{name} must be an integer, not {value!r}")
 
 
 def _fraction(name: str, value: Any) -> None:
@@ -99,21 +99,22 @@ _SAMFLOW = Network(
     "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow",
     InputConvention(scale=1.0, fit="pad", multiple=16),
     {"iterations": _ITERATIONS},  # SAMFlow's authors evaluate with 24 iterations on KITTI and 32 on Sintel
-    tile="432x960",  # the ViT encoders accept frames of up to 1024 pixels a side
+    tile="432x960",  # the ViT encoders accept frames of up to 1024 pixels per side
 )
 
 NETWORKS = {
-    # Liu et al., "Learning by Analogy", CVPR 2020. The paper profiles 256x832, the authors' size for KITTI; their size
-    # for Sintel is 448x1024. "native" is the frame's size, rounded up to a multiple of 64.
+    # Liu et al., "Learning by Analogy", CVPR 2020. The paper's costs are for 256x832, the authors' size for KITTI;
+    # their size for Sintel is 448x1024. "native" is the frame's size, rounded up to a multiple of 64.
     "arflow": Network(
         "arflow:ARFlow",
         "pwclite_ar.tar (or pwclite_raw.tar) from the folder checkpoints/ of https://github.com/lliuz/ARFlow",
         InputConvention(fit="stretch", multiple=64),
         {"size": Option("256x832", _size, _stretched)},
     ),
-    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code uses False on PyTorch
-    # 1.3 and later. mask_threshold: features from beyond the frame are zeroed where their bilinear weights sum to
-    # less; with the authors' 1.0, rounding zeroes some pixels inside the frame, and which ones depends on the machine.
+    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; on PyTorch 1.3 and later, the authors'
+    # code uses False. mask_threshold: warped features are set to zero where the bilinear weights inside the frame sum
+    # to less than this; with the authors' value 1.0, rounding also zeroes some pixels inside the frame, and which ones
+    # depends on the machine.
     "upflow": Network(
         "upflow:UPFlow.of",
         "upflow_kitti2015.pth from https://github.com/coolbeam/UPFlow_pytorch",
@@ -138,8 +139,8 @@ NETWORKS = {
         options={"finetuned": Option(False, check_switch), "iterations": _ITERATIONS},
     ),
     # Luo et al., CVPR 2024, at the frame's size; the numbers of steps and iterations are part of the method. All pairs
-    # of equal size start from the same noise, drawn from `seed`. vertical: position of the padding rows, "bottom" as
-    # the authors use for KITTI, "both" as for Sintel.
+    # of equal size start from the same noise, drawn from `seed`. vertical: position of the padding rows; the authors
+    # use "bottom" for KITTI and "both" for Sintel.
     "flowdiffuser": Network(
         "flowdiffuser:FlowDiffuser",
         "the authors' file, linked from https://github.com/LA30/FlowDiffuser",
@@ -150,10 +151,10 @@ NETWORKS = {
         },
     ),
 }
-"""Networks by the names used to load them."""
+"""The networks, keyed by the names used to load them."""
 
 _UNRECORDED = ("size",)
-"""Fixed keywords that are implied by the model's name."""
+"""Fixed keyword arguments that are implied by the model's name."""
 
 
 @with_execution
@@ -219,7 +220,7 @@ def network_factory(name: str) -> Callable[..., AnyModel]:
 
 
 def __getattr__(name: str) -> Any:
-    """Provide attributes such as `table.arflow`, which the model registry refers to."""
+    """Provide attributes such as `table.arflow`, to which the model registry refers."""
     if name not in NETWORKS:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return network_factory(name)

@@ -1,7 +1,8 @@
 """The project's own small network: a feature pyramid, a local correlation and one decoder for all levels.
 
 It belongs to the PWC family (Sun et al. 2018, with the shared decoder of Liu et al. 2020). With 0.38 million
-parameters, its weights are small enough to ship in the package. `models/tiny/` is an implementation without PyTorch.
+parameters, it is small enough for its weights to be shipped in the package. `models/tiny/` implements it without
+PyTorch.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Tiny(nn.Module):
         self.flow = conv(inputs, 2, linear=True)
         self.mask = conv(inputs, 9 * FINEST * FINEST, kernel=1, linear=True)
         for layer in self.modules():
-            if isinstance(layer, nn.Conv2d):  # PyTorch's default initialisation lets biases dominate
+            if isinstance(layer, nn.Conv2d):  # with PyTorch's default initialisation, the biases would dominate
                 nn.init.kaiming_normal_(layer.weight, 0.1, nonlinearity="leaky_relu")
                 nn.init.zeros_(layer.bias)
         self.flow[0].weight.data.mul_(0.1)
@@ -42,7 +43,8 @@ class Tiny(nn.Module):
         return self.predictions(image1, image2)[-1]
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Return the flow of every level, coarsest first, (N, 2, H, W) each, in pixels of the image."""
+        """Return the flow of every level at full size, coarsest level first, (N, 2, H, W) each, in pixels of the
+        image."""
         size = (image1.shape[2], image1.shape[3])
         levels = list(zip(self.pyramid(image1)[:0:-1], self.pyramid(image2)[:0:-1], self.reduce, strict=True))
         flow = torch.zeros_like(levels[0][0][:, :2])

@@ -41,8 +41,9 @@ def small_network(
 
     Args:
         name: name of the model in `SHIPPED`.
-        checkpoint: path of a file from `robustflow train tiny`, or "random"; the shipped weights by default.
-        runtime: runtime, "torch", "numpy", or "auto" for PyTorch if it is installed.
+        checkpoint: path of a file written by `robustflow train tiny`, or "random"; by default, the shipped weights are
+            used.
+        runtime: "torch", "numpy", or "auto" (PyTorch if it is installed, otherwise NumPy).
         sha256: expected SHA-256 of `checkpoint`, or at least its first eight digits.
         execution: execution settings; the fields of `Execution` are options. NumPy runs only on the CPU in fp32.
 
@@ -61,7 +62,7 @@ def small_network(
         from ..torch.shipped import shipped_network
 
         return shipped_network(name, shipped_weights(name), _net, _CONVENTION, execution)
-    source = "a file of robustflow train tiny"
+    source = "a file written by robustflow train tiny"
     return network_model(name, _net, _CONVENTION, checkpoint, source=source, sha256=sha256, execution=execution)
 
 
@@ -73,16 +74,16 @@ def _net() -> Any:
 
 def _check_for_numpy(name: str, checkpoint: str | Path | None, execution: Execution) -> None:
     if checkpoint is not None:
-        raise UsageError(f"{name} with a checkpoint of your own needs PyTorch: leave out runtime=numpy")
+        raise UsageError(f"{name} with a user-supplied checkpoint needs PyTorch: omit runtime=numpy")
     if execution.device not in ("auto", "cpu") or execution.precision != "fp32" or execution.compile:
         raise UsageError(
-            f"{name} without PyTorch runs on the CPU in fp32 only; leave out device, precision and compile, or install "
+            f"{name} without PyTorch only runs on the CPU in fp32; omit device, precision and compile, or install "
             f"PyTorch: {install_command('torch')}"
         )
 
 
 def __getattr__(name: str) -> Callable[..., AnyModel]:
-    """Provide attributes such as `tiny.tiny_all`, which the model registry refers to."""
+    """Provide attributes such as `tiny.tiny_all`, to which the model registry refers."""
     if name not in SHIPPED:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     factory = partial(small_network, name)

@@ -1,4 +1,4 @@
-"""TinyViT-5M (Wu et al. 2022) as MobileSAM (Zhang et al. 2023) uses it: the last stage keeps 1/16 resolution."""
+"""TinyViT-5M (Wu et al. 2022) in the version of MobileSAM (Zhang et al. 2023): the last stage keeps 1/16 resolution."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class _Bottleneck(nn.Module):
 
 
 class InvertedBottleneck(_Bottleneck):
-    """An inverted residual block: the inner width is four times larger, and a GELU follows the residual."""
+    """An inverted residual block whose inner width is four times the outer width; a GELU follows the residual."""
 
     def __init__(self, width: int) -> None:
         super().__init__(width, 4 * width, width)
@@ -88,7 +88,7 @@ class WindowAttention(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, H, W, C) to (N, H, W, C). Padding pixels of the last windows are not masked."""
         qkv = self.qkv(self.norm(to_windows(x, self.window)))
-        # The query, key and value of each head are adjacent.
+        # The channels of each head's query, key and value are adjacent.
         query, key, value = (t.flatten(-2) for t in qkv.unflatten(-1, (self.heads, -1)).chunk(3, dim=-1))
         mixed = attend(query, key, value, self.heads, self.attention_biases[:, self.index])
         return self.proj(from_windows(mixed, *x.shape[1:3]))
@@ -125,7 +125,8 @@ class Block(nn.Module):
 
 
 class Stage(nn.Module):
-    """A stage: blocks, then a wider map for the next stage, which is also smaller, except before the last stage.
+    """A stage: blocks, followed by a layer that widens the map for the next stage, and downsamples it except before the
+    last stage.
 
     State-dict keys: `blocks downsample`.
     """
@@ -137,7 +138,7 @@ class Stage(nn.Module):
             self.downsample = _Bottleneck(width, following, following, stride)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map (N, width, H, W) to (N, following, H / stride, W / stride), or (N, width, H, W) after the last."""
+        """Map (N, width, H, W) to (N, following, H / stride, W / stride), or, in the last stage, to the same shape."""
         for block in self.blocks:
             x = block(x)
         return self.downsample(x) if hasattr(self, "downsample") else x
@@ -148,7 +149,7 @@ class TinyVit(nn.Module):
 
     State-dict keys: `patch_embed.seq layers norm_head head neck`.
 
-    The classifier `norm_head head` is in the checkpoints but is not run. No weight depends on the image's size.
+    The classifier `norm_head head` is part of the checkpoints but is not executed. No weight depends on the image size.
     """
 
     def __init__(self) -> None:

@@ -37,20 +37,20 @@ class BothFlows:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampling settings of the network's warps, in which PyTorch versions and machines differ.
+    """Sampling settings of the network's warps; their effect differs between PyTorch versions and machines.
 
     Attributes:
-        align_corners: sampling convention: True as in the training of the authors' weights (PyTorch 1.1), False as
-            their code behaves on PyTorch 1.3 and later.
-        threshold: minimum sum of a pixel's bilinear weights inside the map, below which warped features are set to
-            zero. The authors' code uses exactly 1.0, so float32 rounding zeroes some interior pixels.
+        align_corners: sampling convention: True as in the training of the authors' weights (PyTorch 1.1), False as in
+            their code on PyTorch 1.3 and later.
+        threshold: warped features are set to zero where the bilinear weights inside the map sum to less than this. The
+            authors' code uses exactly 1.0, so float32 rounding zeroes some interior pixels.
     """
 
     align_corners: bool = True
     threshold: float = 0.9999
 
     def masked(self, maps: Tensor, flow: Tensor) -> Tensor:
-        """Warp `maps` along `flow`, with zeros where the flow leaves the map."""
+        """Warp `maps` along `flow`, with zeros where the flow points outside the map."""
         return self.plain(maps, flow) * inside_mask(flow, self.threshold, self.align_corners)
 
     def plain(self, maps: Tensor, flow: Tensor) -> Tensor:
@@ -59,8 +59,8 @@ class Sampling:
 
 
 class SelfGuidedUpsampler(nn.Module):
-    """The self-guided upsampler, which corrects an upsampled flow: each pixel may copy the flow from a position given
-    by an interpolation flow.
+    """The self-guided upsampler, which corrects an upsampled flow: each pixel can copy the flow from the position to
+    which an interpolation flow points.
 
     State-dict keys: `dense_estimator_mask.*`, and `upsample_output_conv.*` for the features at full resolution.
     """
@@ -74,7 +74,7 @@ class SelfGuidedUpsampler(nn.Module):
         )
 
     def forward(self, flow: Tensor, own: Tensor, other: Tensor, target: Tensor | None = None) -> Tensor:
-        """Return the corrected flow, of the size of `target` if it is given.
+        """Return the corrected flow, with the size of `target` if it is given.
 
         Args:
             flow: flow in pixels, (N, 2, H, W).
@@ -92,11 +92,11 @@ class SelfGuidedUpsampler(nn.Module):
 
 
 class UPFlow(nn.Module):
-    """UPFlow: predicts both directions in one coarse-to-fine pass over five levels, with a shared decoder and
+    """UPFlow, which predicts both directions in one coarse-to-fine pass over five levels, with a shared decoder and
     upsampler.
 
-    Images are RGB, float (N, 3, H, W), (value - mean) * 0.0039216 of 0..255, any size above 64 pixels. Keys are those
-    of the authors' files.
+    Images are RGB, float (N, 3, H, W), (value - mean) * 0.0039216 for values in 0..255, of any size above 64 pixels.
+    The state-dict keys are the same as in the authors' files.
     """
 
     def __init__(self, sampling: Sampling | None = None) -> None:
@@ -118,7 +118,7 @@ class UPFlow(nn.Module):
         return self.both(image1, image2).forward
 
     def both(self, image1: Tensor, image2: Tensor) -> BothFlows:
-        """Return the flows of both directions, at full size and per level.
+        """Return the flows in both directions, at full size and for each level.
 
         Raises:
             ModelError: the images are so small that the coarsest level has only one pixel, whose variance is undefined.
@@ -126,7 +126,7 @@ class UPFlow(nn.Module):
         if max(image1.shape[2:]) <= 64:
             height, width = image1.shape[2:]
             raise ModelError(
-                f"upflow needs frames wider or higher than 64 pixels, not {width} x {height}; enlarge them"
+                f"upflow needs frames wider or higher than 64 pixels, not {width} x {height}; use larger frames"
             )
         features1, features2 = (self.feature_pyramid_extractor(image)[:0:-1] for image in (image1, image2))
         forward = backward = torch.zeros_like(features1[0][:, :2], dtype=torch.float32)
@@ -170,7 +170,7 @@ def _normalised(features: Tensor) -> Tensor:
 def visible(flow: Tensor, other: Tensor) -> Tensor:
     """Return where the forward and backward flow agree or the pixel leaves the frame.
 
-    Pixels that leave the frame count as visible, because the losses sample them from outside the crop.
+    Pixels that leave the frame are treated as visible, because the losses sample them from outside the crop.
 
     Args:
         flow: flow from the first frame to the second in pixels, (N, 2, H, W).

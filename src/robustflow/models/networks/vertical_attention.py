@@ -18,26 +18,26 @@ _WIDTH, _CONTEXT, _PROJECTED, _HEADS = 128, 256, 64, 8
 
 
 def _position_code(height: int, width: int, step: int, channels: int, like: Tensor) -> Tensor:
-    """Return the position code of every `step`-th pixel of a map, (height * width, channels)."""
+    """Return the positional encoding of every `step`-th pixel in a map, (height * width, channels)."""
     grid = pixel_grid(like.new_empty(1, 1, height, width)).flatten(2)[0].T
     return linear_sine(step * grid, channels).to(like.dtype)
 
 
 class _ContextAttention(nn.Module):
-    """Base class of both blocks, which appends the projected context to the tokens."""
+    """Base class of the two attention blocks, which appends the projected context to the tokens."""
 
     def __init__(self) -> None:
         super().__init__()
         self.context_proj = nn.Linear(_CONTEXT, _PROJECTED)
 
     def beside_context(self, x: Tensor, context: Tensor) -> Tensor:
-        """Append context (N, H, W, 256) to tokens (N * K, H, W, C), giving (N * K, H, W, C + 64)."""
+        """Append the context (N, H, W, 256) to the tokens (N * K, H, W, C); the result is (N * K, H, W, C + 64)."""
         projected = self.context_proj(context).repeat_interleave(len(x) // len(context), dim=0)
         return torch.cat((x, projected), dim=-1)
 
 
 class LocalContextAttention(_ContextAttention):
-    """Attention inside windows of 7 x 7.
+    """Attention within windows of 7 x 7.
 
     State-dict keys: `context_proj q k v proj`.
     """
@@ -58,7 +58,7 @@ class LocalContextAttention(_ContextAttention):
 
 
 class ReducedContextAttention(_ContextAttention):
-    """Attention to the whole map, downsampled by a factor of four.
+    """Attention to the complete map, which is downsampled by a factor of four.
 
     State-dict keys: `context_proj q k v proj sr_key sr_value norm`.
     """
@@ -83,7 +83,7 @@ class ReducedContextAttention(_ContextAttention):
         return self.proj(attend(query, key, self.v(value), _HEADS)).reshape(x.shape)
 
     def _shrink(self, convolution: nn.Conv2d, x: Tensor) -> Tensor:
-        """Map (M, H, W, C) to (M, ceil(H / 4) * ceil(W / 4), 128), with zeros at the bottom and right."""
+        """Map (M, H, W, C), zero-padded at the bottom and on the right, to (M, ceil(H / 4) * ceil(W / 4), 128)."""
         x = F.pad(x.permute(0, 3, 1, 2), (0, -x.shape[2] % 4, 0, -x.shape[1] % 4))
         return self.norm(convolution(x).flatten(2).transpose(1, 2))
 
@@ -113,5 +113,6 @@ class VerticalAttention(nn.Module):
         self.global_block = _ContextBlock(ReducedContextAttention())
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """Update tokens (N * K, H, W, 128), with the K tokens of a pixel as K maps, given context (N, H, W, 256)."""
+        """Update tokens (N * K, H, W, 128), where the K tokens of a pixel form K maps, given the context (N, H, W,
+        256)."""
         return self.global_block(self.local_block(x, context), context)

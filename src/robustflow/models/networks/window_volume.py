@@ -1,5 +1,5 @@
-"""Correlation of every pixel with a window around its target, for resolutions at which all pairs
-would not fit in memory.
+"""Correlation of every pixel with a window around its target, for resolutions at which an all-pairs volume would not
+fit in memory.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from .blocks.allpairs import sample_window
 class WindowVolume:
     """Dot products, divided by sqrt(C), with 17 x 17 pixels around an integer target, and with three pooled levels.
 
-    The values equal those of the all-pairs volume, which at 1/4 of a KITTI image would take 3.4 GB. As in FlowDiffuser,
-    the backward pass treats rounding as the identity: the window moves with the target (see `_slopes`), and each lookup
-    moves in the opposite direction.
+    The values equal those of the all-pairs volume, which would need 3.4 GB at 1/4 of a KITTI image's resolution. As in
+    FlowDiffuser, the backward pass treats rounding as the identity: the window moves with the target (see `_slopes`),
+    and each lookup moves in the opposite direction.
 
     Args:
         features1: features of image 1, (N, C, H, W).
@@ -36,7 +36,7 @@ class WindowVolume:
 
     def __init__(self, features1: Tensor, features2: Tensor, coordinates: Tensor) -> None:
         self.shape = features1.shape
-        moved = coordinates - coordinates.detach()  # zero, but with the target's gradient
+        moved = coordinates - coordinates.detach()  # zero, but carries the gradient of the target
         self.centre = coordinates.detach().round() + moved
         volume = self._correlate(features1.float(), features2.float(), moved)
         self.levels = [volume]
@@ -44,7 +44,7 @@ class WindowVolume:
             self.levels.append(F.avg_pool2d(self.levels[-1], 2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Look up the correlations around `coordinates` (N, 2, H, W) as (N, 324, H, W), in the order of
+        """Look up the correlations around `coordinates` (N, 2, H, W); the result is (N, 324, H, W), in the order of
         `CorrelationPyramid.lookup`.
         """
         n, _, height, width = self.shape
@@ -56,7 +56,7 @@ class WindowVolume:
         n, channels, height, width = self.shape
         rows1 = features1.permute(0, 2, 3, 1).reshape(-1, channels) / channels**0.5
         rows2 = features2.permute(0, 2, 3, 1).reshape(-1, channels)
-        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row represents all pixels outside
+        rows2 = torch.cat((rows2, rows2.new_zeros(1, channels)))  # the last row represents all pixels outside the map
         x, y = self.centre.detach().long().permute(1, 0, 2, 3).flatten(1)
         image = torch.arange(n, device=x.device).repeat_interleave(height * width)
         side = 2 * self.HALF + 1
@@ -68,7 +68,7 @@ class WindowVolume:
             return (rows1 * rows2[target]).sum(dim=1)
 
         places = [(down, right) for down in range(side) for right in range(side)]
-        if torch.is_grad_enabled() and rows1.requires_grad:  # avoids keeping each column's products
+        if torch.is_grad_enabled() and rows1.requires_grad:  # avoids storing the products of all columns
             columns = [checkpoint(column, *place, rows1, rows2, use_reentrant=False) for place in places]
             volume = torch.stack(columns, dim=1).view(-1, 1, side, side)
         else:
@@ -90,11 +90,11 @@ class WindowVolume:
 
 
 def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Return the derivatives of windows with respect to their centres' x and y per pixel, (M, 1, S, S) each.
+    """Return the derivatives of windows with respect to the x and y of their centres, per pixel, (M, 1, S, S) each.
 
-    The derivative of bilinear sampling at integer positions is one-sided: to the right or downwards, except where the
-    original's float32 arithmetic gives a position just below the integer, and therefore the derivative on the opposite
-    side.
+    The derivative of bilinear sampling at integer positions is one-sided: it is taken to the right or downwards, except
+    where the original's float32 arithmetic results in a position just below the integer, and therefore in the
+    derivative on the opposite side.
 
     Args:
         wider: windows with one more pixel on each side, (M, 1, S + 2, S + 2).
@@ -114,6 +114,7 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
 
 
 def _lands_before(pixels: Tensor, side: int) -> Tensor:
-    """Return whether an integer coordinate becomes smaller when normalised to -1..1 for `grid_sample` and back."""
+    """Return whether an integer coordinate becomes smaller when it is normalised to -1..1 for `grid_sample` and
+    converted back."""
     normalised = 2 * pixels / (side - 1) - 1
     return (normalised + 1) / 2 * (side - 1) < pixels

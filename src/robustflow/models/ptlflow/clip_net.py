@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 
 Reading = Literal["middle", "each", "memory"]
-"""Pairs that a network predicts. "middle": the pair whose first frame is the middle one. "each": all pairs at once.
-"memory": all pairs in sequence, from the first one on.
+"""Pairs that a network predicts. "middle": the pair whose first frame is the middle one. "each": all pairs in one call.
+"memory": all pairs one after another, starting with the first.
 """
 
 _Named = tuple[str, Tensor]
@@ -17,16 +17,16 @@ _Named = tuple[str, Tensor]
 
 
 class PtlflowClipNet(nn.Module):
-    """Call a multi-frame ptlflow model with a clip and select the flow of the requested pair from its output.
+    """Call a multi-frame ptlflow model with a clip, and select the flow of the requested pair from its output.
 
     No state is kept between calls.
 
     Args:
         model: ptlflow model.
-        reading: pairs that the model predicts, see `Reading`.
+        reading: pairs that the model predicts; see `Reading`.
         least: minimum number of frames; in shorter clips the first frame is repeated.
-        twice: number of frames in a full clip if the authors duplicate the first frame of every sequence, otherwise 0.
-            If non-zero, a pair before the middle of its clip is treated as the beginning of a sequence.
+        twice: number of frames in a complete clip if the authors duplicate the first frame of every sequence, otherwise
+            0. If it is not zero, a pair before the middle of its clip is treated as the beginning of a sequence.
     """
 
     def __init__(self, model: Any, reading: Reading, least: int, twice: int = 0) -> None:
@@ -67,7 +67,7 @@ class PtlflowClipNet(nn.Module):
 
 
 def padding_to_middle(frames: int, wanted: int) -> tuple[int, int]:
-    """Return how often the first and the last frame must be repeated for VideoFlow to return the requested flow.
+    """Return how often the first and the last frame must be repeated so that VideoFlow returns the requested flow.
 
     VideoFlow drops repeated frames, predicts a flow for every frame except the first and the last, and returns the flow
     with index (n - 2) // 2 minus the number of repetitions on the left, where n includes repeated frames.

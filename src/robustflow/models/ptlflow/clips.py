@@ -1,15 +1,15 @@
-"""Multi-frame ptlflow models, with the frames that each receives in its authors' evaluation.
+"""Multi-frame ptlflow models, which receive the same frames as in their authors' evaluations.
 
 VideoFlow (Shi et al., ICCV 2023), MemFlow (Dong and Fu, CVPR 2024), StreamFlow (Sun et al., NeurIPS 2024), MEMFOF
 (Bargatin et al., ICCV 2025), STaRFlow (Godet et al., ICPR 2020). The first pair of a sequence is handled as in the
-authors' evaluation code: VideoFlow repeats the first frame once, and its window of five otherwise stays within the
-sequence; StreamFlow's window of four stays within the sequence; MemFlow's memory is empty. MEMFOF repeats the first
-frame, as ptlflow's data loader does. MemFlow's memory contains the last two frames, ptlflow's default; the authors'
-configurations effectively use one.
+authors' evaluation code: VideoFlow repeats the first frame once, and otherwise its window of five frames stays within
+the sequence; StreamFlow's window of four frames stays within the sequence; MemFlow's memory is empty. MEMFOF repeats
+the first frame, as ptlflow's data loader does. MemFlow's memory contains the last two frames, ptlflow's default; the
+authors' configurations effectively use one.
 
 SplatFlow (three frames; Wang et al., IJCV 2024) is not included: it propagates features with a CUDA kernel compiled by
 cupy, so ptlflow cannot build it without cupy, and it cannot be tested against ptlflow on a CPU. With cupy,
-`ptlflow:splatflow` receives only the pair and runs in its two-frame mode, which needs no splatting.
+`ptlflow:splatflow` receives only the pair and runs in its two-frame mode, which does not need splatting.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _ClipConvention:
-    """The way in which a network receives its clip; see `PtlflowClipNet`."""
+    """How a network receives its clip; see `PtlflowClipNet`."""
 
     window: Window
     reading: Reading
@@ -44,7 +44,8 @@ class _ClipConvention:
 
 
 _MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
-"""The authors start ten frames before the pair on KITTI, and at the beginning of the sequence on other data."""
+"""Number of frames before the pair: on KITTI, the authors start ten frames before it, on other datasets at the
+beginning of the sequence."""
 
 CLIPS = {
     "videoflow_bof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
@@ -55,7 +56,7 @@ CLIPS = {
     "memfof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
     "starflow": _ClipConvention(Window(2, 0, "short"), "each", least=2, streams=True),
 }
-"""Multi-frame networks by their names in ptlflow."""
+"""Multi-frame networks, keyed by their names in ptlflow."""
 
 
 @with_execution
@@ -75,7 +76,7 @@ def ptlflow_clip_model(
         name: name of the model.
         architecture: name of the network in `CLIPS`.
         checkpoint, iterations, sha256: same arguments as for `ptlflow_model`.
-        before: number of frames before the pair, at least 1, for MemFlow and STaRFlow; the authors' choice by default.
+        before: number of frames before the pair, at least 1, for MemFlow and STaRFlow; by default the authors' choice.
         execution: execution settings; the fields of `Execution` are options.
 
     Raises:
@@ -87,7 +88,7 @@ def ptlflow_clip_model(
     window = clip.window
     if before is not None:
         if not clip.streams:
-            raise UsageError(f"model '{name}' requires {_frames(window)} frames; leave out before")
+            raise UsageError(f"model '{name}' requires {_frames(window)} frames; omit before")
         check_count("before", before)
         window = window._replace(before=before)
 

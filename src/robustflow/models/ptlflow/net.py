@@ -1,4 +1,4 @@
-"""Wrap a ptlflow network so that it has the project's interface: two images in, one flow out."""
+"""Wrap a ptlflow network in the project's interface: two images in, one flow out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class PtlflowNet(nn.Module):
 
     Args:
         model: ptlflow model.
-        batched: whether the pairs of a batch are known to be independent; otherwise each pair is predicted separately.
+        batched: whether the pairs in a batch are known to be independent; otherwise each pair is predicted separately.
     """
 
     def __init__(self, model: Any, batched: bool) -> None:
@@ -26,8 +26,8 @@ class PtlflowNet(nn.Module):
         self.batched = batched
 
     def forward(self, image1: Tensor, image2: Tensor, confidence: bool = False) -> Tensor:
-        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W), BGR, 0..255. The result is (N, 3, H, W),
-        including the confidence, for networks that return one.
+        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W), BGR, 0..255. For networks that return a
+        confidence, the result is (N, 3, H, W) and includes the confidence.
         """
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         if self.batched:
@@ -59,7 +59,7 @@ class PtlflowNet(nn.Module):
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
             raise ModelError(
-                "this ptlflow network does not return the flows of its iterations; it cannot be trained here"
+                "this ptlflow network does not return the flows of its iterations, so it cannot be trained here"
             )
         return list(outputs["flow_preds"]), outputs
 
@@ -68,22 +68,23 @@ class PtlflowNet(nn.Module):
         flows: Tensor = outputs["flows"]
         if flows.ndim != 5 or flows.shape[1] != 1:
             raise ModelError(
-                f"the network returned flows of shape {tuple(flows.shape)} for two frames, not one flow; "
-                "it is made for more frames: choose a two-frame model"
+                f"the network returned flows of shape {tuple(flows.shape)} for two frames, not a single "
+                "flow; it is a multi-frame network: choose a two-frame model"
             )
         return torch.cat([flows[:, 0], outputs["confs"][:, 0]], dim=1) if confidence else flows[:, 0]
 
 
 _STRIDE = 8
-"""Number of image pixels per pixel of the cost volume along each axis; the sides of a crop are multiples of it."""
+"""Number of image pixels per pixel of the cost volume along each axis; the side lengths of a crop are multiples of
+it."""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):
-    """FlowFormer++ (Shi et al., CVPR 2023), changed to match the authors' code where ptlflow 0.4.2 differs from it.
+    """FlowFormer++ (Shi et al., CVPR 2023), modified to match the authors' code where ptlflow 0.4.2 differs from it.
 
     ptlflow tiles the contexts of a batch over the cost tokens in FlowFormer's order, which mixes pairs; in the authors'
-    code each pair's context belongs to that pair's eight tokens. ptlflow also pads training crops to multiples of 32,
-    and the authors do not.
+    code, each pair's context belongs to the eight tokens of that pair. ptlflow also pads training crops to multiples of
+    32, which the authors do not.
     """
 
     def __init__(self, model: Any) -> None:

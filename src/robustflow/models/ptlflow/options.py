@@ -10,12 +10,12 @@ from ...errors import UsageError
 from ..option_checks import check_count
 
 _ITERATIONS = ("iters", "decoder_depth")
-"""Names of the argument for the number of iterations in ptlflow's models."""
+"""Argument names for the number of iterations in ptlflow's models."""
 
 
 def constructor_options(name: str, reference: type, iterations: int | None) -> tuple[dict[str, Any], int | None]:
-    """Return constructor arguments for whole frames, without downloading a backbone, with sequences as lists and the
-    number of iterations.
+    """Return the constructor arguments for predicting complete frames with the given number of iterations; sequences
+    are passed as lists, and no backbone is downloaded.
 
     Args:
         name: name of the model, for messages.
@@ -23,10 +23,12 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
         iterations: requested number of iterations; None for the model's default.
 
     Returns:
-        The constructor's arguments, and the number of iterations, None if the model has no single such number.
+        The constructor's arguments, and the number of iterations, or None if the model does not have exactly one such
+        argument.
 
     Raises:
-        UsageError: the number of iterations is below 1, or given for a model without a single such number.
+        UsageError: the number of iterations is below 1, or given for a model that does not have exactly one such
+            argument.
 
     >>> class Net:
     ...     def __init__(self, use_tile_input=True, iters=32): ...
@@ -43,13 +45,13 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     if "use_tile_input" in parameters:
         options["use_tile_input"] = False
     if "backbone_weights" in parameters:
-        options["backbone_weights"] = None  # downloading them is unnecessary: the checkpoint replaces them
+        options["backbone_weights"] = None  # no need to download them: the checkpoint replaces them
     keyword = next((key for key in _ITERATIONS if key in parameters), None)
     counted = keyword is not None and isinstance(parameters[keyword].default, int)
     if iterations is not None:
         check_count("iterations", iterations)
         if not counted:
-            raise UsageError(f"model '{name}' has no single number of iterations; leave out iterations")
+            raise UsageError(f"model '{name}' does not have exactly one number of iterations; omit iterations")
     if keyword is None or not counted:
         return options, None
     rounds = int(parameters[keyword].default) if iterations is None else iterations
@@ -57,7 +59,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
 
 
 def constructor_parameters(reference: type) -> dict[str, inspect.Parameter]:
-    """Return the arguments of a class, including those that it passes to its bases through `**kwargs`.
+    """Return the arguments of a class, including those that it passes to its base classes through `**kwargs`.
 
     >>> class Base:
     ...     def __init__(self, depth=3, width=64): ...

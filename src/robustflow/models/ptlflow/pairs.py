@@ -1,6 +1,6 @@
 """Two-frame models of the library ptlflow, under ptlflow's names.
 
-Building a model requires the ptlflow extra. Importing ptlflow takes seconds and prints output, so the import is
+Building a model requires the ptlflow extra. Importing ptlflow takes several seconds and prints output, so the import is
 deferred and silenced.
 """
 
@@ -33,7 +33,7 @@ _SMALLEST = {
     **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), RAFT_SMALLEST),
     "flowformer": 25,
 }
-"""Minimum side length in pixels, below which networks with RAFT's correlation, and FlowFormer, return NaN or fail."""
+"""Side length in pixels below which FlowFormer and networks with RAFT's correlation return NaN or fail."""
 
 BESIDES = {
     "splatflow": "cupy, for CUDA",
@@ -42,19 +42,19 @@ BESIDES = {
     "separableflow": "GANet, compiled for CUDA",
     "scv4": "torch_scatter and faiss",
     "scv8": "torch_scatter and faiss",
-    "waft_dinov3_a2": "the code of DINOv3 in ./thirdparty/dinov3",
+    "waft_dinov3_a2": "the DINOv3 code in ./thirdparty/dinov3",
 }
-"""Dependencies of some ptlflow models that ptlflow does not install."""
+"""Dependencies of some ptlflow models that are not installed with ptlflow."""
 
 CONFIDENT = ("liteflownet3", "liteflownet3_pseudoreg", "liteflownet3s", "liteflownet3s_pseudoreg")
-"""Networks that return a confidence from 0 to 1 with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow)
-does not count as a confidence, and SEA-RAFT and its relatives return an error estimate only in training.
+"""Networks that return a confidence from 0 to 1 with their flow. An occlusion map (IRR-PWC, MaskFlownet, ScopeFlow) is
+not treated as a confidence, and SEA-RAFT and related networks only return an error estimate in training.
 """
 
 _SOURCE = SOURCES["ptlflow"]
 BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
-"""Networks that process the pairs of a batch independently, as `tests/models/test_batches.py` checks. FlowFormer does
-not: its cost tokens attend to the contexts of other pairs.
+"""Networks that process the pairs in a batch independently, as checked by `tests/models/test_batches.py`. FlowFormer
+does not: its cost tokens attend to the contexts of other pairs.
 """
 
 
@@ -68,13 +68,14 @@ def ptlflow_model(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """Build a two-frame ptlflow model for whole frames; its built-in tiling stays off, even if a checkpoint enables it.
+    """Build a two-frame ptlflow model that predicts complete frames; its built-in tiling is off, even if a checkpoint
+    enables it.
 
     Args:
         name: name of the model.
-        architecture: ptlflow's name for the network.
-        checkpoint: ptlflow's name of a checkpoint (things, sintel, ...), path of a file from the authors or ptlflow, or
-            "random".
+        architecture: name of the network in ptlflow.
+        checkpoint: name of a checkpoint in ptlflow (things, sintel, ...), path of a file from the authors or ptlflow,
+            or "random".
         iterations: number of recurrent updates; None for ptlflow's default. The paper's evaluation uses 12.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
         execution: execution settings; the fields of `Execution` are options.
@@ -124,7 +125,7 @@ def ptlflow_network(
             raise _not_built(name, architecture, reference, error) from error
 
     if architecture in BESIDES:
-        build()  # fails before a checkpoint is downloaded in vain
+        build()  # raises an error before a checkpoint is downloaded in vain
         if checkpoint is None and names:
             raise needs_checkpoint(name, names, _SOURCE)
     return network_model(
@@ -162,13 +163,13 @@ def _not_built(name: str, architecture: str, reference: Any, error: Exception) -
         return ModelError(f"model '{name}' cannot be built: {what}")
     needs = BESIDES.get(architecture, "something")
     readme = Path(inspect.getfile(reference)).with_name("README.md")
-    return ModelError(f"model '{name}' needs {needs}, which ptlflow does not install ({what}); see {readme}")
+    return ModelError(f"model '{name}' needs {needs}, which is not installed with ptlflow ({what}); see {readme}")
 
 
 def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
-    """Settings that ptlflow stores in some checkpoints and restores when it loads the weights.
+    """Restore settings that ptlflow stores in some checkpoints and applies when it loads the weights.
 
-    In most models `train_size` only enables tiling, but in MatchFlow it is part of the network.
+    In most models, `train_size` only enables tiling, but in MatchFlow it is part of the network.
     """
     recorded = {}
     model = net.model
@@ -178,7 +179,7 @@ def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
             continue
         value = list(value) if isinstance(value, tuple) else value
         if not isinstance(value, kind):
-            raise ModelError(f"{read.path}: its {key} is {value!r}; get ptlflow's own file")
+            raise ModelError(f"{read.path}: its {key} is {value!r}; use the file published by ptlflow")
         with _silence():
             setattr(model, key, value)
         recorded[key] = value

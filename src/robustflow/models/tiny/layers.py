@@ -13,7 +13,8 @@ Maps = npt.NDArray[np.float32]
 Weights = npt.NDArray[np.float32]
 
 _COLUMNS = 250_000
-"""Number of values of the unfolded input processed at a time, chosen to fit into a core's cache at any frame size."""
+"""Number of values of the unfolded input that are processed at a time, chosen to fit into a core's cache at any frame
+size."""
 _SLOPE = np.float32(0.1)
 
 
@@ -87,7 +88,8 @@ def resized(flow: Maps, height: int, width: int) -> Maps:
 
 @njit(cache=True, nogil=True)
 def warp(maps: Any, flow: Any, out: Any) -> None:
-    """Sample `maps` (C, H, W) bilinearly at pixel + `flow` (2, H, W), with a replicated border, into `out` (C, H, W).
+    """Sample `maps` (C, H, W) bilinearly at pixel + `flow` (2, H, W), with replicated borders, and write to `out` (C,
+    H, W).
 
     Coordinates are converted to -1..1 in single precision, as in PyTorch's sampler, so that both round in the same way.
     """
@@ -116,8 +118,8 @@ def warp(maps: Any, flow: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
-    """Write the correlation (mean over channels) of `first` at a pixel with `second` within `radius` of it, zero
-    outside, to `out` ((2 * radius + 1) ** 2, H, W), row by row of the window.
+    """Write the correlation (mean over channels) of `first` at each pixel with `second` within `radius` of it (zero
+    outside the map) to `out` ((2 * radius + 1) ** 2, H, W); the window is in row-major order.
     """
     channels, height, width = first.shape
     side = 2 * radius + 1
@@ -141,8 +143,8 @@ def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def enlarge(flow: Any, mask: Any, factor: Any, out: Any) -> None:
-    """Upsample `flow` (2, H, W) into `out` (2, factor * H, factor * W) and scale its values. Each fine pixel is the
-    mean of 3 x 3 coarse pixels, zero outside, weighted by the softmax of `mask` (9 * factor ** 2, H, W).
+    """Upsample `flow` (2, H, W) to `out` (2, factor * H, factor * W) and scale its values. Each fine pixel is the mean
+    of 3 x 3 coarse pixels (zero outside the map), weighted by the softmax of `mask` (9 * factor ** 2, H, W).
     """
     _, height, width = flow.shape
     weights = np.empty(9, np.float32)

@@ -18,8 +18,8 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
     """Compute the flow of a pair.
 
     Args:
-        weights: float32 weights by the names in the trained network's state dict.
-        frame1: first frame, RGB uint8 (H, W, 3).
+        weights: float32 weights, keyed by their names in the trained network's state dict. frame1: first frame, RGB
+            uint8 (H, W, 3).
         frame2: second frame, same format as `frame1`.
 
     Returns:
@@ -62,7 +62,7 @@ def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
 
 
 def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
-    """Return the features of a level for the decoder, (32, H, W)."""
+    """Return the decoder's features of a level, (32, H, W)."""
     warped = np.empty_like(other)
     warp(other, flow, warped)
     correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)
@@ -76,7 +76,7 @@ def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps,
 
 
 class NumpyTiny:
-    """The small network in NumPy, a `FlowModel`.
+    """The small network in NumPy; satisfies `FlowModel`.
 
     Args:
         name: name of the model.

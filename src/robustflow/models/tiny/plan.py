@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 CHANNELS = (3, 16, 32, 48, 64, 80)
-"""Number of channels of the image, then of the levels 1/2 to 1/32."""
+"""Numbers of channels: of the image, then of the levels 1/2 to 1/32."""
 LEVELS = len(CHANNELS) - 1
 MULTIPLE = 2**LEVELS
-"""Number that the input's height and width must be multiples of."""
+"""The input's height and width must be multiples of this number."""
 RADIUS = 3
 """Radius of the correlation window, in pixels of a level."""
 REDUCED = 32
-"""Number of channels of a level's features in the decoder."""
+"""Number of feature channels that each level passes to the decoder."""
 DECODER = ((80, 1), (64, 2), (48, 4), (32, 1))
 """Number of channels and dilation of each convolution in the decoder."""
 FINEST = 4

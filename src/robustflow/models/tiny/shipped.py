@@ -13,16 +13,16 @@ from ...errors import AssetError
 from .layers import Weights
 
 SHIPPED = ("tiny", "tiny_no_weather", "tiny_all")
-"""Models trained without corruptions, with all families except weather, and with all corruptions.
+"""Models trained without corruptions, with all families of corruptions except weather, and with all corruptions.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class ShippedWeights:
-    """A file of weights.
+    """The contents of a weight file.
 
     Attributes:
-        arrays: float32 weights by the names in the trained network's state dict.
+        arrays: float32 weights, keyed by their names in the trained network's state dict.
         sha256: SHA-256 of the file, 64 hexadecimal digits.
         about: training metadata: recipe, seed, data, commit and more.
         trained_on: training sets in the format of `--trained-on`.

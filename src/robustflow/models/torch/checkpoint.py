@@ -1,4 +1,4 @@
-"""Read a checkpoint file safely: it is an untrusted download that should contain only tensors."""
+"""Read a checkpoint file safely: it is treated as an untrusted download that should contain only tensors."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ from ..model_file import damaged, opened
 
 
 class _Unread:
-    """A placeholder for objects that training scripts store with the weights; it accepts any
-    arguments and ignores them.
-    """
+    """A placeholder for objects that training scripts store with the weights; it ignores all its arguments."""
 
     def __new__(cls, *args: Any) -> _Unread:
         return super().__new__(cls)
@@ -29,7 +27,7 @@ class _Unread:
         pass
 
 
-# These are, for example, the best error, the learning rate or the command line; none of them is unpickled.
+# For example the best error, the learning rate or the command line; none of them is unpickled.
 _BESIDE_WEIGHTS = [
     (_Unread, name)
     for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
@@ -50,9 +48,9 @@ class Checkpoint:
     Attributes:
         path: path of the file.
         sha256: SHA-256 of the file, 64 hexadecimal digits.
-        weights: tensors on the CPU by their names in the file.
-        hyper_parameters: Lightning's entry of this name, as untrusted as the rest; empty if there is none.
-        trained_on: training sets that the file declares, written by `robustflow train`; None if there is no
+        weights: tensors on the CPU, keyed by their names in the file.
+        hyper_parameters: Lightning's entry with this name, equally untrusted; empty if there is none.
+        trained_on: training sets declared in the file, as written by `robustflow train`; None if there is no
             declaration.
     """
 
@@ -66,7 +64,7 @@ class Checkpoint:
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
     """Read a file saved with `torch.save`: a state dict, or a dict that contains one under a key in `HELD_AS`.
 
-    No code in the file is run: its declared sizes are compared with the file size, then it is read with
+    No code in the file is executed: the declared sizes are compared with the file size, and the file is then read with
     `weights_only=True`.
 
     Args:
@@ -74,8 +72,8 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
         sha256: expected SHA-256 of the file, or at least its first eight digits.
 
     Raises:
-        ModelError: the file is missing, has a different hash, is not a checkpoint, is damaged, is a zip bomb, or
-            contains more than plain weights.
+        ModelError: the file is missing, damaged, a zip bomb or not a checkpoint, has a different hash, or contains more
+            than plain weights.
         UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
     path = Path(path).expanduser()
@@ -104,7 +102,7 @@ def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
 
 def _check_archive(path: Path, file: BinaryIO) -> None:
     if file.read(2) != b"PK":
-        return  # format before PyTorch 1.6: torch compares the declared sizes with the file size while reading
+        return  # before PyTorch 1.6; for this format, torch compares declared sizes and file size while reading
     size = file.seek(0, 2)
     try:
         with zipfile.ZipFile(file) as archive:
@@ -113,10 +111,10 @@ def _check_archive(path: Path, file: BinaryIO) -> None:
     except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
         raise damaged(path, error) from None
     if declared > size:
-        # torch.save never compresses, so the contents cannot be larger than the file.
+        # torch.save does not compress, so the contents cannot be larger than the file.
         raise ModelError(
-            f"{path}: refused: its {size} bytes would unpack to {declared}; a file of torch.save is not compressed, so "
-            "this is not a genuine checkpoint"
+            f"{path}: its {size} bytes would unpack to {declared}; torch.save does not compress, so this is not a "
+            "genuine checkpoint"
         )
     if changed is not None:
         raise damaged(path, ValueError(f"checksum mismatch in {changed[:60]}"))
@@ -126,17 +124,17 @@ def _load(path: Path, file: BinaryIO) -> Any:
     file.seek(0)
     try:
         with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
-            warnings.simplefilter("ignore")  # warns about the pickle protocol; unreadable files raise an error anyway
+            warnings.simplefilter("ignore")  # about the pickle protocol; unreadable files raise an error anyway
             return torch.load(file, weights_only=True, map_location="cpu")
     except pickle.UnpicklingError as error:
         lines = str(error).splitlines()
         reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
-        reason = reason.partition(" Please use")[0][:200]  # drops torch's advice to run the file's code
+        reason = reason.partition(" Please use")[0][:200]  # drops torch's advice to execute the code in the file
         raise ModelError(
-            f"{path}: refused without running its code: it contains more than plain weights ({reason}); get the "
-            "authors' file, or, if you trust it, save only its state_dict with torch.save"
+            f"{path}: not loaded, because it contains more than plain weights ({reason}), which may run code; use the "
+            "authors' file, or, if you trust this one, save only its state_dict with torch.save"
         ) from None
-    except Exception as error:  # torch has no specific exception type for a truncated or inconsistent file
+    except Exception as error:  # torch has no specific exception type for truncated or inconsistent files
         raise damaged(path, error) from None
 
 
@@ -146,7 +144,7 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
             content = content[name]
     if not isinstance(content, dict) or not content:
         raise ModelError(
-            f"{path}: contains {type(content).__name__}, not weights by name; save the network's state_dict()"
+            f"{path}: contains {type(content).__name__}, not named weights; save the network's state_dict()"
         )
     for key, value in content.items():
         if not (isinstance(key, str) and isinstance(value, Tensor)):

@@ -17,8 +17,8 @@ class TorchClipModel:
     """A multi-frame network; satisfies `ClipModel`.
 
     Args:
-        network: network whose net takes images (1, 3, H, W) in temporal order, and `index`.
-        window: frames that the network needs.
+        network: adapter whose network accepts images (1, 3, H, W) in temporal order, and `index`.
+        window: frames that the network requires.
     """
 
     def __init__(self, network: NetworkModel, window: Window) -> None:
@@ -41,14 +41,14 @@ class TorchClipModel:
         return self._network.device
 
     def identity(self) -> dict[str, Any]:
-        """Return the identity of the network. The window becomes part of a run's identity only where it is used."""
+        """Return the identity of the network. The window is only part of a run's identity if it is used."""
         return self._network.identity()
 
     def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
         """Predict a flow as in `ClipModel.predict_clip`.
 
         Raises:
-            UsageError: there is no pair at `index`.
+            UsageError: the clip has no pair at `index`.
         """
         if not 0 <= index < len(frames) - 1:
             raise UsageError(f"{len(frames)} frames have no pair at index {index}")
@@ -56,7 +56,7 @@ class TorchClipModel:
 
 
 class TorchStreamModel(TorchClipModel):
-    """A multi-frame network that can also run on two frames. Also satisfies `FlowModel`."""
+    """A multi-frame network that can also predict from two frames; also satisfies `FlowModel`."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """Predict a flow as in `FlowModel.predict`, treating the pair as the first of a sequence."""

@@ -9,23 +9,22 @@ from pathlib import Path
 from ...errors import ModelError, first_line, unknown_name
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file of https://download.pytorch.org/models"}
-"""Source of the weights of a library's networks, for messages."""
+"""Source of the weights of networks from libraries, for messages."""
 
 RANDOM = "random"
-"""Value of `checkpoint` for seeded random weights, used to measure cost and in tests."""
+"""Value of `checkpoint` for seeded random weights, which are used in tests and for measuring cost."""
 
 
 def refuse_missing_file(
     model: str, checkpoint: str | Path | None, published: Collection[str], source: str, *, strict: bool = True
 ) -> None:
-    """Raise if a given checkpoint does not exist. It needs no heavy library, so it runs before their imports.
+    """Raise an error if the given checkpoint does not exist. This check is done before heavy libraries are imported.
 
     Args:
         model: name of the model, for messages.
         checkpoint: path, name in `published`, "random", or None, which is always accepted.
-        published: names of checkpoints that can be downloaded.
-        source: description of the file and of where its authors publish it.
-        strict: whether `published` is complete, so that any other name is an error.
+        published: names of checkpoints that can be downloaded. source: description of the file, and where its authors
+            publish it. strict: whether `published` is complete, so that any other name is an error.
 
     Raises:
         ModelError: the file does not exist.
@@ -38,29 +37,29 @@ def refuse_missing_file(
         if strict:
             raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, RANDOM])
         return
-    raise ModelError(f"model '{model}': no file {checkpoint}; {_get(published, source)}, and put it there")
+    raise ModelError(f"model '{model}': there is no file {checkpoint}; {_get(published, source)}, and put it there")
 
 
 def find_checkpoint(
     model: str, checkpoint: str | Path | None, published: Mapping[str, str], source: str
 ) -> tuple[Path, str | None]:
-    """Return the file of a checkpoint; published checkpoints are downloaded to PyTorch's cache if they are not there
-    yet.
+    """Return the file of a checkpoint; published checkpoints are downloaded to PyTorch's cache unless they are already
+    there.
 
-    A published name takes precedence over a file of the same name in the current folder; write `./NAME` for the file.
+    A published name takes precedence over a file with the same name in the current folder; use `./NAME` for the file.
 
     Args:
         model: name of the model, for messages.
         checkpoint: path, or name in `published`.
-        published: URLs by name; a file name that ends in `-XXXXXXXX.ext` contains the first digits of its SHA-256.
-        source: description of the file and of where its authors publish it.
+        published: URLs, keyed by name; a file name that ends in `-XXXXXXXX.ext` contains the first digits of its
+            SHA-256. source: description of the file, and where its authors publish it.
 
     Returns:
         The path, and the first digits of the expected SHA-256, or None if they are not known.
 
     Raises:
-        ModelError: there is no checkpoint, the file does not exist, or the download fails; the message says where to
-            put the file.
+        ModelError: no checkpoint was given, the file does not exist, or the download failed; the message states where
+            to put the file.
         UsageError: the name is not published.
     """
     if checkpoint is None:
@@ -74,12 +73,12 @@ def find_checkpoint(
 def needs_checkpoint(model: str, published: Collection[str], source: str) -> ModelError:
     """Return the error for a network without weights."""
     return ModelError(
-        f"model '{model}' needs its checkpoint: {_get(published, source)}, and give its path as --checkpoint"
+        f"model '{model}' needs its checkpoint: {_get(published, source)}, and pass its path as --checkpoint"
     )
 
 
 def _get(published: Collection[str], source: str) -> str:
-    return f"name one of {', '.join(published)}, or get {source}" if published else f"get {source}"
+    return f"choose one of {', '.join(published)}, or get {source}" if published else f"get {source}"
 
 
 def _cached(model: str, url: str) -> tuple[Path, str | None]:
@@ -93,10 +92,11 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
-        except Exception as error:  # connection, permission and hash failures raise different exceptions
+        except Exception as error:  # connection, permission and hash errors raise different exceptions
             reason = getattr(error, "reason", None) or first_line(error)
             raise ModelError(
-                f"model '{model}': cannot fetch {url} ({reason}); put that file at {path}, or give the path of a copy "
+                f"model '{model}': cannot download {url} ({reason}); save that file as {path}, or pass the path of a "
+                "copy "
                 "as --checkpoint"
             ) from None
     return path, prefix

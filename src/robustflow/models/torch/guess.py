@@ -22,22 +22,23 @@ from .shifted import SHIFTS, Reading, ShiftedPair, reading_of, shifted_pair
 
 LAST_OUTPUT = -1
 _FIRST_ROUND = 2
-"""Number of pairs after which conventions with a much larger error are dropped."""
+"""Number of pairs after which conventions with a much larger error are discarded."""
 _FAR = 2.0
 _CLEAR = 0.9
-"""The best convention is clearly better if its error is below this fraction of the second best, and
-lower on every pair.
+"""The best convention is clearly better if its error is below this fraction of the second-best error, and lower on
+every pair.
 """
 _WRONG = 0.5
-"""A declared convention is wrong if a different one has an error below this fraction of it, and is
-better on every pair.
+"""A declared convention is wrong if the error of a different one is below this fraction of its error, and lower on
+every pair.
 """
 _SURE = 0.05
-"""A declared convention is accepted without a comparison if its error is below this fraction of zero flow's error."""
+"""A declared convention is accepted without further comparison if its error is below this fraction of the error of zero
+flow."""
 _WELL = 0.1
-"""A declared convention causes a warning if its error is above this fraction of zero flow's error."""
+"""A declared convention causes a warning if its error is above this fraction of the error of zero flow."""
 _SEES = 0.5
-"""A network is considered to measure motion if its error is below this fraction of zero flow's error."""
+"""A network is considered to measure motion if its error is below this fraction of the error of zero flow."""
 _ZERO = float(np.mean([np.hypot(*shift) for shift in SHIFTS]))
 _MOST_NAMED = 4
 
@@ -60,11 +61,11 @@ class Declared:
 
     @property
     def complete(self) -> bool:
-        """Whether colour order and value range are known, as prediction requires."""
+        """Whether the colour order and value range are known, which prediction requires."""
         return self.scaling is not None and self.order is not None
 
     def describe(self) -> str:
-        """Return the convention as options.
+        """Return the convention as keyword options.
 
         >>> Declared("0-1", "rgb", "pair", -1).describe()
         'scaling=0-1, order=rgb, layout=pair, output=-1'
@@ -72,7 +73,7 @@ class Declared:
         return ", ".join(f"{key}={value}" for key, value in self._given().items())
 
     def line(self) -> str:
-        """Return the line of code and the command-line options that declare the convention.
+        """Return the line of code and the command-line options that declare this convention.
 
         >>> Declared("0-1", "rgb", output=-1).line()
         "robustflow.TorchModel(net, scaling='0-1', order='rgb') or -O scaling=0-1 -O order=rgb"
@@ -123,12 +124,12 @@ def infer_convention(
         module: module in evaluation mode, on `device`.
         call: function that calls the module with its list of inputs.
         declared: convention declared by the user.
-        multiple: number that the input's height and width must be multiples of.
-        device: device on which the module runs.
+        multiple: number of which the input's height and width must be multiples. device: device on which the module
+            runs.
         threads: number of CPU threads.
 
     Returns:
-        The complete convention, and a warning, "" if there is none.
+        The complete convention, and a warning ("" if there is none).
 
     Raises:
         ModelError: no convention works, none is clearly best, or the declared convention is wrong.
@@ -148,26 +149,27 @@ def infer_convention(
     if not best.sees:
         _refuse_misread(next((one for one in ranked if one.reading.misread), best))
         raise ModelError(
-            f"cannot tell what input this network expects: on shifted textures the best of {len(ranked)} conventions "
-            f"is off by {best.mean:.2g} px, and zero flow by {_ZERO:.2g} px, as for networks without trained weights; "
-            f"declare it, for example with {Declared('0-1', 'rgb').line()}"
+            f"cannot determine what input this network expects: on shifted textures, the best of {len(ranked)} "
+            f"conventions has an error of {best.mean:.2g} px, and zero flow has {_ZERO:.2g} px, as is typical of "
+            "networks without trained weights; "
+            f"declare the input, for example with {Declared('0-1', 'rgb').line()}"
         )
     rival = next((other for other in ranked[1:] if not best.clearly_beats(other)), None)
     if rival is not None:
         raise ModelError(
-            "cannot tell what input this network expects, because several conventions fit shifted textures about "
-            f"equally well; best first: {_named(ranked)}; declare the one it was trained with, the first with "
-            f"{best.way.line()}"
+            "cannot determine what input this network expects, because several conventions work about equally well on "
+            f"shifted textures; best first: {_named(ranked)}; declare the one used in training, for example the first "
+            f"with {best.way.line()}"
         )
-    following = f", the next best by {ranked[1].mean:.2g} px" if len(ranked) > 1 else ""
+    following = f" (the next best: {ranked[1].mean:.2g} px)" if len(ranked) > 1 else ""
     return best.way, (
-        f"it does not declare what input it expects; using {best.way.describe()}, because on shifted textures it is "
-        f"off by {best.mean:.2g} px{following}. Declare it to be sure: {best.way.line()}"
+        f"the model does not declare its expected input; {best.way.describe()} is used, because its error on shifted "
+        f"textures is {best.mean:.2g} px{following}. To be sure, declare it: {best.way.line()}"
     )
 
 
 def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
-    """Check a convention whose input is fully declared; return the convention with its output and a warning."""
+    """Check a convention whose input is completely declared; return the convention with its output, and a warning."""
     try:
         outputs = trial.outputs(declared)
     except ModelError as error:
@@ -178,8 +180,8 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
     if declared.output is None and mine is not outputs[-1]:
         declared = mine.way
         remark = (
-            f"output {mine.way.output} is used, because on shifted textures it is off by {mine.mean:.2g} px and the "
-            f"last by {outputs[-1].mean:.2g} px. Declare it to be sure: {mine.way.line()}"
+            f"output {mine.way.output} is used, because its error on shifted textures is {mine.mean:.2g} px, and "
+            f"that of the last output is {outputs[-1].mean:.2g} px. To be sure, declare it: {mine.way.line()}"
         )
     if mine.mean <= _SURE * _ZERO:
         return declared, remark
@@ -190,19 +192,19 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
     better = [one for one in others if one.clearly_beats(mine, _WRONG)]
     if better:
         message = (
-            f"on shifted textures the declared {mine.way.describe()} is off by {mine.mean:.2g} px, and zero flow by "
-            f"{_ZERO:.2g} px; better, best first: {_named(better, mine)}; declare the one it was trained with, the "
-            f"first with {better[0].way.line()}"
+            f"on shifted textures, the declared {mine.way.describe()} has an error of {mine.mean:.2g} px, and zero "
+            f"flow has {_ZERO:.2g} px; better conventions, best first: {_named(better, mine)}; declare the one used in "
+            f"training, for example the first with {better[0].way.line()}"
         )
         if not mine.sees:
             raise ModelError(message)
         return declared, message
     if mine.mean > _WELL * _ZERO:
-        like = mine.reading.describe() if mine.reading.explains else "as networks without trained weights are"
+        like = mine.reading.describe() if mine.reading.explains else "as is typical of networks without trained weights"
         return declared, (
-            f"on shifted textures it is off by {mine.mean:.2g} px with {mine.way.describe()}, where zero flow is off "
-            f"by {_ZERO:.2g} px{like and f' ({like})'}, and no other convention or output is better: check the "
-            "weights, and that it returns its finest flow, (u right, v down) in pixels from frame 1 to frame 2"
+            f"on shifted textures, its error with {mine.way.describe()} is {mine.mean:.2g} px, while that of zero flow "
+            f"is {_ZERO:.2g} px{like and f' ({like})'}, and no other convention or output is better: check the "
+            "weights, and that the network returns its finest flow, (u right, v down) in pixels from frame 1 to frame 2"
         )
     return declared, remark
 
@@ -210,15 +212,15 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
 def _refuse_misread(one: _TriedConvention) -> None:
     if not one.sees and one.reading.misread:
         raise ModelError(
-            f"this network measures the motion of shifted textures with {one.way.describe()}, but what it returns is "
-            f"not (u right, v down) in pixels from frame 1 to frame 2: {one.reading.describe()}; return that flow from "
-            "the module, or wrap it in one that does"
+            f"this network measures the motion of shifted textures with {one.way.describe()}, but its output is not "
+            f"(u right, v down) in pixels from frame 1 to frame 2: {one.reading.describe()}; return flow in this "
+            "format from the module, or wrap it in a module that does"
         )
 
 
 def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None = None) -> str:
-    """Format the best conventions and their errors; layout and output only if they differ among
-    them or from `beside`.
+    """Format the best conventions and their errors; omit layout and output if all conventions, including `beside`,
+    agree on them.
     """
     fitting = [one for one in ranked if one.mean <= max(_FAR * ranked[0].mean, _SURE * _ZERO)] or ranked[:1]
     apart = [*fitting, *([beside] if beside else [])]
@@ -236,7 +238,7 @@ class _Trial:
         self._pairs: list[ShiftedPair] = [shifted_pair(i) for i in range(len(SHIFTS))]
 
     def working_layouts(self, declared: Declared) -> list[str]:
-        """Return the conventions for which the network returns a flow; declared values are not varied."""
+        """Return the conventions for which the network returns a flow, without changing the declared values."""
         if declared.layout is not None:
             return [declared.layout]
         working, failures = [], []
@@ -248,16 +250,16 @@ class _Trial:
             except ModelError as error:
                 failures.append(f"{layout}: {error}")
         if not working:
-            raise ModelError(f"the network accepts a pair in none of the common ways ({failures[0]}); wrap it in one")
+            raise ModelError(f"the network does not accept a pair in any common way ({failures[0]}); wrap it in one")
         return working
 
     def rank(self, ways: Sequence[Declared], better_than: _TriedConvention | None = None) -> list[_TriedConvention]:
-        """Rank the conventions that were not dropped after the first pairs, best first, with their errors on every
+        """Rank the conventions that were not discarded after the first pairs, best first, with their errors on every
         pair.
 
         Args:
-            ways: candidate conventions; those with a much larger error than the best are dropped.
-            better_than: reference convention; candidates that are not much better are dropped, too.
+            ways: candidate conventions; those with a much larger error than the best are discarded. better_than:
+                reference convention; candidates that are not much better are discarded, too.
         """
         candidates: dict[Declared, _TriedConvention] = {}
         for number, pair in enumerate(self._pairs):
@@ -275,14 +277,14 @@ class _Trial:
         return sorted(self.preferred(whole), key=lambda one: one.mean)
 
     def outputs(self, declared: Declared) -> list[_TriedConvention]:
-        """Return one convention for each output that is a flow; the declared output, if any, comes first."""
+        """Return one convention for each output that is a flow; a declared output comes first."""
         candidates: dict[Declared, _TriedConvention] = {}
         for pair in self._pairs:
             self._try(declared, pair, candidates, every=True)
         return list(candidates.values())
 
     def preferred(self, candidates: list[_TriedConvention]) -> list[_TriedConvention]:
-        """Choose an output of a convention: the last, unless a different one is clearly better."""
+        """Choose among the outputs: the last one, unless a different one is clearly better."""
         chosen: dict[tuple[Any, ...], _TriedConvention] = {}
         for one in candidates:
             key = (one.way.scaling, one.way.order, one.way.layout)
@@ -300,8 +302,8 @@ class _Trial:
             one.vectors.append(pair.vector(flow))
 
     def _flows(self, way: Declared, pair: ShiftedPair, every: bool = False) -> dict[Declared, Flow]:
-        """Return the declared output, or each output that is a flow if `every` is true or none is declared, float32 (H,
-        W, 2).
+        """Return the declared output, or, if `every` is true or no output is declared, each output that is a flow,
+        float32 (H, W, 2).
         """
         net = ModuleNet(self._module, self._call, way.layout or "pair", None, batched=True)
         convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self._multiple)

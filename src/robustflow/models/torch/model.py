@@ -1,5 +1,5 @@
-"""Use a PyTorch network as a flow model: the adapter handles the input images, the output flow,
-device and precision.
+"""Use a PyTorch network as a flow model: the adapter handles the input images, the output flow, the device and the
+precision.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class NetworkModel(PairNetwork):
         name: name of the model.
         net: module that maps two images (N, 3, H, W) to a flow (N, 2, H, W) in pixels; it is set to evaluation mode.
         convention: input convention of the network.
-        settings: other settings that affect the results (checkpoint hash, iterations), for `identity`.
+        settings: additional settings that affect the results (checkpoint hash, iterations), for `identity`.
         execution: settings for device, precision, compilation and threads.
 
-    Raises:
+        Raises:
         UsageError: the device is unknown.
-        ModelError: this machine does not have the device.
+        ModelError: the machine does not have the device.
     """
 
     trained_on: str | None = None
@@ -58,12 +58,12 @@ class NetworkModel(PairNetwork):
 
     @property
     def threads(self) -> int:
-        """The number of CPU threads for the forward and backward pass."""
+        """The number of CPU threads used in the forward and backward pass."""
         return self._execution.threads
 
     def identity(self) -> dict[str, Any]:
-        """Return everything that affects the results: the network's settings, input convention and
-        execution settings.
+        """Return everything that affects the results: the network's settings, its input convention, and the execution
+        settings.
         """
         return {
             "name": self.name,
@@ -101,7 +101,7 @@ class NetworkModel(PairNetwork):
 
         Args:
             batches: batches of RGB uint8 frames of equal size, one batch for each input image of the network.
-            arguments: other arguments of the network.
+            arguments: additional arguments of the network.
 
         Returns:
             One flow for each frame of a batch, in the format of `predict`.
@@ -124,7 +124,7 @@ class NetworkModel(PairNetwork):
         except RobustFlowError:
             raise
         except Exception as error:
-            advice = "many networks fail on small frames: try larger ones"
+            advice = "many networks fail on small frames, so try larger ones"
             if isinstance(error, torch.OutOfMemoryError):
                 advice = "predict fewer pairs at once, in tiles (option tile), or on the CPU"
             message = " ".join(str(error).split())
@@ -154,8 +154,8 @@ def find_device(name: str) -> torch.device:
     'cpu'
 
     Raises:
-        UsageError: not the name of a device.
-        ModelError: this machine has no such device.
+        UsageError: the name is not that of a device.
+        ModelError: the machine does not have this device.
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -164,11 +164,11 @@ def find_device(name: str) -> torch.device:
     except (RuntimeError, TypeError):
         device = torch.device("meta")
     if device.type == "meta":  # torch's device for tensors without values
-        raise UsageError(f"unknown device '{name}': give auto, cpu, cuda or cuda:0") from None
+        raise UsageError(f"unknown device '{name}': use auto, cpu, cuda or cuda:0") from None
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, NotImplementedError) as error:
         raise ModelError(
-            f"this machine has no device '{name}' that torch can use ({first_line(error)}); give cpu or auto"
+            f"torch cannot use a device '{name}' on this machine ({first_line(error)}); use cpu or auto"
         ) from None
     return device

@@ -1,4 +1,4 @@
-"""Wrap any PyTorch module so that it has the interface of the project's networks."""
+"""Wrap a PyTorch module in the interface of the project's networks."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class ModuleNet(nn.Module):
     Args:
         module: network; its training or evaluation mode is not changed.
         call: function that calls the module with its list of inputs.
-        layout: input layout, one of `MODULE_LAYOUTS`.
-        output: index or key of the flow among several outputs; None for the last.
-        batched: whether the module accepts several pairs at once; otherwise each pair is predicted separately.
+        layout: input layout, one of `MODULE_LAYOUTS`. output: index or key of the flow among several outputs; None for
+            the last one. batched: whether the module accepts several pairs per call; otherwise each pair is predicted
+            separately.
     """
 
     def __init__(
@@ -45,18 +45,19 @@ class ModuleNet(nn.Module):
         self.batched = batched
 
     def train(self, mode: bool = True) -> ModuleNet:
-        """Do nothing, so that the module keeps its training or evaluation mode."""
+        """Keep the module in its current training or evaluation mode."""
         self.training = mode
         return self
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
-        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W) in the module's colours and range."""
+        """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W) in the module's colour order and value
+        range."""
         if self.batched:
             return self._flow(image1, image2)
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
-        """Return all flows that the module returns, the final one last."""
+        """Return all flows in the module's output, the final one last."""
         returned = self.returned(image1, image2)
         chosen = returned.get(str(self.output)) if isinstance(returned, dict) else returned
         several = chosen if isinstance(chosen, list | tuple) else [chosen]
@@ -66,20 +67,20 @@ class ModuleNet(nn.Module):
         """Return the module's raw output for these images.
 
         Raises:
-            ModelError: the module fails; the message says where.
+            ModelError: the module fails; the message states where.
         """
         inputs = self._inputs(image1, image2)
         try:
             return self.call(inputs)
         except RobustFlowError:
             raise
-        except Exception as error:  # from any operator; the last line is the reason, those above the location
+        except Exception as error:  # from any operator; the last line states the reason, those above the location
             reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
             shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
             what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])
             raise ModelError(
                 f"the network failed on {what}: {type(error).__name__}: {reason.strip()[:200]}{traceback_hint(error)}; "
-                "give the layout or the multiple of height and width that it takes (-O layout=, -O multiple=)"
+                "set its input layout, or the multiple that its height and width need (-O layout=, -O multiple=)"
             ) from error
 
     def _inputs(self, image1: Tensor, image2: Tensor) -> list[Any]:
@@ -104,13 +105,13 @@ class ModuleNet(nn.Module):
 
 
 def chosen_output(returned: Any, output: Any) -> Tensor:
-    """Extract the flow from a module's output; if the chosen output is a list, its last element.
+    """Extract the flow from a module's output; if the chosen output is a list, use its last element.
 
     >>> chosen_output({"flows": [torch.zeros(1), torch.ones(1)], "other": 3}, "flows")
     tensor([1.])
 
     Raises:
-        ModelError: there is no tensor.
+        ModelError: the output is not a tensor.
     """
     outputs = outputs_of(returned)
     if isinstance(output, int) and output < 0 and len(outputs) >= -output:
@@ -121,12 +122,12 @@ def chosen_output(returned: Any, output: Any) -> Tensor:
         flow = flow[-1]
     if not isinstance(flow, Tensor):
         known = ", ".join(outputs) or f"none ({type(returned).__name__})"
-        raise ModelError(f"the network has no flow as output '{name}'; its outputs are {known[:200]}")
+        raise ModelError(f"output '{name}' of the network is not a flow; its outputs are {known[:200]}")
     return flow
 
 
 def outputs_of(returned: Any) -> dict[str, Any]:
-    """Return a module's outputs by key or position.
+    """Return a module's outputs, keyed by name or position.
 
     >>> list(outputs_of([torch.zeros(1), torch.ones(1)]))
     ['0', '1']

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def weights_seeded(seed: int) -> Iterator[None]:
-    """Set the seed for the checkpoint "random" within a block; outside such a block the seed is 0."""
+    """Set the seed for the checkpoint "random" within a `with` block; by default the seed is 0."""
     token = _SEED.set(seed)
     try:
         yield
@@ -50,28 +50,28 @@ def network_model(
 
     Args:
         name: name of the model.
-        build: function that imports and builds the network, so that this module does not need torch.
+        build: function that imports and builds the network, so that this module does not need to import torch.
         convention: input convention of the network.
-        checkpoint: path of a file, name in `published`, or "random" for seeded random weights, which the model's
-            identity records; weights are never random by default.
-        source: description of the file and of where its authors publish it, for the message if the checkpoint is
+        checkpoint: path of a file, name in `published`, or "random" for seeded random weights, which are recorded in
+            the model's identity; weights are never random by default.
+        source: description of the file, and where its authors publish it; used in the message if the checkpoint is
             missing.
         sha256: first digits of the file's expected SHA-256, if known.
-        published: URLs of the checkpoints that can be downloaded, by name.
-        scope: prefix of the network's entries in the checkpoint, see `load_weights`.
-        settings: other settings that affect the network's results.
+        published: URLs of the checkpoints that can be downloaded, keyed by name.
+        scope: prefix of the network's entries in the checkpoint; see `load_weights`. settings: additional settings that
+            affect the network's results.
         adapt: function that adapts the network to the checkpoint's hyperparameters before the weights are loaded, and
-            returns the settings to record.
-        confident: whether the network can return its confidence, see `ConfidentNetwork`.
+            returns the settings to be recorded.
+        confident: whether the network can return its confidence; see `ConfidentNetwork`.
         execution: settings for device, precision, compilation and threads.
 
     Raises:
         AssetError: torch is not installed.
-        ModelError: the checkpoint is missing or does not fit the network.
+        ModelError: the checkpoint is missing, or does not match the network.
         UsageError: the name is not published.
     """
     if checkpoint == RANDOM and sha256 is not None:
-        raise UsageError("random weights have no file: leave out sha256, or give a checkpoint")
+        raise UsageError("random weights are not read from a file: omit sha256, or pass a checkpoint")
     refuse_missing_file(name, checkpoint, published or {}, source)
     require("torch", f"model '{name}'")
     settings = dict(settings or {})

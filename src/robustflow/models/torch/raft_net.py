@@ -1,4 +1,4 @@
-"""Wrap torchvision's RAFT so that it has the interface of the project's networks."""
+"""Wrap torchvision's RAFT in the interface of the project's networks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 
 class TorchvisionRaft(nn.Module):
-    """torchvision's RAFT with its input transform; returns only the last of its flows."""
+    """torchvision's RAFT with its input transform; returns only the last flow."""
 
     def __init__(self, model: Any, iterations: int) -> None:
         super().__init__()

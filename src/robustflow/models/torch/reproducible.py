@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-# Since PyTorch 2.9 precision is set per backend; the older functions, needed before 2.9, cannot report such settings.
+# Since PyTorch 2.9, precision is set per backend; the older functions, needed before 2.9, cannot report these settings.
 _PER_BACKEND = hasattr(torch.backends.cuda.matmul, "fp32_precision")
 _MATMULS: tuple[Any, ...] = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul) if _PER_BACKEND else ()
 _IEEE: dict[str, Any] = {"fp32_precision": "ieee"} if _PER_BACKEND else {}
@@ -35,5 +35,5 @@ def reproducible(threads: int = 1) -> Iterator[None]:
 def _matmul_precision() -> str:
     try:
         return torch.get_float32_matmul_precision()
-    except RuntimeError:  # it was set per backend, and is restored in the same way
+    except RuntimeError:  # the precision was set per backend, and is restored in the same way
         return "highest"

@@ -13,7 +13,7 @@ def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:
-    """Resize a flow (N, 2, H, W) to (N, 2, *size); u is multiplied by the ratio of the widths, v by the ratio of the
+    """Resize a flow (N, 2, H, W) to (N, 2, *size), and multiply u by the ratio of the widths and v by the ratio of the
     heights.
 
     >>> resize_flow(torch.ones(1, 2, 4, 4), (8, 12))[0, :, 0, 0].tolist()

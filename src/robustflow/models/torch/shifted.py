@@ -1,4 +1,4 @@
-"""Pairs of textures with a known shift, which any working flow network can estimate."""
+"""Pairs of textures with known shifts, which any working flow network can estimate."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from ...sample import Flow, Frame
 
 SHIFTS = ((3, -2), (-4, 1), (2, 5), (-1, -4), (5, 3), (-5, -3), (4, -5), (-2, 4))
-"""Shifts (u, v) in pixels, one for each pair, each in a different direction."""
+"""Shifts (u, v) in pixels, one per pair, in different directions."""
 _MARGIN = 8
 _SHRUNKEN = 3.0
-"""Factor by which a weak network may underestimate the flow."""
+"""Maximum factor by which a weak network may underestimate the flow."""
 _EXACT = 1.25
-"""Largest scale factor at which a flow still counts as being in pixels."""
+"""Largest scale factor at which a flow is still considered to be in pixels."""
 _UNEXPLAINED = 0.1
-"""Maximum unexplained fraction of the shifts' variance at which a network still counts as measuring them."""
+"""Maximum unexplained fraction of the variance of the shifts at which a network is still considered to measure them."""
 BORDER = 16
-"""Number of pixels ignored along each side, because content that enters or leaves the frame has no match."""
+"""Number of pixels ignored along each side, where content that enters or leaves the frame has no match."""
 
 
 class ShiftedPair(NamedTuple):
@@ -31,15 +31,15 @@ class ShiftedPair(NamedTuple):
     shift: tuple[int, int]
 
     def error(self, flow: Flow) -> float:
-        """Return the mean end-point error of a flow (H, W, 2) in pixels, away from the border; infinite if it is not
-        finite.
+        """Return the mean end-point error in pixels of a flow (H, W, 2), excluding the border; infinite if the flow is
+        not finite.
         """
         inner = flow[BORDER:-BORDER, BORDER:-BORDER]
         error = float(np.hypot(inner[..., 0] - self.shift[0], inner[..., 1] - self.shift[1]).mean())
         return error if np.isfinite(error) else float("inf")
 
     def vector(self, flow: Flow) -> tuple[float, float]:
-        """Return the median (u, v) of a flow (H, W, 2) away from the border, in the flow's units; (0, 0) if it is not
+        """Return the median (u, v) of a flow (H, W, 2), excluding the border, in the flow's units; (0, 0) if it is not
         finite.
         """
         inner = flow[BORDER:-BORDER, BORDER:-BORDER].reshape(-1, 2)
@@ -48,12 +48,12 @@ class ShiftedPair(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The interpretation of a network's flow that best explains the shifts.
+    """The interpretation of a network's flow that best explains the known shifts.
 
     Attributes:
         swapped: whether the flow's first component is v.
         factors: factors that convert u and v to pixels.
-        unexplained: unexplained fraction of the shifts' variance.
+        unexplained: unexplained fraction of the variance of the shifts.
     """
 
     swapped: bool
@@ -62,9 +62,8 @@ class Reading(NamedTuple):
 
     @property
     def misread(self) -> bool:
-        """Whether the network measures the motion but its flow is clearly not (u, v) in pixels. A factor of up to
-        `_SHRUNKEN`
-        is tolerated: the flow of a weak network is shorter than the motion.
+        """Whether the network measures the motion, but its flow is clearly not (u, v) in pixels. A factor of up to
+        `_SHRUNKEN` is tolerated, because weak networks underestimate the motion.
         """
         return self.explains and (self.swapped or _apart(self.factors, _SHRUNKEN))
 
@@ -93,15 +92,15 @@ class Reading(NamedTuple):
 
 
 def _apart(factors: tuple[float, float], limit: float) -> bool:
-    """Return whether one of the factors differs from 1 by more than a factor of `limit`."""
+    """Return whether either factor differs from 1 by more than a factor of `limit`."""
     return not all(1 / limit < factor < limit for factor in factors)
 
 
 def reading_of(vectors: Sequence[tuple[float, float]]) -> Reading:
-    """Return the interpretation that fits best.
+    """Return the best-fitting interpretation.
 
     Args:
-        vectors: median flow vector of the network on each pair (`ShiftedPair.vector`), in the order of `SHIFTS`.
+        vectors: the network's median flow vector on each pair (`ShiftedPair.vector`), in the order of `SHIFTS`.
 
     >>> reading_of([(-v / 20, -u / 20) for u, v in SHIFTS]).describe().partition(";")[0]
     'its components are (v, u)'
@@ -118,7 +117,7 @@ def reading_of(vectors: Sequence[tuple[float, float]]) -> Reading:
 
 
 def shifted_pair(index: int, height: int = 128, width: int = 192) -> ShiftedPair:
-    """Return the pair with this number; the same number gives the same bytes.
+    """Return the pair with the given number; it is identical on every call.
 
     >>> pair = shifted_pair(0)
     >>> (pair.frame2[8:, 8:][:9, :9] == pair.frame1[10:, 5:][:9, :9]).all()

@@ -29,11 +29,11 @@ def _raft(
     sha256: str | None = None,
     execution: Execution,
 ) -> NetworkModel:
-    """Build torchvision's RAFT, for frames padded to multiples of 8 by repeating the border.
+    """Build torchvision's RAFT; frames are padded to multiples of 8 by repeating the border.
 
     Args:
         name: name of the network, "raft_large" or "raft_small".
-        checkpoint: torchvision's name of the weights (C_T_V2, C_T_SKHT_V2, ...), path of their file, or "random".
+        checkpoint: name of the weights in torchvision (C_T_V2, C_T_SKHT_V2, ...), path of their file, or "random".
         iterations: number of recurrent updates.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
         execution: execution settings; the fields of `Execution` are options.

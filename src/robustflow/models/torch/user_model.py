@@ -27,46 +27,45 @@ _KNOWN = {
     "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST_OUTPUT), 8),
     "ptlflow.models": (Declared("0-1", "bgr", "images", "flows"), 1),
 }
-"""Libraries whose models all expect the same input convention, and the multiple required for height and width."""
+"""Libraries whose models share one input convention, and the multiple that they require for height and width."""
 MULTIPLE = 8
 
 
 class ConventionWarning(UserWarning):
-    """A warning that the declared input or output is wrong on shifted textures, or states which
-    convention was determined.
-    """
+    """Warns that the declared input or output fails on shifted textures, or states which convention was determined."""
 
 
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
-    Declare the input convention that the network was trained with; it is checked on shifted textures. Missing values
-    are looked up (torchvision, ptlflow) or determined by trying the common conventions on these textures. A convention
-    is used only if it is clearly best, and a warning names it. For a network without trained weights the convention
-    cannot be determined and must be declared. The convention is part of `identity` and therefore of a run's manifest.
+    Declare the input convention with which the network was trained; it is checked on shifted textures. Missing values
+    are looked up (torchvision, ptlflow), or determined by trying the common conventions on these textures. A convention
+    is only used if it is clearly the best, and is stated in a warning. For a network without trained weights, the
+    convention cannot be determined and must be declared. The convention is part of `identity` and therefore of a run's
+    manifest.
 
     Args:
-        net: PyTorch module. The model runs a copy in evaluation mode, so training of the original can continue.
+        net: PyTorch module. The model uses a copy in evaluation mode, so training of the original can continue.
         scaling: range of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, standardised with ImageNet's mean and
             standard deviation).
         order: colour order, "rgb" or "bgr".
-        multiple: number that height and width must be multiples of, 8 by default; frames are padded by repeating the
+        multiple: number of which height and width must be multiples, 8 by default; frames are padded by repeating the
             border, half on each side.
         layout: input layout: "pair" (two images (N, 3, H, W)), "concatenated" (one (N, 6, H, W)), "stacked" (one (N, 2,
             3, H, W)) or "images" (the stacked tensor in a dictionary, as in ptlflow).
         output: index or key of the flow among several outputs; if that output is a list, its last element is used. The
             flow is (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images' resolution.
-        checkpoint: path of a file of weights to load first, strictly and without running code in it.
+        checkpoint: path of a file with weights to load first, strictly and without executing code in the file.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
-        name: name in tables and figures; the class name by default.
-        trained_on: training sets, such as "C+T"; see `robustflow list models`.
-        batched: whether the module accepts several pairs at once and processes them independently.
+        name: name in tables and figures; by default the class name.
+        trained_on: training sets, for example "C+T"; see `robustflow list models`.
+        batched: whether the module accepts several pairs per call and processes them independently.
         device, precision, compile, threads: execution settings, see `Execution`.
 
     Raises:
         UsageError: `net` is not a module, or an option is invalid.
-        ModelError: no convention is clearly best, the declared convention is wrong, the module fails, or the checkpoint
-            does not fit.
+        ModelError: no convention is clearly the best, the declared convention is wrong, the module fails, or the
+            checkpoint does not match it.
 
     >>> class Net(nn.Module):
     ...     def forward(self, image1, image2):
@@ -97,7 +96,7 @@ class TorchModel(NetworkModel):
         threads: int = 1,
     ) -> None:
         if not isinstance(net, nn.Module):
-            raise UsageError(f"TorchModel takes a torch.nn.Module, not {type(net).__name__}")
+            raise UsageError(f"TorchModel expects a torch.nn.Module, not {type(net).__name__}")
         choices = {"scaling": (scaling, SCALINGS), "order": (order, ORDERS), "layout": (layout, MODULE_LAYOUTS)}
         for option, (value, choice) in choices.items():
             if value is not None and value not in choice:
@@ -126,7 +125,7 @@ class TorchModel(NetworkModel):
                 warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
         self.declared = declared
         self.trained_on = trained_on
-        """The training sets by their abbreviations in the literature; None if they are not declared."""
+        """The training sets, as abbreviated in the literature; None if they are not declared."""
         convention = named_convention(
             order=declared.order or "rgb",
             scaling=declared.scaling or "0-1",
@@ -144,7 +143,8 @@ class TorchModel(NetworkModel):
         super().__init__(name or self._class, wrapped, convention, settings, execution)
 
     def identity(self) -> dict[str, Any]:
-        """Return the identity as in `NetworkModel.identity`, without the name, which does not affect the results."""
+        """Return the identity as in `NetworkModel.identity`, but without the name, which does not affect the
+        results."""
         return {**super().identity(), "name": self._class}
 
 
@@ -159,13 +159,13 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
 
 
 def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> str:
-    """Load the checkpoint, if given, and return its hash, otherwise the hash of the module's weights."""
+    """Load the checkpoint, if there is one, and return its hash; otherwise return the hash of the module's weights."""
     if checkpoint is not None:
         read = read_checkpoint(checkpoint, sha256)
         load_weights(module, read, name)
         return read.sha256
     if sha256 is not None:
-        raise UsageError("sha256 applies to a checkpoint's file: give the checkpoint, or leave out sha256")
+        raise UsageError("sha256 refers to a checkpoint file: pass a checkpoint, or omit sha256")
     digest = hashlib.sha256()
     for key, value in sorted(module.state_dict().items()):
         if isinstance(value, Tensor):

@@ -1,4 +1,4 @@
-"""Load the weights of a checkpoint into a network; any difference between their entries is an error."""
+"""Load the weights from a checkpoint into a network; any mismatch between their entries is an error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...errors import ModelError
 from .checkpoint import Checkpoint
 
 PREFIXES = ("module.", "_model.", "model.")
-"""Prefixes that wrappers such as data parallel training, ptlflow and Lightning add to a network's parameter names."""
+"""Prefixes that wrappers such as data-parallel training, ptlflow and Lightning add to a network's parameter names."""
 
 
 def bare_name(key: str) -> str:
@@ -32,11 +32,11 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         net: network that receives the weights.
         checkpoint: checkpoint from `read_checkpoint`.
         model: name of the model, for messages.
-        scope: prefix of the network's entries (after `module.`) if a checkpoint contains more than the network. Other
-            entries are ignored; if no entry has this prefix, all are used.
+        scope: prefix of the network's entries (after `module.`) if a checkpoint contains more than the network. All
+            other entries are ignored; if no entry has this prefix, all entries are used.
 
     Returns:
-        The dtype of the file's weights if it differs from the network's and the weights were cast, otherwise None.
+        The dtype of the weights in the file if they were cast to a different dtype, otherwise None.
 
     Raises:
         ModelError: entries are missing or unexpected, or have different shapes or non-finite values.
@@ -57,7 +57,7 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
             bad = int((~torch.isfinite(weights[key])).sum())
             raise ModelError(
                 f"{checkpoint.path}: {bad} of {value.numel()} values of '{name}' are NaN or infinite; the training "
-                "that wrote it diverged, or the file is damaged: use another checkpoint"
+                "diverged, or the file is damaged: use a different checkpoint"
             )
     net.load_state_dict(weights, strict=True)
     return ", ".join(sorted(casts)) or None
@@ -75,7 +75,9 @@ def _by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor]) -> dict
     for key, value in weights.items():
         name = bare_name(key)
         if name in by_name:
-            raise ModelError(f"{checkpoint.path}: '{name}' appears under two prefixes; keep one network in the file")
+            raise ModelError(
+                f"{checkpoint.path}: '{name}' appears under two prefixes; store only one network in the file"
+            )
         by_name[name] = value
     return by_name
 
@@ -95,12 +97,12 @@ def _refuse_other_names(
     differences = [
         _few("missing", (name for name in own if name not in weights)),
         _few("unexpected", (name for name in weights if name not in own)),
-        _few("of another shape", shapes),
+        _few("with a different shape", shapes),
     ]
     if any(differences):
         raise ModelError(
             f"{checkpoint.path} is not a checkpoint of {model} ({len(own)} entries): "
-            f"{'; '.join(part for part in differences if part)}; give a file trained for this model"
+            f"{'; '.join(part for part in differences if part)}; use a file trained for this model"
         )
 
 

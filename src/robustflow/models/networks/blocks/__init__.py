@@ -1,1 +1,1 @@
-"""Building blocks shared by several networks. Every module here requires the torch extra."""
+"""Building blocks shared by several networks. All modules in this package require the torch extra."""

@@ -1,4 +1,4 @@
-"""All-pairs correlation: the pyramid and its window lookup (RAFT, Teed and Deng 2020, section 3.2)."""
+"""All-pairs correlation: the pyramid and the lookup of windows in it (RAFT, Teed and Deng 2020, section 3.2)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def pixel_grid(like: Tensor) -> Tensor:
-    """Return the coordinates (x, y) of every pixel of a map, float32 (N, 2, H, W), in pixels.
+    """Return the coordinates (x, y) of every pixel in a map, float32 (N, 2, H, W), in pixels.
 
     >>> pixel_grid(torch.zeros(1, 5, 2, 3))[0, :, 1, 2].tolist()
     [2.0, 1.0]
@@ -30,7 +30,7 @@ def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
         features2: feature map 2, (N, C, H2, W2).
 
     Returns:
-        One map of map 2's size per pixel of map 1, row by row, (N * H1 * W1, 1, H2, W2).
+        One map of the size of map 2 for each pixel of map 1, row by row, (N * H1 * W1, 1, H2, W2).
     """
     n, channels, height, width = features1.shape
     with torch.autocast(features1.device.type, enabled=False):
@@ -40,7 +40,7 @@ def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
 
 
 def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
-    """Sample a square window around the given centre of every map: bilinear, zero outside.
+    """Sample a square window around a given centre in each map: bilinear, zero outside.
 
     The samples are in RAFT's order: sample `i * (2 * radius + 1) + j` lies at x offset `i - radius`, y offset `j -
     radius`.
@@ -58,14 +58,14 @@ def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
     side = len(offsets)
     x = (centres[:, 0, None, None] + offsets[None, :, None]).expand(-1, side, side)
     y = (centres[:, 1, None, None] + offsets[None, None, :]).expand(-1, side, side)
-    # Half-pixel normalisation gives the same positions as align_corners=True with size - 1, without division by zero
-    # for a map that is one pixel wide (the last level of a small image).
+    # Half-pixel normalisation results in the same positions as align_corners=True with size - 1, without division by
+    # zero for a map that is one pixel wide (the last level of a small image).
     grid = torch.stack(((2 * x + 1) / width - 1, (2 * y + 1) / height - 1), dim=-1)
     return F.grid_sample(maps, grid, mode="bilinear", padding_mode="zeros", align_corners=False).flatten(2)
 
 
 class CorrelationPyramid:
-    """The correlation volume of two feature maps; the second map is average-pooled 2 x 2 between levels.
+    """The correlation volume of two feature maps; between levels, the second map is average-pooled 2 x 2.
 
     Args:
         features1: features of image 1, (N, C, H, W).
@@ -88,14 +88,14 @@ class CorrelationPyramid:
             self.volumes.append(F.avg_pool2d(finest, pool, stride=2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Look up the correlations around the target of each pixel of map 1.
+        """Look up the correlations around the target of each pixel in map 1.
 
         Args:
             coordinates: targets (x, y) in pixels of map 2 at full resolution, (N, 2, H, W).
 
         Returns:
-            The correlations, level by level in the order of `sample_window`, float32 (N, levels * (2 * radius + 1) **
-            2, H, W).
+            The correlations, level by level, each in the order of `sample_window`, float32 (N, levels * (2 * radius +
+            1) ** 2, H, W).
         """
         n, _, height, width = coordinates.shape
         centres = coordinates.float().permute(0, 2, 3, 1).reshape(n * height * width, 2)

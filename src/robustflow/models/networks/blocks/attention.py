@@ -1,4 +1,4 @@
-"""Multi-head attention on token lists, without the projections, whose names differ between networks."""
+"""Multi-head attention on token lists, excluding the projections, whose names differ between networks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tensor | None = None) -> Tensor:
-    """Apply softmax attention with scale 1 / sqrt(head width); heads are consecutive groups of channels.
+    """Apply softmax attention with scale 1 / sqrt(head width); the heads are consecutive groups of channels.
 
     Args:
         query: query tokens, (..., N, C).
@@ -18,7 +18,7 @@ def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tens
         bias: bias added to the logits, broadcastable to (..., heads, N, M).
 
     Returns:
-        The attended values, (..., N, D).
+        The attention-weighted values, (..., N, D).
 
     >>> tokens = torch.ones(2, 5, 8)
     >>> attend(tokens, tokens, tokens, heads=4).shape
@@ -29,16 +29,16 @@ def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tens
 
 
 def linear_sine(coordinates: Tensor, channels: int) -> Tensor:
-    """Compute FlowFormer's position code: sine and cosine at linearly spaced frequencies (Huang et al. 2022).
+    """Compute FlowFormer's positional encoding: sine and cosine at linearly spaced frequencies (Huang et al. 2022).
 
-    The published weights were trained with 3.14 in place of pi and a period unit of 200 pixels at 1/8 resolution.
+    The published weights were trained with 3.14 instead of pi, and with a period unit of 200 pixels at 1/8 resolution.
 
     Args:
         coordinates: coordinates (x, y) in pixels, (..., 2).
         channels: number of channels, a multiple of 4; one quarter each for sin x, cos x, sin y and cos y.
 
     Returns:
-        The position code, (..., channels).
+        The positional encoding, (..., channels).
 
     >>> linear_sine(torch.zeros(1, 2), 8).tolist()
     [[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]]

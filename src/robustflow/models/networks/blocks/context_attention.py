@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 def context_attention(query_key: Tensor) -> Tensor:
-    """Compute single-head attention of every pixel to every pixel from a map of queries and keys.
+    """Compute single-head attention between all pairs of pixels from a map of queries and keys.
 
     Args:
         query_key: C channels of queries, then C channels of keys, (N, 2 * C, H, W).

@@ -1,4 +1,5 @@
-"""Convex upsampling: each fine pixel is a weighted mean of 3 x 3 coarse pixels (RAFT, Teed and Deng 2020, sec. 3.3)."""
+"""Convex upsampling: each fine pixel is a weighted mean of 3 x 3 coarse pixels (RAFT, Teed and Deng 2020, section
+3.3)."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ def convex_upsample(flow: Tensor, mask: Tensor, factor: int = 8) -> Tensor:
     Args:
         flow: flow in coarse pixels, (N, C, H, W) with C = 2.
         mask: logits before the softmax, (N, 9 * factor ** 2, H, W); channel `(k * factor + dy) * factor + dx` is the
-            weight of neighbour `k` (row by row) of the 3 x 3 for the fine pixel at row `dy`, column `dx` of its cell.
+            weight of neighbour `k` (of the 3 x 3, row by row) for the fine pixel at row `dy`, column `dx` of its cell.
         factor: number of fine pixels per coarse pixel along each axis.
 
     Returns:

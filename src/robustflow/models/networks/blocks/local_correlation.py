@@ -1,4 +1,4 @@
-"""Correlation of a pixel with a square window around it in a second map (PWC-Net's cost volume, Sun et al. 2018)."""
+"""Correlation of each pixel with a square window around it in a second map (PWC-Net's cost volume, Sun et al. 2018)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ WINDOW = (2 * RADIUS + 1) ** 2
 
 
 def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS) -> Tensor:
-    """Compute the mean over channels of feature 1 at a pixel times feature 2 at the pixel + (dx, dy); zero outside.
+    """Compute the mean over channels of feature 1 at a pixel multiplied by feature 2 at the pixel + (dx, dy); zero
+    outside.
 
     Args:
         features1: features of image 1, (N, C, H, W).
@@ -20,8 +21,8 @@ def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS
         radius: largest |dx| and |dy|, in pixels.
 
     Returns:
-        The correlation, float32 (N, (2 * radius + 1) ** 2, H, W); offset (dx, dy) is channel `(dy + radius) * (2 *
-        radius + 1) + dx + radius`.
+        The correlation, float32 (N, (2 * radius + 1) ** 2, H, W); channel `(dy + radius) * (2 * radius + 1) + dx +
+        radius` contains the offset (dx, dy).
 
     >>> local_correlation(torch.ones(1, 3, 2, 2), torch.ones(1, 3, 2, 2), radius=1)[0, :, 0, 0].tolist()
     [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0]

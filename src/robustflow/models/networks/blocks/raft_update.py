@@ -1,4 +1,4 @@
-"""The parts of RAFT's update block shared with later networks (Teed and Deng 2020, section 3.3)."""
+"""The parts of RAFT's update block that later networks share (Teed and Deng 2020, section 3.3)."""
 
 from __future__ import annotations
 

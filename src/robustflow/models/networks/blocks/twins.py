@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from .attention import attend
 from .windows import from_windows, to_windows
 
-# Width of the last of the four stages; the checkpoints contain only its norm, which is not used.
+# Width of the last of the four stages; of this stage, the checkpoints contain only the norm, which is not used.
 _LARGE = ((128, 256), (4, 8), 1024)
 _SMALL = ((64, 128), (2, 4), 512)
 
@@ -30,7 +30,7 @@ class Mlp(nn.Module):
 
 
 class WindowAttention(nn.Module):
-    """Self-attention inside windows of 7 x 7.
+    """Self-attention in windows of 7 x 7.
 
     State-dict keys: `qkv proj`.
     """
@@ -48,7 +48,7 @@ class WindowAttention(nn.Module):
 
 
 class ReducedAttention(nn.Module):
-    """Attention of every pixel to the whole map, downsampled by a strided convolution.
+    """Attention from every pixel to the complete map, which is downsampled by a strided convolution.
 
     State-dict keys: `q kv proj sr norm`.
     """
@@ -100,8 +100,8 @@ class PatchEmbedding(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, x: Tensor, dense: bool = False) -> Tensor:
-        """Map (N, C, H, W) to (N, H / patch, W / patch, width), or to (N, H, W, width) if `dense`: then there is one
-        patch per pixel, whose lower right corner is that pixel, with zeros above and to the left of the map.
+        """Map (N, C, H, W) to (N, H / patch, W / patch, width), or to (N, H, W, width) if `dense`: there is then one
+        patch per pixel, with this pixel as its lower right corner, and zeros above and to the left of the map.
         """
         if dense:
             before = self.proj.kernel_size[0] - 1
@@ -158,7 +158,7 @@ class Twins(nn.Module):
         self.svt = _Stages(*(_LARGE if large else _SMALL))
 
     def stage(self, index: int, x: Tensor, dense: bool = False) -> Tensor:
-        """Apply one stage to (N, C, H, W), giving (N, width, H / patch, W / patch); `dense` as in `PatchEmbedding`."""
+        """Apply one stage: map (N, C, H, W) to (N, width, H / patch, W / patch); `dense` as in `PatchEmbedding`."""
         x = self.svt.patch_embeds[index](x, dense)
         local, reduced = self.svt.blocks[index]
         x = reduced(self.svt.pos_block[index](local(x)))

@@ -1,4 +1,4 @@
-"""Backward warping: sample a map along a flow, as coarse-to-fine networks do between levels."""
+"""Backward warping: sample a map along a flow, as in coarse-to-fine networks between levels."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
         flow: flow (u right, v down) in pixels of `maps`, (N, 2, H, W).
         padding: values outside the map, "zeros" or "border".
         align_corners: whether to sample exactly at pixel + flow. False shifts and stretches the coordinates by up to
-            half a pixel, because the sampler measures them from the corners of the outer pixels; this is the behaviour
-            of code written for PyTorch before 1.3 when run on later versions.
+            half a pixel, because the sampler measures them from the corners of the outer pixels; code written for
+            PyTorch versions before 1.3 behaves in this way on later versions.
 
     Returns:
         The sampled maps, float32 (N, C, H, W).
@@ -36,14 +36,14 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
 
 
 def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> Tensor:
-    """Return a mask of flow targets inside the map: 1 where the bilinear weights inside it sum to at least `threshold`,
-    otherwise 0.
+    """Return a mask of the flow targets inside the map: 1 where the bilinear weights inside the map sum to at least
+    `threshold`, otherwise 0.
 
     Args:
         flow: flow in pixels, (N, 2, H, W).
-        threshold: threshold for the summed weights. At exactly 1.0, rounding also affects interior pixels, and the mask
-            differs between machines.
-        align_corners: sampling convention, see `warp`.
+        threshold: threshold for the sum of the weights. At exactly 1.0, rounding also affects interior pixels, and the
+            mask differs between machines.
+        align_corners: sampling convention; see `warp`.
 
     Returns:
         The mask, float32 (N, 1, H, W).

@@ -1,4 +1,4 @@
-"""Split a map into square windows of tokens and merge them again, for attention inside windows (Swin, Twins, SAM)."""
+"""Split a map into square windows of tokens and merge them again, for attention within windows (Swin, Twins, SAM)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from torch import Tensor
 
 
 def to_windows(x: Tensor, size: int) -> Tensor:
-    """Split a map into windows, row by row, after zero-padding it at the bottom and right to a multiple of the window
-    size.
+    """Split a map into windows, row by row, after zero-padding it at the bottom and on the right to a multiple of the
+    window size.
 
     Args:
         x: input map, (N, H, W, C).
