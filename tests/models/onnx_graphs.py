@@ -18,17 +18,17 @@ def channels(
     names=("image1", "image2"),
     more_outputs=(),
 ):
-    """Save a network whose u is the first frame's first channel and whose v is the second frame's third channel.
+    """Save a network whose u is the first channel of frame 1, and whose v is the third channel of frame 2.
 
     Args:
         path: file to write.
         layout: input layout of the pair.
-        batch, size: input dimensions: numbers, or names of dynamic dimensions.
-        flip: whether to flip the flow vertically and horizontally, so that cropping reveals the padding of the border.
+        batch, size: input dimensions, as numbers or as names of dynamic dimensions.
+        flip: whether to flip the flow vertically and horizontally, so that cropping reveals errors in the padding.
         channels_last: whether the output is (N, H, W, 2).
         kind: element type of the tensors.
         names: names of the two inputs.
-        more_outputs: names of additional outputs before the flow, each a copy of the first frame.
+        more_outputs: names of additional outputs before the flow, each of which is a copy of frame 1.
     """
     shape = [batch, *WAYS_IN[layout][1:], *size]
     pair = layout == "pair"
@@ -83,7 +83,8 @@ def save(path, inputs, nodes, outputs, constants=()):
 
 
 def with_weights_beside(path, location):
-    """Save a network of two inputs whose flow is a 4x4 weight stored in the file `location` of the same folder."""
+    """Save a network with two inputs whose flow is a 4x4 weight that is stored in the file `location` in the same
+    folder."""
     inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, 4, 4]) for name in ("image1", "image2")]
     weight = TensorProto(name="weight", data_type=TensorProto.FLOAT, dims=[1, 2, 4, 4])
     weight.data_location = TensorProto.EXTERNAL

@@ -1,7 +1,7 @@
-"""Every network that a GPU runs in batches: the flow of a pair does not depend on the rest of the batch.
+"""For every network that is batched on a GPU, the flow of a pair does not depend on the rest of the batch.
 
-On the CPU `predict_batch` processes the pairs one by one, so these tests call `run`, the single network call made on a
-GPU.
+On the CPU, `predict_batch` processes the pairs one by one; these tests therefore call `run`, the single network call
+that is made on a GPU.
 """
 
 import numpy as np
@@ -27,19 +27,17 @@ pytestmark = pytest.mark.torch
 
 NAMES = (*BATCHED, *NETWORKS, "raft_large", "raft_small", "tiny", "tiny_no_weather", "tiny_all")
 PAIR_BY_PAIR = {"flowformer", "onnx", "torch_export", "farneback", "dis", "dis_rgb", "precomputed", *CLIPS}
-"""Registered models that are not networks or process one pair at a time."""
+"""Registered models that are not networks, or that process one pair at a time."""
 LARGE = ("samflow_b", "samflow_h")
 SIZES, SMALLER = ((128, 136), (125, 187)), ((64, 72), (61, 93))
 WITHOUT_RAFTS_LIMIT = ("flowformer_pp", *NETWORKS)
-"""Networks that also give finite values for smaller frames."""
+"""Networks that also return finite values for smaller frames."""
 PYRAMIDS = ("arflow", "upflow")
-"""Networks whose flow hardly depends on the frames under smaller weights; see the README of the parity packs."""
+"""Networks whose flow hardly depends on the frames if the weights are smaller; see the README of the parity packs."""
 
 
 def network(name):
-    """A model with weights by the packs' rule; with PyTorch's random weights most of a network has
-    hardly any effect.
-    """
+    """A model with weights from the packs' rule; with PyTorch's random weights, most layers have hardly any effect."""
     if name in (*BATCHED, "flowformer"):
         pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     if name.startswith("tiny"):
@@ -68,7 +66,7 @@ def test_pairs_of_a_batch_do_not_see_each_other(name):
         scale = max(1.0, float(np.abs(alone[0]).max()))
         assert np.abs(alone[0] - alone[1]).mean() > 1e-3 * scale, "the flow does not depend on the frames"
         for flow, expected in zip(together, alone, strict=True):
-            assert np.abs(flow - expected).max() <= 1e-4 * scale  # sums in a different batch are rounded differently
+            assert np.abs(flow - expected).max() <= 1e-4 * scale  # in a different batch, sums are rounded differently
 
 
 def test_pairs_of_flowformer_see_each_other_so_they_go_one_by_one():
@@ -95,7 +93,7 @@ def test_pairs_of_flowformer_pp_do_not_see_each_other_in_training():
 
 @pytest.mark.parametrize("name", [*(name for name in NETWORKS if name not in LARGE), "tiny"])
 def test_a_network_makes_no_tensor_on_another_device_than_its_images(name):
-    """Tensors with a GPU's device and no values, which PyTorch refuses to combine with CPU tensors."""
+    """Tensors on a GPU device but without values; PyTorch refuses to combine them with CPU tensors."""
     net = network(name).net
     with FakeTensorMode(allow_non_fake_inputs=True), torch.backends.cudnn.flags(enabled=False), torch.no_grad():
         state = {**dict(net.named_parameters()), **dict(net.named_buffers())}

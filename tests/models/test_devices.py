@@ -1,4 +1,4 @@
-"""The accelerators that a run of a model uses."""
+"""The accelerators used by a run."""
 
 import sys
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Input sizes that a network does not accept."""
+"""Input sizes that a network does not accept are reported."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Models are found by name, by module and attribute, or in a folder."""
+"""Models are loaded by name, by module and attribute, or from a folder."""
 
 import numpy as np
 import pytest
@@ -75,11 +75,11 @@ def test_module_and_attribute(module, attribute, options, value):
         ("{module}:built", {"value": 1}, UsageError, "does not accept options"),
         ("{module}:Broken", {}, ModelError, "weights are missing"),
         ("{module}:Script", {}, ModelError, "SystemExit: 2"),
-        ("{module}:number", {}, ModelError, "no method predict"),
+        ("{module}:number", {}, ModelError, "neither a method predict"),
         ("no_such_module_here:Model", {}, UsageError, "cannot import 'no_such_module_here'"),
         ("tools/net.py:Model", {}, UsageError, "is a file; .* pass tools.net:Model"),
-        ("nowhere/flows", {}, UsageError, "'nowhere/flows': no such file or folder"),
-        ("nowhere.ckpt", {}, UsageError, "'nowhere.ckpt': no such file or folder"),
+        ("nowhere/flows", {}, UsageError, "'nowhere/flows': no file, folder or model"),
+        ("nowhere.ckpt", {}, UsageError, "'nowhere.ckpt': no file, folder or model"),
         (__file__, {}, UsageError, "is a file but not an exported network .*--checkpoint FILE"),
         ("diss", {}, UsageError, "did you mean 'dis'"),
         ("dis", {"presset": "fast"}, UsageError, "did you mean 'preset'"),
@@ -96,7 +96,7 @@ def test_objects_classes_and_functions_are_models():
     assert as_model(model, "it") is model
     assert isinstance(as_model(ZeroFlow, "it"), ZeroFlow)
     assert isinstance(as_model(lambda a, b: None, "it"), FunctionModel)
-    with pytest.raises(ModelError, match="no method predict"):
+    with pytest.raises(ModelError, match="neither a method predict"):
         as_model(3, "it")
 
 

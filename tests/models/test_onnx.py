@@ -1,4 +1,4 @@
-"""ONNX files: colours, range, padding and every layout, on networks with known flow; and hostile files."""
+"""ONNX files: colour order, value range, padding and all layouts, on networks with known flow; and malicious files."""
 
 import hashlib
 import os
@@ -41,7 +41,7 @@ def network(tmp_path, options=None, **graph):
 def test_colours_and_range(tmp_path, order, scaling):
     first, second = (frame.astype(np.float64) for frame in frames())
     flow = network(tmp_path, {"order": order, "scaling": scaling}).predict(*frames())
-    u, v = (0, 2) if order == "rgb" else (2, 0)  # the network reads its first and third channel
+    u, v = (0, 2) if order == "rgb" else (2, 0)  # the network only reads the first and third channels
     expected = np.stack([RANGES[scaling](first[..., u], u), RANGES[scaling](second[..., v], v)], axis=2)
     assert flow.dtype == np.float32
     np.testing.assert_allclose(flow, expected, atol=1e-4 if scaling == "0-255" else 1e-6)
@@ -61,7 +61,7 @@ def test_every_way_in_and_out(tmp_path, layout, channels_last):
     [((13, 19), 8, None), ((16, 24), 8, None), ((5, 9), 1, None), ((13, 19), 8, (20, 31))],
 )
 def test_the_border_is_repeated_and_cropped(tmp_path, size, multiple, fixed):
-    """The network flips its flow, so that the crop reveals the padding."""
+    """The network flips its flow, so that cropping reveals errors in the padding."""
     first, second = frames(*size)
     model = network(tmp_path, {"scaling": "0-255", "multiple": multiple}, flip=True, size=fixed or ("h", "w"))
     height, width = size
@@ -128,7 +128,7 @@ def test_inputs_in_another_order(tmp_path):
     np.testing.assert_array_equal(model.predict(first, second), np.stack([second[..., 0], first[..., 2]], 2))
     with pytest.raises(UsageError, match="unknown input of the network 'nest': did you mean 'next'"):
         network(tmp_path, {"inputs": "nest,previous"}, names=("previous", "next"))
-    with pytest.raises(ModelError, match=r"inputs are previous .*, next .*, and only next would be used"):
+    with pytest.raises(ModelError, match=r"inputs are previous .*, next .*, but only next would be used"):
         network(tmp_path, {"inputs": "next"}, names=("previous", "next"))
 
 
@@ -179,7 +179,7 @@ def test_integers_are_not_frames(tmp_path):
         ({"multiple": 0}, UsageError, "multiple must be an integer of at least 1"),
         ({"threads": 0}, UsageError, "threads must be an integer of at least 1"),
         ({"device": "gpu"}, UsageError, "unknown device 'gpu' for onnxruntime"),
-        ({"sha256": "0" * 64}, ModelError, "expected 0000"),
+        ({"sha256": "0" * 64}, ModelError, "instead of 0000"),
         ({"order_": "rgb"}, UsageError, "unknown option of model 'onnx' 'order_': did you mean 'order'"),
         ({"checkpoint": "net.onnx"}, UsageError, "is itself the network; omit the checkpoint"),
     ],
@@ -274,7 +274,7 @@ def test_hostile_files(tmp_path, capfd, kind):
 
 
 def test_memory_a_network_cannot_have(tmp_path):
-    """A file of a few bytes that requests 4 TB while the network runs."""
+    """A file of a few bytes that requests 4 TB of memory while the network runs."""
     inputs = [helper.make_tensor_value_info(f"x{i}", TensorProto.FLOAT, ["n", 3, "h", "w"]) for i in range(2)]
     outputs = [helper.make_tensor_value_info("flow", TensorProto.FLOAT, ["a"])]
     nodes = [helper.make_node("ConstantOfShape", ["size"], ["flow"])]
@@ -313,7 +313,9 @@ def test_weights_outside_its_folder_are_refused(tmp_path, location):
         rf.load_model(str(path))
     assert "\n" not in str(error.value)
     with pytest.raises(Exception, match=r"(?i)external|outside|escape|load model"):
-        ort.InferenceSession(str(path), providers=["CPUExecutionProvider"])  # the library itself would not either
+        ort.InferenceSession(
+            str(path), providers=["CPUExecutionProvider"]
+        )  # the library itself would not read them either
 
 
 def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):

@@ -55,7 +55,7 @@ def test_the_number_of_opencv_threads_changes_nothing(moved, name):
     for threads in (1, 4):
         cv2.setNumThreads(threads)
         flows.append(load_model(name).predict(*moved))
-        assert cv2.getNumThreads() == threads, "the caller's setting is left as it was"
+        assert cv2.getNumThreads() == threads, "the caller's setting must not change"
     cv2.setNumThreads(before)
     np.testing.assert_array_equal(*flows)
 

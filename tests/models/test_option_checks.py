@@ -1,4 +1,4 @@
-"""Options of models: numbers and booleans given as text are not confused."""
+"""Model options: numbers, booleans and text are not mistaken for each other."""
 
 import pytest
 

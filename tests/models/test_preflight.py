@@ -1,4 +1,4 @@
-"""A missing file or checkpoint is reported before anything heavy is imported."""
+"""A missing file or checkpoint is reported before any heavy library is imported."""
 
 import subprocess
 import sys
@@ -22,10 +22,10 @@ finally:
     ("arguments", "says"),
     [
         (("-m", "raft"), "model 'raft' needs its checkpoint: choose one of chairs, things, sintel, kitti"),
-        (("-m", "raft", "--checkpoint", "no.ckpt"), "model 'raft': no file no.ckpt"),
-        (("-m", "raft_large", "--checkpoint", "no.pth"), "model 'raft_large': no file no.pth"),
+        (("-m", "raft", "--checkpoint", "no.ckpt"), "model 'raft': there is no file no.ckpt"),
+        (("-m", "raft_large", "--checkpoint", "no.pth"), "model 'raft_large': there is no file no.pth"),
         (("-m", "arflow"), "model 'arflow' needs its checkpoint: get pwclite_ar.tar"),
-        (("-m", "samflow_b", "--checkpoint", "no.pth"), "model 'samflow_b': no file no.pth"),
+        (("-m", "samflow_b", "--checkpoint", "no.pth"), "model 'samflow_b': there is no file no.pth"),
         (("-m", "missing.onnx"), "missing.onnx: no such file; pass the path of the exported network"),
     ],
 )

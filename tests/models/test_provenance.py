@@ -1,4 +1,4 @@
-"""A model's training sets determine its setting; nothing is guessed."""
+"""A model's training sets determine its setting, without any guessing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from robustflow.testing import BrightnessFlow
 
 
 def test_the_catalog_knows_every_model_by_name_and_no_other():
-    of_any_method = {"precomputed", *EXPORTED.values()}  # whatever the file contents
+    of_any_method = {"precomputed", *EXPORTED.values()}  # regardless of the file's contents
     assert set(methods()) == set(MODELS.names()) - of_any_method
 
 
@@ -30,7 +30,7 @@ def test_years_and_types_are_the_papers():
     paper = published_methods()
     for entry in methods().values():
         method = paper.get(entry.method) or paper.get(entry.method.rpartition("-")[0])
-        if entry.frames > 2 or entry.method.startswith("Tiny"):  # the paper evaluates none of them
+        if entry.frames > 2 or entry.method.startswith("Tiny"):  # none of them is evaluated in the paper
             assert method is None
             continue
         assert (entry.year, entry.type) == (method.year, method.type)
@@ -42,15 +42,13 @@ def test_the_catalog_agrees_with_itself():
     for entry in checkpoints():
         assert f"-{entry.sha256}." in entry.file
         assert {name.removesuffix("?") for name in entry.trained_on.split("+")} <= set(TRAINING_SETS.values())
-        assert entry.confidence == "high" or entry.note, "what is not certain says why"
+        assert entry.confidence == "high" or entry.note, "a note must explain every uncertain entry"
 
 
 def test_the_catalog_agrees_with_the_list_of_checkpoints(shared):
-    """The shared lists give each checkpoint its label on three benchmarks, determined independently of
-    this derivation.
-    """
+    """The shared lists contain each checkpoint's label on three benchmarks, determined independently of this code."""
     expected = {}
-    # torchvision's are listed only here, without a label on Sintel
+    # torchvision's checkpoints are only listed here, without a label on Sintel
     with shared("checkpoints.csv").open(newline="") as file:
         for row in csv.DictReader(file):
             sintel = "OOD" if row["saw_sintel"] == "no" else "LEAKED"
@@ -110,15 +108,15 @@ def _on_kitti(sets: str, keys: list[str], **protocol: str) -> Provenance:
 
 
 def test_in_domain_is_granted_by_the_evaluated_pairs():
-    """All of these were labelled "ID" because of their names."""
+    """All of these used to be labelled "ID" because of their names."""
     evaluation, training = kitti_split([f"{number:06d}" for number in range(200)])
     assert _on_kitti("K:train", evaluation).setting == "ID"
-    leaked = _on_kitti("K:train", [*evaluation[:3], training[0]])  # a --split with one pair of the training part
+    leaked = _on_kitti("K:train", [*evaluation[:3], training[0]])  # a --split file with one pair from the training part
     assert (leaked.setting, leaked.note) == (
         "LEAKED",
         "pairs: 1 of the 4 evaluated are among the training pairs of K:train",
     )
-    assert _on_kitti("K:train", ["000002", "000003"]).setting == "LEAKED"  # a small folder, evaluated as a whole
+    assert _on_kitti("K:train", ["000002", "000003"]).setting == "LEAKED"  # a small folder, all of which is evaluated
     assert _on_kitti("K:train", evaluation, frames="released").setting == "UNKNOWN"
     assert _on_kitti("K:released", evaluation, frames="released").setting == "ID"
     assert _on_kitti("K:released", evaluation).setting == "UNKNOWN"
@@ -157,7 +155,7 @@ def test_every_data_set_that_models_train_on_has_a_name():
     frames_of = {name: dataset_facts(name).training_set for name in DATASETS.names()}
     assert {name for name in frames_of.values() if name} <= set(TRAINING_SETS.values())
     assert {name for name, training_set in frames_of.items() if not training_set} == {"folder", "robustspring"}
-    assert dataset_facts("robustspring").same_domain == ("spring",)  # no model trains on Spring's test sequences
+    assert dataset_facts("robustspring").same_domain == ("spring",)  # no model is trained on Spring's test sequences
 
 
 def test_a_known_file_is_known_by_its_hash_whatever_is_declared():
@@ -180,19 +178,19 @@ def test_what_is_not_a_training_set(text):
 
 
 def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
-    """A run continues unchanged when its training sets are declared later."""
+    """A run can be resumed unchanged if the training sets are declared later."""
     runs = []
     for declared in (None, "C+T", "M"):
         options = (("preset", "ultrafast"), *((("trained_on", declared),) if declared else ()))
         spec = ModelSpec("robustflow.models.opencv:Dis", options)
         runs.append(rf.evaluate(spec, output=tmp_path / "run", corruptions=["contrast"], severities=[1]))
-    # a user's model by module and attribute, although it calls itself dis
+    # a user-defined model, by module and attribute, although its name is dis
     assert {run.manifest.identity_digest for run in runs} == {runs[0].manifest.identity_digest}
     assert runs[2].rows.equals(runs[0].rows)
 
 
 class Mine(BrightnessFlow):
-    """Declares its training data."""
+    """A model that declares its training sets."""
 
     trained_on = "C+T>M:train"
 

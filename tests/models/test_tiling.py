@@ -1,4 +1,4 @@
-"""Tiles: their positions, their blending, and that a model's tiles are pixels of the frames."""
+"""Tiles: their positions and blending, and that the model receives tiles of the frames."""
 
 import json
 from itertools import pairwise
@@ -14,7 +14,7 @@ from robustflow.models.tiling import OVERLAP, SIGMA, TiledModel, tile_origins, t
 
 
 class Counting:
-    """Returns the constant flow i for its i-th tile, counted from 1."""
+    """Returns the constant flow i for the i-th tile, starting at 1."""
 
     def __init__(self):
         self.tiles = []
@@ -67,7 +67,7 @@ def test_a_tile_is_the_frames_pixels_and_black_beyond_them():
 
 
 def test_blend_is_the_weighted_mean():
-    """The blend equals a loop over pixels with weights scaled to a maximum of 1."""
+    """The blended flow equals a loop over pixels with weights that are scaled to a maximum of 1."""
     flows = np.random.default_rng(0).normal(0, 5, (4, 40, 48, 2)).astype(np.float32)
 
     class Stored:
@@ -99,7 +99,7 @@ def test_where_only_a_corner_covers_the_flow_is_exact():
     np.testing.assert_allclose(TiledModel(Ramp(), "432x960").predict(frame, frame), alone, rtol=1e-6)
     weights = tile_weights(432, 960)
     assert weights.min() > np.finfo(np.float64).tiny
-    assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # the reason for not using float32
+    assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # this is why float32 is not used
 
 
 def test_pairs_of_any_size_give_alone_and_together_the_same():
@@ -127,7 +127,7 @@ def test_any_model_takes_the_option(tmp_path):
     np.testing.assert_allclose(model.predict(*frames), load_model("dis").predict(*frames), rtol=1e-6)
     assert not isinstance(load_model("dis", tile="none"), TiledModel)
     (tmp_path / "clean").mkdir()
-    with pytest.raises(UsageError, match="computed elsewhere"):
+    with pytest.raises(UsageError, match="precomputed flows"):
         load_model(str(tmp_path), tile="64x96")
 
 

@@ -1,4 +1,4 @@
-"""Windows of multi-frame models: the frames they receive anywhere in a sequence."""
+"""Windows of multi-frame models: the frames that they receive at every position in a sequence."""
 
 from types import SimpleNamespace
 
@@ -21,7 +21,7 @@ def test_the_pair_is_always_there_and_nothing_that_does_not_exist(window, there)
     assert offsets[first : first + 2] == (0, 1)
     assert set(offsets) <= set(there)
     assert list(offsets) == sorted(offsets)
-    assert list(dict.fromkeys(offsets)) == list(range(offsets[0], offsets[-1] + 1)), "no frame is left out in between"
+    assert list(dict.fromkeys(offsets)) == list(range(offsets[0], offsets[-1] + 1)), "no frame may be skipped"
 
 
 @given(window=windows, there=there)

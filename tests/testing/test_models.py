@@ -106,7 +106,7 @@ def never(frame1, frame2):
         (lambda a, b: a[..., :2], r"returned uint8 \(128, 160, 2\)"),
         (lambda a, b: [[0]], "returned list"),
         (lambda a, b: a.nothing, "raised AttributeError on frames of 128x160"),
-        (3, "has no method predict"),
+        (3, "has neither a method predict"),
         (SureOfOther(), "predict_with_confidence returns a different flow than predict on frames of 128x160"),
         (SurerEachTime(), "a different confidence for the same frames on frames of 128x160"),
         (SureOfLess(), r"confidence on frames of 128x160 has the shape \(127, 160\); expected \(128, 160\)"),

@@ -180,7 +180,9 @@ def predict_batch_checked(
     with naming_errors(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
-        raise ModelError(f"the model returned {len(flows)} flows on {where}; expected {len(pairs)}")
+        raise ModelError(
+            f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one per pair"
+        )
     return [
         checked_flow(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
     ]

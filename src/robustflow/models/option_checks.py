@@ -18,8 +18,8 @@ def check_count(name: str, value: int, least: int = 1) -> None:
 
     >>> check_count("iterations", 12)
     >>> check_count("iterations", 1.5)
-    Traceback (most recent call last): robustflow.errors.UsageError: iterations must be an integer of at least 1, not
-    1.5
+    Traceback (most recent call last):
+    robustflow.errors.UsageError: iterations must be an integer of at least 1, not 1.5
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise UsageError(f"{name} must be an integer of at least {least}, not {value!r}")

@@ -52,7 +52,7 @@ def check_attack(attack: Any, seed: int = 0) -> str:
     Raises:
         UsageError: a check failed; the message states the problem, the severity and the frame size.
 
-        >>> class Flip:
+    >>> class Flip:
     ...     needs_gradients = False
     ...     def run(self, problem, rng):
     ...         ball = problem.ball

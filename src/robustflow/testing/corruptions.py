@@ -31,7 +31,7 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
     Raises:
         UsageError: a check failed; the message states the problem, the severity and the frame size.
 
-        >>> import numpy as np
+    >>> import numpy as np
     >>> class Dim:
     ...     severities = (0.9, 0.8, 0.7, 0.6, 0.5)
     ...     def draw(self, rng, severity, shape):

@@ -200,7 +200,7 @@ def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[
     together = list(model.predict_batch(*([clip[i].copy() for clip in clips] for i in (0, 1))))
     if len(together) != len(clips):
         raise ModelError(
-            f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected {len(clips)}"
+            f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected one per pair"
         )
     for flow, single in zip(together, alone, strict=True):
         if np.shape(flow) != single.shape or np.abs(np.asarray(flow) - single).max() > BATCH_TOLERANCE:

@@ -1,11 +1,11 @@
-"""The steps of dense inverse search as plain float64 loops over patches, without their shortcuts."""
+"""The steps of dense inverse search as plain float64 loops over patches, without the optimisations."""
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 
 def cubic(image, y, x):
-    """Values of an (H, W, C) image at given positions, by SciPy's cubic spline through the pixels, mirrored at the
+    """Sample an (H, W, C) image at given positions with SciPy's cubic spline through the pixels, mirrored at the
     borders.
     """
     return np.stack([map_coordinates(image[..., c], [y, x], order=3, mode="mirror") for c in range(3)], -1)
@@ -26,7 +26,8 @@ def centred(patch):
 
 
 def descended(image1, image2, y, x, start, patch, steps):
-    """Final position of the patch at (y, x), by the update equation with both patches mean-normalised."""
+    """Return the final position of the patch at (y, x) from the update equation, with the mean of both patches
+    subtracted."""
     window = np.s_[y : y + patch, x : x + patch]
     slope = np.stack([centred(s[window]).ravel() for s in central(image1)])
     u = np.array(start, float)

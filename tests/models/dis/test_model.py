@@ -1,4 +1,4 @@
-"""Dense inverse search on colours: known motion, frames of every kind, and comparison with OpenCV's version."""
+"""Dense inverse search on colour frames: known motion, unusual frames, and comparison with OpenCV's version."""
 
 import os
 import platform
@@ -23,7 +23,7 @@ SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
 
 @cache
 def moved(photograph, u, v):
-    """The centre of a photograph, and the same region shifted by interpolation with a fifth-order spline."""
+    """The centre of a photograph, and the same region shifted with a fifth-order spline."""
     image = photograph()
     planes = [shift(image[..., c].astype(float), (v, u), order=5, mode="mirror") for c in range(3)]
     after = np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
@@ -52,8 +52,8 @@ def test_a_translated_photograph_is_recovered_to_a_tenth_of_a_pixel(image, point
 @pytest.mark.parametrize("sigma", [1.5, 6])
 @pytest.mark.parametrize("size", [(96, 128), (240, 320), (480, 640), (436, 1024)])
 def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, sigma):
-    """Frames of 640 px and more are searched at an eighth of their size, so 0.1 px here is an eightieth of a pixel
-    there.
+    """Frames of at least 640 px are searched at 1/8 resolution, so 0.1 px in the frame is an eightieth of a pixel in
+    the search.
     """
     height, width = size
     image = texture(5, (height + 40, width + 40), sigma)
@@ -66,7 +66,7 @@ def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, s
 
 
 def test_colours_of_one_luminance_move():
-    """The pattern has the same grey value everywhere: the colour method detects its motion, the grey one cannot."""
+    """The pattern has the same grey level everywhere, so only the colour method can detect its motion."""
     red = texture(0, (160, 208), 3.0)[..., 0] // 2 + 60
     blue = texture(1, (160, 208), 3.0)[..., 0] // 2 + 60
     green = np.rint((128 - 0.299 * red - 0.114 * blue) / 0.587).astype(np.uint8)
@@ -94,7 +94,9 @@ def test_any_size_gives_finite_flow(size, point):
 def test_frames_that_do_not_differ_do_not_move(point):
     model = load_model("dis_rgb", operating_point=point)
     for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
-        np.testing.assert_allclose(model.predict(frame, frame), 0, atol=1e-4)  # the rounding of a spline at pixels
+        np.testing.assert_allclose(
+            model.predict(frame, frame), 0, atol=1e-4
+        )  # rounding errors of the spline at the pixels
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
@@ -105,7 +107,8 @@ def test_a_change_of_brightness_alone_is_not_motion_of_a_blank_frame(one, other)
 
 @pytest.mark.parametrize("point", [1, 3])
 def test_a_brighter_second_frame_changes_little(point):
-    """Patches are compared without their means, so the search does not depend on the brightness of a frame."""
+    """The mean is subtracted from patches before they are compared, so the search does not depend on the brightness of
+    a frame."""
     frame1, frame2 = (frame // 2 for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=point)
     assert error_inside(model.predict(frame1, frame2 + 60), 3.3, 2.7) < 0.4
@@ -117,14 +120,15 @@ def test_no_channel_is_favoured(point):
     model = load_model("dis_rgb", operating_point=point)
     flow = model.predict(frame1, frame2)
     other = model.predict(frame1[..., [2, 0, 1]], frame2[..., [2, 0, 1]])
-    # only rounding error, which a patch close to rejection may amplify
+    # only rounding errors, which may be amplified for a patch that is close to being rejected
     assert np.median(np.abs(other - flow)) < 1e-4
     assert np.abs(other - flow).mean() < 0.01
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_pair_has_the_mirrored_flow(axis):
-    """The flows differ near patches flush with the last edge, because mirroring makes those patches the first ones."""
+    """The flows differ near patches that are flush with the last edge, because mirroring turns these into the first
+    ones."""
     frame1, frame2 = (frame[:236, :316] for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=3)
     flow = model.predict(frame1, frame2)
@@ -187,7 +191,7 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path, capsys):
 
 
 def opencv_at(point, size):
-    """OpenCV's method with the same scales, patches and iterations, without its additions to the paper's method."""
+    """OpenCV's method with the same scales, patches and iterations, without its extensions of the paper's method."""
     method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     method.setFinestScale(point.scales(*size)[1])
     method.setPatchSize(point.patch_size)

@@ -1,4 +1,4 @@
-"""Scales, gradients and upsampling compared with SciPy and plain formulas."""
+"""Scales, gradients and upsampling match SciPy and plain formulas."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_a_scale_is_the_one_before_filtered_and_taken_every_second_time(size, fu
     for level in levels:
         np.testing.assert_allclose(level.reshape(*wanted.shape), wanted, atol=1e-3)
         for axis in (0, 1):
-            # for even lengths, SciPy's origin 0 puts the centre between pixels i - 1 and i, so every odd one is taken
+            # for even lengths, SciPy's origin 0 puts the centre between pixels i - 1 and i, so odd indices are used
             wanted = correlate1d(wanted, half, axis=axis, mode="nearest")
             wanted = np.take(wanted, np.arange(1, wanted.shape[axis], 2), axis)
 

@@ -1,4 +1,4 @@
-"""The refinement: terms compared with a plain sum of squares, relaxation with a direct solver, and the energy."""
+"""The refinement: terms match a plain sum of squares, relaxation matches a direct solver, and the energy decreases."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def slope(image, axis):
 
 
 def energy_terms(case, du, dv):
-    """E_I and E_G computed per pixel from their definitions, and the mask of pixels that stay in the frame."""
+    """E_I and E_G of every pixel, computed from their definitions, and the mask of pixels that stay in the frame."""
     image1, image2, flow = (part.astype(float) for part in case)
     height, width = flow.shape[:2]
     y, x = np.mgrid[:height, :width] + flow[..., ::-1].transpose(2, 0, 1)

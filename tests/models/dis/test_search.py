@@ -1,4 +1,4 @@
-"""The search and the dense flow compared with plain loops."""
+"""The search and the dense flow match plain loops."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -52,10 +52,10 @@ def test_a_patch_further_than_its_size_stays_where_it_began():
 def test_without_texture_the_start_stays():
     coarse = np.random.default_rng(0).normal(size=(12, 12, 2)).astype(np.float32)
     stripes = np.zeros((24, 24, 3), np.float32)
-    stripes[:, ::4] = 200  # no texture along the stripes, so motion along them cannot be measured
+    stripes[:, ::4] = 200  # there is no texture along the stripes, so motion in this direction cannot be measured
     for image in (np.full((24, 24, 3), 9, np.float32), stripes):
         found = inverse_search(flat(image), flat(np.roll(image, 1, axis=1)), coarse, 8, 8, 12)
-        # patches begin at 0, 8, 16; their centres are at 3.5, which is 1.5 in pixels of the coarse flow
+        # patches start at 0, 8, 16; the first centre is at 3.5, which is 1.5 in pixels of the coarse flow
         wanted = [[coarse[y : y + 2, x : x + 2].mean(axis=(0, 1)) * 2 for x in (1, 5, 9)] for y in (1, 5, 9)]
         np.testing.assert_allclose(found, wanted, atol=1e-5)
 
@@ -67,7 +67,7 @@ def test_dense_flow_is_the_mean_weighed_by_difference_of_colour():
     total, weights = np.zeros((30, 37, 2)), np.zeros((30, 37, 1))
     for i, y in enumerate(rows):
         for j, x in enumerate(columns):
-            # a patch samples at most just outside the frame
+            # patches are sampled at most just outside the frame
             top, left = np.clip(y + found[i, j, 1], -PATCH, 30), np.clip(x + found[i, j, 0], -PATCH, 37)
             looked = linear(image2.astype(float), top + np.arange(PATCH), left + np.arange(PATCH))
             window = np.s_[y : y + PATCH, x : x + PATCH]

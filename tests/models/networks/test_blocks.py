@@ -1,4 +1,4 @@
-"""Blocks of networks compared with float64 loops over their definitions, and properties that the parity packs do not
+"""Network blocks match float64 loops written from their definitions, and have properties that the parity packs do not
 cover.
 """
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.torch
 
 
 def bilinear(image: np.ndarray, x: float, y: float) -> float:
-    """Value at (x, y); zero outside the image."""
+    """Return the value at (x, y), zero outside the image."""
     x0, y0 = int(np.floor(x)), int(np.floor(y))
     value = 0.0
     for row, wy in ((y0, y0 + 1 - y), (y0 + 1, y - y0)):
@@ -66,7 +66,7 @@ def test_lookup_is_the_definition():
 
 def test_windows_of_a_level_one_pixel_wide():
     found = sample_window(torch.ones(1, 1, 1, 1), torch.tensor([[0.25, 0.0]]), radius=1)
-    # x offsets vary slowest: the row at y offset 0 of each of the three columns, at x = -0.75, 0.25, 1.25
+    # x offsets vary slowest: the entries at y offset 0 from each of the three columns, at x = -0.75, 0.25, 1.25
     np.testing.assert_allclose(found.reshape(3, 3)[:, 1], [0.25, 0.75, 0.0], atol=1e-6)
 
 
@@ -90,7 +90,7 @@ def test_pixel_grid_counts_columns_then_rows():
 
 
 def naive_attention(query, key, value, bias):
-    """One attention head in float64, on lists of vectors."""
+    """Compute one attention head in float64 on lists of vectors."""
     rows = []
     for i, q in enumerate(query.double()):
         logits = torch.stack([(q * k).sum() for k in key.double()]) / len(q) ** 0.5 + bias[i].double()
@@ -240,7 +240,8 @@ def test_every_pixel_is_fetched_where_the_flow_points(padding, align_corners):
     for n, c, y, x in np.ndindex(maps.shape):
         to_x, to_y = x + flow[n, 0, y, x], y + flow[n, 1, y, x]
         if not align_corners:
-            # Coordinates are divided by size - 1 but interpreted as fractions of the full width, half a pixel outwards.
+            # Coordinates are divided by size - 1, but interpreted as fractions of the full width, half a pixel further
+            # outwards.
             to_x, to_y = to_x * WIDTH / (WIDTH - 1) - 0.5, to_y * HEIGHT / (HEIGHT - 1) - 0.5
         if padding == "border":
             to_x, to_y = np.clip(to_x, 0, WIDTH - 1), np.clip(to_y, 0, HEIGHT - 1)

@@ -1,4 +1,4 @@
-"""The diffusion schedule compared with its definition, and quantities that the sampler's step should preserve."""
+"""The diffusion schedule matches its definition, and the sampler's step preserves the expected quantities."""
 
 import pytest
 
@@ -21,7 +21,7 @@ def schedule():
 
 
 def test_the_schedule_is_nichol_and_dhariwals(schedule):
-    """Equation 17 of the paper, and equations 6, 10 and 11 of Ho et al. 2020, in a float64 loop."""
+    """Compute equation 17 of the paper, and equations 6, 10 and 11 of Ho et al. 2020, in a float64 loop."""
 
     def f(step):
         return math.cos((step / 1000 + 0.008) / 1.008 * math.pi / 2) ** 2
@@ -62,7 +62,7 @@ def test_a_step_keeps_the_noise_and_lowers_its_level(schedule):
 def test_the_noise_is_normal_and_named_by_seed_and_size():
     noise = initial_noise(3, 100, 120)
     assert noise.shape == (1, 2, 100, 120)
-    # Four standard errors of the mean and variance of 24 000 numbers.
+    # Four standard errors of the mean and the variance of 24 000 numbers.
     assert abs(noise.mean()) < 4 / 24000**0.5
     assert abs(noise.var() - 1) < 4 * (2 / 24000) ** 0.5
     assert not torch.equal(noise, initial_noise(4, 100, 120))

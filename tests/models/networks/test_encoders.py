@@ -35,7 +35,7 @@ def test_attention_with_decomposed_relative_positions(first_rows):
                 logits = torch.zeros(height * width, dtype=torch.float64)
                 for j in range(height * width):
                     dy, dx = i // width - j // width, i % width - j % width
-                    # The centre of the table, or of its first 2 n - 1 rows, corresponds to distance 0.
+                    # Distance 0 is at the centre of the table, or of its first 2 n - 1 rows.
                     row = attention.rel_pos_h[dy + (height - 1 if first_rows else grid - 1)].double()
                     column = attention.rel_pos_w[dx + (width - 1 if first_rows else grid - 1)].double()
                     q = query[i, part]

@@ -17,7 +17,7 @@ def test_options_that_cannot_be_meant(option):
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """Seeded weights in the layout of the authors' files (data parallel)."""
+    """Write seeded weights in the layout of the authors' files (data-parallel training)."""
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     from robustflow.models.networks.flowdiffuser import FlowDiffuser
 

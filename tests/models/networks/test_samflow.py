@@ -1,4 +1,4 @@
-"""SAMFlow by name: the authors' file layout, tiles, and error messages for mismatched input."""
+"""SAMFlow by name: the authors' file layout, tiles, and error messages for invalid input."""
 
 import inspect
 
@@ -39,7 +39,7 @@ def test_without_a_checkpoint_the_message_says_what_is_missing(name):
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """Seeded weights in the layout of the authors' files (Lightning)."""
+    """Write seeded weights in the layout of the authors' files (Lightning)."""
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     from robustflow.models.networks.samflow import SamFlow
 
@@ -78,6 +78,6 @@ def test_a_checkpoint_of_another_size_is_refused(checkpoint):
     from robustflow.models.torch.weights import load_weights
 
     other = SamFlow("tiny")
-    other.wadd_1 = None  # distinguishes the two published files of the largest size
+    other.wadd_1 = None  # this entry distinguishes the two published files of the largest size
     with pytest.raises(ModelError, match=r"1 unexpected \(wadd_1\.add_weight\)"):
         load_weights(other, read_checkpoint(checkpoint), "samflow_h")

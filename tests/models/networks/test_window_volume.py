@@ -1,4 +1,4 @@
-"""The windowed correlation compared with a float64 loop over its definition."""
+"""The windowed correlation matches a float64 loop written from its definition."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Multi-frame models of ptlflow give the same bits as the library itself, anywhere in a sequence and in any order."""
+"""ptlflow's multi-frame models are bit-identical to the library itself, anywhere in a sequence and in any order."""
 
 import contextlib
 import io
@@ -44,13 +44,13 @@ def adapter(name):
     model = load_model(name, checkpoint="random", device="cpu", **options)
     for key, value in model.net.state_dict().items():
         if key.endswith("aggregator.gamma"):
-            value.fill_(1)  # 0 in new networks, which disables their memory
+            value.fill_(1)  # it is 0 in new networks, which disables their memory
     return model
 
 
 @cache
 def sequence(side):
-    """A textured square that moves over a textured background."""
+    """A textured square moving over a textured background."""
     rng = np.random.default_rng(0)
     ground, square = (
         cv2.resize(rng.integers(0, 256, (n // 8, n // 8, 3)).astype(np.uint8), (n, n)) for n in (2 * side, side // 2)
@@ -68,7 +68,7 @@ def side_of(name):
 
 
 def ask(name, first):
-    """The request of a run for the pair that begins at frame `first` of the sequence."""
+    """What a run requests for the pair that starts at frame `first` of the sequence."""
     model, frames = adapter(name), sequence(side_of(name))
     offsets = model.window.offsets(range(-first, LENGTH - first))
     return model.predict_clip(tuple(frames[first + offset] for offset in offsets), place_of_pair(offsets))
@@ -82,7 +82,7 @@ def images_of(frames):
 
 
 def fresh(ptlflow, name):
-    """The library's own model, built and configured as by a user of the library, with the adapter's weights."""
+    """The library's model, built and configured by the library's own means, with the adapter's weights."""
     model = adapter(name)
     with contextlib.redirect_stdout(io.StringIO()):
         reference = ptlflow.get_model_reference(name)
@@ -118,8 +118,9 @@ def from_the_library(net, name, first):
 
 
 def videoflow(net, sequence, first):
-    """Evaluate as the authors do: five frames of the sequence with its first frame repeated, the requested one as close
-    to the centre as possible. The library returns only the middle flow, so the flows are read before it selects one.
+    """Evaluate like the authors: with five frames of the sequence, whose first frame is repeated, and the requested
+    frame as close to the centre as possible. The library returns only the middle flow, so the flows are read before it
+    selects one.
     """
     start = min(max(first - 2, 0), len(sequence) - 5)
     upsampled = []
@@ -167,7 +168,7 @@ def test_models_that_need_more(library, name):
     assert not isinstance(model, FlowModel)
     frames = sequence(128)
     short = model.predict_clip(tuple(frames[:3]), 1)
-    assert np.isfinite(short).all(), "a sequence shorter than the window is given whole"
+    assert np.isfinite(short).all(), "a sequence shorter than the window is passed completely"
     with pytest.raises(UsageError, match="no pair at index 2"):
         model.predict_clip(tuple(frames[:3]), 2)
     with pytest.raises(UsageError, match=f"'{name}' needs a clip, but only two-frame networks can be profiled"):

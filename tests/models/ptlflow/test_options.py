@@ -1,4 +1,4 @@
-"""Arguments of ptlflow's constructors, tested on classes with the signatures of its models."""
+"""Arguments for ptlflow's constructors, tested with classes that have the signatures of its models."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Models of ptlflow give the same bits as the library itself, print nothing, and fail with a clear message."""
+"""ptlflow's models are bit-identical to the library itself, print nothing, and fail with clear messages."""
 
 import inspect
 import subprocess
@@ -57,7 +57,7 @@ def adapter(name, iterations=2):
 
 
 def from_the_library(ptlflow, name, model, frames, iterations):
-    """The code of a user of the library alone; the weights are the adapter's."""
+    """Predict with the library alone, as its users would, but with the adapter's weights."""
     import torch
     from ptlflow.utils.io_adapter import IOAdapter
 
@@ -142,7 +142,7 @@ def test_any_other_model_by_its_name(library):
     with pytest.raises(UsageError, match="does not have exactly one number of iterations"):
         load_model("pwcnet", checkpoint="random", iterations=3)
     spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
-    assert "source" not in spec.identity(model), "the library is known by its version, not by a file's hash"
+    assert "source" not in spec.identity(model), "the library must be identified by its version instead of a file hash"
 
 
 @pytest.mark.torch
@@ -173,8 +173,8 @@ LAYOUTS = {
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", ["raft", "csflow", "flowformer"])
 def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
-    """CSFlow's keys have a prefix in ptlflow that the authors' files lack; FlowFormer would tile by the
-    second's size.
+    """CSFlow's keys have a prefix in ptlflow that the authors' files do not have; FlowFormer would use tiles of the
+    second size.
     """
     import torch
 
@@ -191,8 +191,8 @@ def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
 
 @pytest.mark.torch
 def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
-    """A Lightning checkpoint of a ptlflow model: hyper-parameters, loops, optimizer and callbacks beside
-    the weights.
+    """A Lightning checkpoint of a ptlflow model: besides the weights, it contains hyperparameters, loops, optimizer and
+    callbacks.
     """
     import torch
     from lightning.pytorch import Trainer
@@ -233,8 +233,8 @@ def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path
 
 @pytest.mark.torch
 def test_checkpoints_by_name(library, tmp_path, monkeypatch):
-    """A name finds the file in PyTorch's cache and checks the hash in the file name; without a cached file, the message
-    says where to put it.
+    """For a name, the file is taken from PyTorch's cache, and the hash in its name is checked; if the file is not
+    cached, the message states where to put it.
     """
     import hashlib
 
@@ -275,7 +275,7 @@ def test_random_weights_have_no_hash(library):
 
 @pytest.mark.torch
 def test_the_first_import_is_silent(library):
-    """The test runs in a separate process, because the library prints when it is imported."""
+    """Use a separate process, because the library prints output when it is imported."""
     code = "import robustflow; robustflow.load_model('raft', checkpoint='random', device='cpu')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""
@@ -284,7 +284,8 @@ def test_the_first_import_is_silent(library):
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
 def test_constructors_that_write_into_their_defaults(library, capsys, name):
-    """These constructors receive lists, as from the library's loader; recover_rn gets them through its base class."""
+    """These constructors receive lists, like from the library's own loader; recover_rn receives them through its base
+    class."""
     frames = textured_pair(128, 136)
     model = load_model(name, checkpoint="random", iterations=2, device="cpu")
     assert model.identity()["iterations"] == 2
@@ -298,7 +299,7 @@ def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(li
     import sys
 
     splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
-    monkeypatch.setattr(splatflow, "forward_warping", None)  # the value that ptlflow sets when cupy is missing
+    monkeypatch.setattr(splatflow, "forward_warping", None)  # the value that ptlflow sets if cupy is missing
     with pytest.raises(ModelError, match=r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
         load_model("splatflow", checkpoint=checkpoint)
     assert "\n" not in str(error.value)
@@ -323,7 +324,7 @@ def test_what_else_a_constructor_lacks_is_one_line(library, monkeypatch):
 @pytest.mark.torch
 def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
     for name in ("dpflow", "memflow"):
-        with pytest.raises(UsageError, match=f"unknown model 'ptlflow:{name}': write {name}"):
+        with pytest.raises(UsageError, match=f"unknown model 'ptlflow:{name}': use {name}"):
             load_model(f"ptlflow:{name}")
     with pytest.raises(UsageError, match="unknown model 'splatflov': did you mean"):
         load_model("splatflov")
@@ -334,7 +335,7 @@ def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
 def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
     names = library.get_model_names()
     assert set(BESIDES) <= set(names)
-    frames = textured_pair(256, 384)  # the smallest size that all accept
+    frames = textured_pair(256, 384)  # the smallest size that all of them accept
     for name in names:
         needs = BESIDES.get(name)
         known = f"{PTLFLOW}{name}" if name == "raft_small" else name

@@ -1,4 +1,4 @@
-"""The layers of the small network compared with SciPy and naive loops."""
+"""The layers of the small network match SciPy and naive loops."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_convex_upsampling_of_a_constant_flow_keeps_it_inside():
     flow, found = np.full((2, 5, 6), 1.5, np.float32), np.empty((2, 20, 24), np.float32)
     layers.enlarge(flow, maps(rng, 144, 5, 6), 4, found)
     np.testing.assert_allclose(found[:, 4:-4, 4:-4], 6.0, atol=1e-5)
-    assert (found[:, 0] < 6.0).all()  # zeros around the map contribute
+    assert (found[:, 0] < 6.0).all()  # the zeros around the map contribute
 
 
 def test_resizing_a_ramp():

@@ -96,7 +96,7 @@ def test_frames_of_two_sizes():
 @pytest.mark.parametrize("name", SHIPPED)
 @pytest.mark.parametrize("size", [(96, 160), (101, 75), (33, 250)])
 def test_numpy_and_pytorch_agree(name, size):
-    """Against double precision, PyTorch's single precision is off by up to 1.6e-4 px on KITTI pairs."""
+    """PyTorch's single precision differs from double precision by up to 1.6e-4 px on KITTI pairs."""
     pytest.importorskip("torch", reason="needs the torch extra")
     sample = load_dataset("shapes", pairs=1, size=f"{size[0]}x{size[1]}", seed=5)[0]
     flows = [load_model(name, runtime=runtime, **device).predict(*sample.frames)
@@ -114,7 +114,7 @@ def test_numpy_and_pytorch_agree_on_long_motion_as_closely_as_the_docs_say():
         r"agree\s+within (\S+) px at 99\.9 % of\s+the\s+pixels and (\S+) px at the worst", PAGE.read_text()
     )
     assert stated is not None
-    sample = load_dataset("kitti2012", shared_folder("data", "kitti2012"))["000151"]  # the worst of 15 pairs
+    sample = load_dataset("kitti2012", shared_folder("data", "kitti2012"))["000151"]  # the largest value of 15 pairs
     flows = [load_model("tiny", runtime=runtime).predict(*sample.frames) for runtime in ("numpy", "torch")]
     difference = np.abs(flows[0] - flows[1])
     assert np.percentile(difference, 99.9) < float(stated[1])

@@ -1,4 +1,4 @@
-"""A small matching network trained on BGR in -1..1, so that other conventions reduce its accuracy.
+"""A small matching network trained on BGR in -1..1, so that different conventions reduce its accuracy.
 
 `matcher.npz` contains its weights after 120 steps of Adam (3e-3) on `shifted_pair(100)` to `shifted_pair(219)` at
 48x64.
@@ -17,8 +17,8 @@ REACH = 7
 
 
 class Matcher(nn.Module):
-    """Correlates features of every pixel with those around its position in the other image, and takes
-    the soft argmax.
+    """Correlate the features of every pixel with those around its position in the second image, and return the soft
+    argmax.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""A network small enough for tests of checkpoints, loading of one, and the content of a hostile file."""
+"""A small network for tests of checkpoints, functions that load it, and the payload of a malicious file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robustflow.models.torch.weights import load_weights
 
 
 class Payload:
-    """An object whose pickle runs a command when it is loaded unsafely."""
+    """An object whose pickle executes a command if it is loaded unsafely."""
 
     def __init__(self, marker) -> None:
         self.marker = marker
@@ -31,7 +31,7 @@ class Net(torch.nn.Module):
 
 
 class BelowModel(torch.nn.Module):
-    """A network whose own names begin with one of the known prefixes, as BrightFlow's do."""
+    """A network whose own parameter names begin with one of the known prefixes, like those of BrightFlow."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class BelowModel(torch.nn.Module):
 
 
 def net_state():
-    """The network's seeded weights, including statistics."""
+    """Seeded weights of the network, including statistics."""
     torch.manual_seed(0)
     net = Net()
     net.norm.running_mean.normal_()
@@ -47,16 +47,14 @@ def net_state():
 
 
 def load(path, net=None, **options):
-    """Load the weights into the network; returns the network, the checkpoint, and the dtype from which
-    they were cast.
-    """
+    """Load the weights into the network; return the network, the checkpoint, and the original dtype."""
     net = net or Net()
     read = read_checkpoint(path, options.pop("sha256", None))
     return net, read, load_weights(net, read, "small", **options)
 
 
 def one_line(error: pytest.ExceptionInfo) -> str:
-    """The message of a refused checkpoint, which must be one line."""
+    """Return the message for a rejected checkpoint, which must be a single line."""
     text = str(error.value)
     assert "\n" not in text
     return text

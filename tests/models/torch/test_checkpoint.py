@@ -1,5 +1,5 @@
-"""Checkpoints may come from anyone: valid ones load in every layout, and hostile ones neither run code nor pass
-unnoticed.
+"""Checkpoints may come from anyone: valid ones are loaded in every layout, and malicious ones are rejected without
+running their code.
 """
 
 import argparse
@@ -70,7 +70,7 @@ def test_the_hash_is_checked_where_it_is_known(tmp_path, state):
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     assert load(path, sha256=digest)[1].sha256 == digest
     assert load(path, sha256=digest[:8].upper())[1].sha256 == digest
-    with pytest.raises(ModelError, match=f"its SHA-256 is {digest}, expected 00000000") as error:
+    with pytest.raises(ModelError, match=f"its SHA-256 is {digest} instead of 00000000") as error:
         load(path, sha256="00000000")
     one_line(error)
     for wrong in (digest[:7], "", 12345678, digest + "0", "xyzxyzxyz"):
@@ -102,7 +102,7 @@ def test_a_plain_pickle_with_a_payload_is_refused_and_not_run(tmp_path, recwarn)
 
 
 def test_what_stands_for_things_beside_weights_runs_nothing(tmp_path, state):
-    """The allowed names must not import the objects that they name."""
+    """Allowed names must not cause the objects with these names to be imported."""
     marker = tmp_path / "ran"
 
     class Crafted:

@@ -28,7 +28,7 @@ def torch():
 
 @pytest.fixture
 def checkpoint(torch, tmp_path):
-    """Write a network's seeded weights in its authors' layout, in a separate folder."""
+    """Write a network's seeded weights to a separate folder, in its authors' layout."""
     from robustflow.models.networks.arflow import ARFlow
     from robustflow.models.networks.brightflow import BrightFlow
     from robustflow.models.networks.upflow import UPFlow

@@ -1,4 +1,4 @@
-"""Resizing a flow scales its vectors with the picture."""
+"""Resizing a flow field also scales its vectors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The adapter of PyTorch networks: input, output, and independence of the batch."""
+"""The adapter for PyTorch networks: input, output, and independence of the pairs in a batch."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ pytestmark = pytest.mark.torch
 
 
 def network(name, net, convention, settings, **execution):
-    """A network's adapter, executed with the given options."""
+    """The adapter of a network, with the given execution options."""
     return NetworkModel(name, net, convention, settings, Execution(**execution))
 
 
 class Spy(torch.nn.Module):
-    """Remembers its inputs; its flow is the first image's first two channels."""
+    """Stores its inputs, and returns the first two channels of the first image as the flow."""
 
     def forward(self, image1, image2):
         self.given = image1, image2
@@ -77,7 +77,7 @@ def test_padding_is_added_and_taken_off_again(vertical, padding, size):
 
 
 def test_stretching_scales_the_flow_back():
-    """A constant frame keeps its value through both resizes, so only the scale factors of the flow remain."""
+    """A constant frame does not change when it is resized twice, so only the scale factors of the flow remain."""
     model, net = spy(fit="stretch", multiple=64, size=(64, 128), scale=1.0)
     frame = np.full((32, 256, 3), 100, np.uint8)
     flow = model.predict(frame, frame)
@@ -98,7 +98,7 @@ def test_the_flow_is_float32_contiguous_and_ours():
     flow = model.predict(*frames())
     assert flow.dtype == np.float32
     assert flow.shape == (5, 7, 2)
-    flow[:] = 0  # neither read-only nor shared with the network
+    flow[:] = 0  # it is neither read-only nor shared with the network
 
 
 def test_pairs_of_several_sizes_keep_their_order():
@@ -206,7 +206,7 @@ def test_identity_names_what_changes_the_numbers():
 
 
 def seeded(build):
-    """A network whose flow depends on its images: PyTorch's initial weights from a seed, scaled up."""
+    """A network whose flow depends on its images: PyTorch's initial weights with a fixed seed, scaled up."""
     torch.manual_seed(0)
     net = build()
     with torch.no_grad():
@@ -223,7 +223,7 @@ NETS = {
 
 
 def textured_pairs(count, height, width):
-    """Smooth textures, each moved by a few pixels."""
+    """Pairs of smooth textures that move by a few pixels."""
     rng = np.random.default_rng(0)
     coarse = torch.from_numpy(rng.uniform(0, 255, (count, 3, height // 4, width // 4)))
     big = torch.nn.functional.interpolate(coarse, size=(height + 8, width + 8), mode="bicubic").clamp(0, 255)
@@ -289,7 +289,7 @@ def test_the_smallest_frames_still_give_a_flow():
 
 
 def precisions():
-    """Precision settings of float32 multiplication and convolution, by backend."""
+    """Precision settings of float32 multiplication and convolution, keyed by backend."""
     backends = torch.backends
     places = (backends.cuda.matmul, backends.mkldnn.matmul, backends.cudnn.conv, backends.cudnn.rnn)
     return [place.fp32_precision for place in places]

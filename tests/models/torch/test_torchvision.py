@@ -1,4 +1,4 @@
-"""torchvision's RAFT gives the same bits as the library itself, whether loaded by name or from a file."""
+"""torchvision's RAFT is bit-identical to the library itself, whether it is loaded by name or from a file."""
 
 import numpy as np
 import pytest

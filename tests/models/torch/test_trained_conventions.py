@@ -1,5 +1,5 @@
-"""The convention of a trained network: correct declarations pass, wrong ones are refused or cause a warning, and
-missing ones are determined by experiment.
+"""The convention of a trained network: correct declarations are accepted, wrong ones are rejected or cause a warning,
+and missing ones are determined by experiment.
 """
 
 import warnings
@@ -34,7 +34,7 @@ TO_ITS_RANGE = {
 
 
 class Version(nn.Module):
-    """`tiny` behind a convention, with its flows, coarsest first, passed through `returns`."""
+    """`tiny` with a given input convention; its flows, coarsest first, are passed through `returns`."""
 
     def __init__(self, returns=lambda flows: flows[-1], scaling="-1-1", order="rgb", layout="pair", backward=False):
         super().__init__()
@@ -110,8 +110,12 @@ WARNED = {
         {"output": 0},
         r"best first: .*output=-1 \(0.17 px\)",
     ),
-    "coarsest alone": ({"returns": lambda flows: flows[0]}, {}, "off by 1.7 px .* check .* its finest flow"),
-    "second level alone": ({"returns": lambda flows: flows[1]}, {}, "off by 0.68 px"),
+    "coarsest alone": (
+        {"returns": lambda flows: flows[0]},
+        {},
+        "its error with .* is 1.7 px, .* check .* its finest flow",
+    ),
+    "second level alone": ({"returns": lambda flows: flows[1]}, {}, "is 0.68 px, while"),
     "halved": ({"returns": lambda flows: flows[-1] / 2}, {}, "u must be multiplied by 2 and v by 2"),
     "doubled": ({"returns": lambda flows: flows[-1] * 2}, {}, r"u must be multiplied by 0\.5 and v by 0\.5"),
     "zero": ({"returns": lambda flows: 0 * flows[-1]}, {}, "as is typical of networks without trained weights"),
@@ -165,7 +169,7 @@ def test_finest_output_is_used_where_none_is_declared():
 
 
 def test_undeclared_network_that_fits_several_conventions_names_them_best_first():
-    """`tiny` is equally accurate in BGR; the convention named first is the one it was trained with."""
+    """`tiny` is equally accurate on BGR frames; the convention that is listed first is the one used in training."""
     with pytest.raises(ModelError, match="several conventions work about equally well") as error:
         rf.TorchModel(Version(scaling="0-255"), layout="pair", device="cpu")
     one_line(error)

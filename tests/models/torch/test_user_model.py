@@ -1,4 +1,5 @@
-"""The convention of a user's PyTorch module: declared, defined by its library, determined by experiment, or unknown."""
+"""The convention of a user-defined PyTorch module: declared, defined by its library, determined by experiment, or
+unknown."""
 
 import warnings
 
@@ -46,13 +47,14 @@ class Broken(Net):
 
 
 class Channels(nn.Module):
-    """u is the first image's first channel and v the second image's last, for every input and output convention."""
+    """Return the first channel of the first image as u and the last channel of the second image as v, for every
+    convention."""
 
     def __init__(self, layout="pair", returns=lambda flow: flow):
         super().__init__()
         self.layout, self.returns = layout, returns
         self.one = nn.Parameter(torch.ones(1))
-        self.norm = nn.BatchNorm2d(2)  # only its mode matters; its contents are unused
+        self.norm = nn.BatchNorm2d(2)  # only its mode matters; its contents are not used
 
     def forward(self, *images):
         if self.layout == "images":
@@ -163,13 +165,14 @@ def test_the_order_of_a_trained_network_is_found_and_reported():
 
 @pytest.mark.slow
 def test_the_whole_convention_of_a_trained_network_is_found():
-    with pytest.warns(ConventionWarning, match="using scaling=-1-1, order=bgr, layout=pair, output=-1"):
+    with pytest.warns(ConventionWarning, match="scaling=-1-1, order=bgr, layout=pair, output=-1 is used"):
         model = rf.TorchModel(trained_matcher(), device="cpu")
     assert (model.declared.scaling, model.declared.order) == ("-1-1", "bgr")
 
 
 class AnyRange(nn.Module):
-    """The trained network behind a norm works equally well with every range, so no range can be determined."""
+    """A trained network preceded by a normalisation layer works equally well with every value range, so none can be
+    determined."""
 
     def __init__(self):
         super().__init__()

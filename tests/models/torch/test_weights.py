@@ -1,4 +1,4 @@
-"""Weights that do not match a network or should not be in one."""
+"""Weights that do not match a network, or must not be loaded into one."""
 
 import pytest
 
