@@ -1,5 +1,6 @@
 """Sparsification, AUSE and the forward-backward check match naive implementations, theoretical values and known
-properties."""
+properties.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ pixels = st.lists(st.tuples(st.integers(0, 20), st.integers(-4, 4)), min_size=1,
 
 def naive_curve(errors, keys):
     """Compute the mean over all orderings within a tie, in exact fractions: every pixel of a tie gets the tie's mean
-    error."""
+    error.
+    """
     mean = {key: [e for e, k in zip(errors, keys, strict=True) if k == key] for key in keys}
     ordered = [Fraction(sum(mean[key]), len(mean[key])) for key in sorted(keys)]
     return [

@@ -84,7 +84,8 @@ def save(path, inputs, nodes, outputs, constants=()):
 
 def with_weights_beside(path, location):
     """Save a network with two inputs whose flow is a 4x4 weight that is stored in the file `location` in the same
-    folder."""
+    folder.
+    """
     inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3, 4, 4]) for name in ("image1", "image2")]
     weight = TensorProto(name="weight", data_type=TensorProto.FLOAT, dims=[1, 2, 4, 4])
     weight.data_location = TensorProto.EXTERNAL

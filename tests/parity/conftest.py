@@ -10,7 +10,8 @@ from ..shared_data import shared_root
 
 NO_CASE = "none"
 """Parameter of the single test that remains, and is skipped with a reason, if a pack is missing or has no case with
-this ending."""
+this ending.
+"""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -22,7 +22,8 @@ PACK = "arflow"
 @pytest.fixture
 def checkpoint(pack, tmp_path):
     """Write a file in the authors' format: weights from multi-GPU training, among the other entries that their trainer
-    saves."""
+    saves.
+    """
     state = {f"module.{key}": value for key, value in pack.fill(ARFlow()).state_dict().items()}
     torch.save({"epoch": 1000, "state_dict": state}, tmp_path / "pwclite_ar.tar")
     return tmp_path / "pwclite_ar.tar"

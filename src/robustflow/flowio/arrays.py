@@ -16,7 +16,8 @@ MAX_SIDE = 99_999
 
 MAX_PIXELS = 2**26
 """Maximum number of pixels, 67 million; larger files are rejected before decompression. Spring, the dataset with the
-largest flow fields, has 8 million per file."""
+largest flow fields, has 8 million per file.
+"""
 
 UNKNOWN_THRESHOLD = 1e9
 """A component whose magnitude exceeds this threshold marks unknown flow, as in Middlebury's format."""

@@ -38,7 +38,8 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
 
 def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
     """Return the flow as the bytes of a little-endian .pfm file; unknown pixels are stored as NaN, and the third
-    channel is 0."""
+    channel is 0.
+    """
     height, width = valid.shape
     values = np.zeros((height, width, 3), "<f4")
     values[..., :2] = np.where(valid[..., None], flow, np.nan)

@@ -100,7 +100,8 @@ def flow_array(flow: Flow) -> Flow:
 
 def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
     """Return two flows as C-contiguous arrays; raise a DataError if one of them is not a flow, or if their sizes
-    differ."""
+    differ.
+    """
     a, b = flow_array(flow), flow_array(reference)
     if a.shape != b.shape:
         raise DataError(

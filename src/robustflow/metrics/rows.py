@@ -57,7 +57,8 @@ ROW_KEY = ("sample", "corruption", "severity")
 
 COVERAGES = (90, 80, 70, 60, 50, 40, 30, 20, 10)
 """Percentages of the pixels for which rows contain the mean error of the most confident and of the most accurate
-pixels."""
+pixels.
+"""
 
 _NUMBER: type[pl.DataType] = pl.Float64
 ON_REQUEST: dict[str, type[pl.DataType]] = {

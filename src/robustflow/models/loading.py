@@ -1,5 +1,6 @@
 """Load a model by name, by `module.path:Attribute`, from the file of an exported network, or from a folder of flow
-files."""
+files.
+"""
 
 from __future__ import annotations
 

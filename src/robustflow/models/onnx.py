@@ -47,8 +47,8 @@ class OnnxModel(PairNetwork):
         multiple: number that height and width must be multiples of; frames are padded by repeating the border, half on
             each side. If the network has a fixed input size, frames are padded to that size.
         layout: layout of the inputs, "pair", "stacked" or "concatenated"; by default inferred from the inputs' shapes.
-            inputs: comma-separated names of the two inputs, first frame first; by default in the order of the file.
-            output: name of the output that is the flow; by default the last output.
+        inputs: comma-separated names of the two inputs, first frame first; by default in the order of the file.
+        output: name of the output that is the flow; by default the last output.
         sha256: expected SHA-256 of the file, or at least its first eight digits.
         device: name of the device, "cpu", "cuda" or "cuda:1". CUDA requires onnxruntime-gpu instead of onnxruntime.
         threads: number of CPU threads, 1 by default; more threads can change the last bits of a result, and runs are
@@ -239,7 +239,8 @@ def _parse(path: Path, content: bytes) -> Any:
 
 def _read_names(model: Any) -> set[str]:
     """Return the names of all values that a network's operators read, including those in branches, and the output
-    names."""
+    names.
+    """
     import onnx
 
     return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {
@@ -271,7 +272,8 @@ def _external_files(path: Path, model: Any) -> dict[str, str]:
 
 def _messages(message: Any, kind: type) -> Iterator[Any]:
     """Yield all messages of a given type nested in a message: tensors in initializers and attributes, nodes in
-    branches."""
+    branches.
+    """
     if isinstance(message, kind):
         yield message
     for field, value in message.ListFields():

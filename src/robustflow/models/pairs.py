@@ -46,8 +46,8 @@ class PairNetwork(ABC):
             The flows, float32 (H, W, 2) each, (u right, v down) in pixels.
 
         Raises:
-            UsageError: the frames are not pairs of RGB uint8 images. ModelError: the network does not support the
-                frames' size, fails, or does not return a flow.
+            UsageError: the frames are not pairs of RGB uint8 images.
+            ModelError: the network does not support the frames' size, fails, or does not return a flow.
         """
         return predict_by_size(self._predict, frames1, frames2)
 

@@ -39,7 +39,8 @@ frames nor scenes with a benchmark.
 
 DECLARED = "trained_on"
 """Name of the option (available for every model) and of the attribute (of user-defined models) that declares the
-training sets."""
+training sets.
+"""
 
 PARTS = {"kitti2015": ("train", "drive-disjoint", "released")}
 """Parts that a declaration `SET:PART` may name, for training sets with more parts than "train": the training part of

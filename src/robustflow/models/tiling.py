@@ -32,7 +32,8 @@ def tile_origins(length: int, tile: int) -> list[int]:
     end.
 
     Args:
-        length: length of the axis in pixels, at least `tile`. tile: length of a tile in pixels, greater than `OVERLAP`.
+        length: length of the axis in pixels, at least `tile`.
+        tile: length of a tile in pixels, greater than `OVERLAP`.
 
     >>> tile_origins(1242, 960)
     [0, 282]

@@ -1,5 +1,6 @@
 """Checks for user-defined models, corruptions, attacks and datasets, and small test doubles; all are imported
-lazily."""
+lazily.
+"""
 
 from __future__ import annotations
 

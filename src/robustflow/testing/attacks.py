@@ -19,7 +19,8 @@ _SHAPES = ((32, 40), (17, 23))
 
 class _Smooth:
     """A model whose u and v are the tanh of weighted sums of a pixel's values in both frames; it has a gradient
-    everywhere, and is implemented in NumPy and in PyTorch."""
+    everywhere, and is implemented in NumPy and in PyTorch.
+    """
 
     _weights = np.array([[[3, -2, 1], [-1, 2, -3]], [[-1, 1, 2], [2, -3, 1]]], np.float32) / 4
 

@@ -27,7 +27,8 @@ def centred(patch):
 
 def descended(image1, image2, y, x, start, patch, steps):
     """Return the final position of the patch at (y, x) from the update equation, with the mean of both patches
-    subtracted."""
+    subtracted.
+    """
     window = np.s_[y : y + patch, x : x + patch]
     slope = np.stack([centred(s[window]).ravel() for s in central(image1)])
     u = np.array(start, float)

@@ -108,7 +108,8 @@ def test_a_change_of_brightness_alone_is_not_motion_of_a_blank_frame(one, other)
 @pytest.mark.parametrize("point", [1, 3])
 def test_a_brighter_second_frame_changes_little(point):
     """The mean is subtracted from patches before they are compared, so the search does not depend on the brightness of
-    a frame."""
+    a frame.
+    """
     frame1, frame2 = (frame // 2 for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=point)
     assert error_inside(model.predict(frame1, frame2 + 60), 3.3, 2.7) < 0.4
@@ -128,7 +129,8 @@ def test_no_channel_is_favoured(point):
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_pair_has_the_mirrored_flow(axis):
     """The flows differ near patches that are flush with the last edge, because mirroring turns these into the first
-    ones."""
+    ones.
+    """
     frame1, frame2 = (frame[:236, :316] for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=3)
     flow = model.predict(frame1, frame2)

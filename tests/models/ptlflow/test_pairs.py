@@ -285,7 +285,8 @@ def test_the_first_import_is_silent(library):
 @pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
 def test_constructors_that_write_into_their_defaults(library, capsys, name):
     """These constructors receive lists, like from the library's own loader; recover_rn receives them through its base
-    class."""
+    class.
+    """
     frames = textured_pair(128, 136)
     model = load_model(name, checkpoint="random", iterations=2, device="cpu")
     assert model.identity()["iterations"] == 2

@@ -1,5 +1,6 @@
 """The convention of a user-defined PyTorch module: declared, defined by its library, determined by experiment, or
-unknown."""
+unknown.
+"""
 
 import warnings
 
@@ -48,7 +49,8 @@ class Broken(Net):
 
 class Channels(nn.Module):
     """Return the first channel of the first image as u and the last channel of the second image as v, for every
-    convention."""
+    convention.
+    """
 
     def __init__(self, layout="pair", returns=lambda flow: flow):
         super().__init__()
@@ -172,7 +174,8 @@ def test_the_whole_convention_of_a_trained_network_is_found():
 
 class AnyRange(nn.Module):
     """A trained network preceded by a normalisation layer works equally well with every value range, so none can be
-    determined."""
+    determined.
+    """
 
     def __init__(self):
         super().__init__()

@@ -46,7 +46,8 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
 @njit(cache=True, nogil=True)
 def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
     """Warp frame 2 backwards along the flow; write the mean of frame 1 and the result to `middle`, the difference to
-    `change`."""
+    `change`.
+    """
     height, width, _ = flow.shape
     half = np.float32(0.5)
     for y in range(height):

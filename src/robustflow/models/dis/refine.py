@@ -50,7 +50,8 @@ def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
 @njit(cache=True, nogil=True)
 def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: Any, system: Any, smooth: Any) -> None:
     """Return the linear system of the data terms for each pixel (xx, xy, yy, right-hand sides) and the smoothness
-    weights."""
+    weights.
+    """
     height, width, _ = flow.shape
     zero, two, least = np.float32(0), np.float32(2), np.float32(_EPSILON * _EPSILON)
     for y in range(height):

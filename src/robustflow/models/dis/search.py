@@ -180,7 +180,8 @@ def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) ->
 @njit(cache=True, nogil=True)
 def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
     """Return the sum of squared differences between a patch and its bilinear match, after subtracting each channel's
-    mean."""
+    mean.
+    """
     y0, at_y = in_search_area(y + v, image1.shape[0], patch)
     x0, at_x = in_search_area(x + u, image1.shape[1] // 3, patch)
     wy, wx = np.float32(at_y), np.float32(at_x)

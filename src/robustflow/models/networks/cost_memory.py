@@ -1,5 +1,6 @@
 """FlowFormer's memory encoder: the cost map of every pixel is encoded as eight latent tokens (Huang et al. 2022,
-3.2)."""
+3.2).
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), with deterministic sampling (DDIM
-2021)."""
+2021).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ STEPS = 1000
 
 def cosine_betas(steps: int = STEPS, offset: float = 0.008) -> Tensor:
     """Return the noise variances, float64 (steps,), clipped to at most 0.999 (Nichol and Dhariwal 2021, equation
-    17)."""
+    17).
+    """
     time = torch.linspace(0, steps, steps + 1, dtype=torch.float64) / steps
     kept = torch.cos((time + offset) / (1 + offset) * math.pi / 2) ** 2
     return (1 - kept[1:] / kept[:-1]).clamp(0, 0.999)

@@ -1,5 +1,6 @@
 """FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow, which is refined at
-1/4."""
+1/4.
+"""
 
 from __future__ import annotations
 

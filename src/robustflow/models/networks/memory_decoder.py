@@ -103,7 +103,8 @@ class _ContextAttention(nn.Module):
 class MemoryDecoder(nn.Module):
     """Decode the flow recurrently from the cost memory.
 
-    State-dict keys: `flow_token_encoder.{0,2} proj decoder_layer.cross_attend update_block att`."""
+    State-dict keys: `flow_token_encoder.{0,2} proj decoder_layer.cross_attend update_block att`.
+    """
 
     def __init__(self) -> None:
         super().__init__()

@@ -91,7 +91,8 @@ class TwoWayBlock(nn.Module):
 
     def forward(self, tokens: Tensor, image: Tensor, token_code: Tensor, image_code: Tensor) -> tuple[Tensor, Tensor]:
         """Update tokens (N, T, 256) and image (N, H * W, 256), given their positional encodings; the shapes do not
-        change."""
+        change.
+        """
         if self.first:
             tokens = self.self_attn(tokens, tokens, tokens)
         else:

@@ -44,12 +44,12 @@ class Network:
 
     Attributes:
         net: factory of the network as "module:attribute" in this package, called with the options as keywords.
-        source: description of the checkpoint file, and where the authors publish it. convention: input convention of
-            the network.
+        source: description of the checkpoint file, and where the authors publish it.
+        convention: input convention of the network.
         options: options of the network, keyed by name.
         fixed: fixed keyword arguments of the factory, recorded like options.
-        scope: prefix of the network's entries in the checkpoint; see `load_weights`. tile: default tile size
-            HEIGHTxWIDTH; None for a network without the option `tile`.
+        scope: prefix of the network's entries in the checkpoint; see `load_weights`.
+        tile: default tile size HEIGHTxWIDTH; None for a network without the option `tile`.
     """
 
     net: str

@@ -44,7 +44,8 @@ class Tiny(nn.Module):
 
     def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
         """Return the flow of every level at full size, coarsest level first, (N, 2, H, W) each, in pixels of the
-        image."""
+        image.
+        """
         size = (image1.shape[2], image1.shape[3])
         levels = list(zip(self.pyramid(image1)[:0:-1], self.pyramid(image2)[:0:-1], self.reduce, strict=True))
         flow = torch.zeros_like(levels[0][0][:, :2])

@@ -114,5 +114,6 @@ class VerticalAttention(nn.Module):
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
         """Update tokens (N * K, H, W, 128), where the K tokens of a pixel form K maps, given the context (N, H, W,
-        256)."""
+        256).
+        """
         return self.global_block(self.local_block(x, context), context)

@@ -115,6 +115,7 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
 
 def _lands_before(pixels: Tensor, side: int) -> Tensor:
     """Return whether an integer coordinate becomes smaller when it is normalised to -1..1 for `grid_sample` and
-    converted back."""
+    converted back.
+    """
     normalised = 2 * pixels / (side - 1) - 1
     return (normalised + 1) / 2 * (side - 1) < pixels

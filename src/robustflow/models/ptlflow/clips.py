@@ -45,7 +45,8 @@ class _ClipConvention:
 
 _MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
 """Number of frames before the pair: on KITTI, the authors start ten frames before it, on other datasets at the
-beginning of the sequence."""
+beginning of the sequence.
+"""
 
 CLIPS = {
     "videoflow_bof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),

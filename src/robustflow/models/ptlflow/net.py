@@ -76,7 +76,8 @@ class PtlflowNet(nn.Module):
 
 _STRIDE = 8
 """Number of image pixels per pixel of the cost volume along each axis; the side lengths of a crop are multiples of
-it."""
+it.
+"""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):

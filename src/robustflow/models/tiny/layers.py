@@ -14,7 +14,8 @@ Weights = npt.NDArray[np.float32]
 
 _COLUMNS = 250_000
 """Number of values of the unfolded input that are processed at a time, chosen to fit into a core's cache at any frame
-size."""
+size.
+"""
 _SLOPE = np.float32(0.1)
 
 

@@ -18,8 +18,8 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
     """Compute the flow of a pair.
 
     Args:
-        weights: float32 weights, keyed by their names in the trained network's state dict. frame1: first frame, RGB
-            uint8 (H, W, 3).
+        weights: float32 weights, keyed by their names in the trained network's state dict.
+        frame1: first frame, RGB uint8 (H, W, 3).
         frame2: second frame, same format as `frame1`.
 
     Returns:

@@ -23,8 +23,9 @@ def refuse_missing_file(
     Args:
         model: name of the model, for messages.
         checkpoint: path, name in `published`, "random", or None, which is always accepted.
-        published: names of checkpoints that can be downloaded. source: description of the file, and where its authors
-            publish it. strict: whether `published` is complete, so that any other name is an error.
+        published: names of checkpoints that can be downloaded.
+        source: description of the file, and where its authors publish it.
+        strict: whether `published` is complete, so that any other name is an error.
 
     Raises:
         ModelError: the file does not exist.
@@ -52,7 +53,8 @@ def find_checkpoint(
         model: name of the model, for messages.
         checkpoint: path, or name in `published`.
         published: URLs, keyed by name; a file name that ends in `-XXXXXXXX.ext` contains the first digits of its
-            SHA-256. source: description of the file, and where its authors publish it.
+            SHA-256.
+        source: description of the file, and where its authors publish it.
 
     Returns:
         The path, and the first digits of the expected SHA-256, or None if they are not known.

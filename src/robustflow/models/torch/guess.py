@@ -34,7 +34,8 @@ every pair.
 """
 _SURE = 0.05
 """A declared convention is accepted without further comparison if its error is below this fraction of the error of zero
-flow."""
+flow.
+"""
 _WELL = 0.1
 """A declared convention causes a warning if its error is above this fraction of the error of zero flow."""
 _SEES = 0.5
@@ -124,8 +125,8 @@ def infer_convention(
         module: module in evaluation mode, on `device`.
         call: function that calls the module with its list of inputs.
         declared: convention declared by the user.
-        multiple: number of which the input's height and width must be multiples. device: device on which the module
-            runs.
+        multiple: number of which the input's height and width must be multiples.
+        device: device on which the module runs.
         threads: number of CPU threads.
 
     Returns:

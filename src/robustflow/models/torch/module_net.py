@@ -24,9 +24,9 @@ class ModuleNet(nn.Module):
     Args:
         module: network; its training or evaluation mode is not changed.
         call: function that calls the module with its list of inputs.
-        layout: input layout, one of `MODULE_LAYOUTS`. output: index or key of the flow among several outputs; None for
-            the last one. batched: whether the module accepts several pairs per call; otherwise each pair is predicted
-            separately.
+        layout: input layout, one of `MODULE_LAYOUTS`.
+        output: index or key of the flow among several outputs; None for the last one.
+        batched: whether the module accepts several pairs per call; otherwise each pair is predicted separately.
     """
 
     def __init__(
@@ -51,7 +51,8 @@ class ModuleNet(nn.Module):
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
         """Predict a flow (N, 2, H, W) in pixels from images (N, 3, H, W) in the module's colour order and value
-        range."""
+        range.
+        """
         if self.batched:
             return self._flow(image1, image2)
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])

@@ -58,8 +58,8 @@ def network_model(
             missing.
         sha256: first digits of the file's expected SHA-256, if known.
         published: URLs of the checkpoints that can be downloaded, keyed by name.
-        scope: prefix of the network's entries in the checkpoint; see `load_weights`. settings: additional settings that
-            affect the network's results.
+        scope: prefix of the network's entries in the checkpoint; see `load_weights`.
+        settings: additional settings that affect the network's results.
         adapt: function that adapts the network to the checkpoint's hyperparameters before the weights are loaded, and
             returns the settings to be recorded.
         confident: whether the network can return its confidence; see `ConfidentNetwork`.

@@ -144,7 +144,8 @@ class TorchModel(NetworkModel):
 
     def identity(self) -> dict[str, Any]:
         """Return the identity as in `NetworkModel.identity`, but without the name, which does not affect the
-        results."""
+        results.
+        """
         return {**super().identity(), "name": self._class}
 
 

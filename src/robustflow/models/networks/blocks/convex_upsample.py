@@ -1,5 +1,6 @@
 """Convex upsampling: each fine pixel is a weighted mean of 3 x 3 coarse pixels (RAFT, Teed and Deng 2020, section
-3.3)."""
+3.3).
+"""
 
 from __future__ import annotations
 
