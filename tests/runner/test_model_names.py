@@ -89,9 +89,9 @@ def test_training_sets_are_an_option(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("option", "value", "says"),
     [
-        ("--device", "cuda", "runs on the CPU only; leave out --device"),
+        ("--device", "cuda", "runs on the CPU only; omit --device"),
         ("--precision", "bf16", "does not have a selectable precision; omit --precision"),
-        ("--checkpoint", "things", "has no weights to load; leave out --checkpoint"),
+        ("--checkpoint", "things", "has no weights to load; omit --checkpoint"),
     ],
 )
 def test_what_a_model_without_a_network_does_not_take(monkeypatch, capsys, model, option, value, says):

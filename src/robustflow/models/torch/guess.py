@@ -259,8 +259,8 @@ class _Trial:
         pair.
 
         Args:
-            ways: candidate conventions; those with a much larger error than the best are discarded. better_than:
-                reference convention; candidates that are not much better are discarded, too.
+            ways: candidate conventions; those with a much larger error than the best are discarded.
+            better_than: reference convention; candidates that are not much better are discarded, too.
         """
         candidates: dict[Declared, _TriedConvention] = {}
         for number, pair in enumerate(self._pairs):
