@@ -120,11 +120,11 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
             None,
             "run -m dis -b shapes -c rolling_shutter",
             2,
-            "give --benchmark gopro-fc, which takes a video file as it is; for pairs with exact ground truth, give "
+            "give --benchmark gopro-fc, which takes a video file as it is; for pairs with exact ground truth, use "
             "--benchmark shapes --data-option readout=0.6 instead of the corruption",
         ),
         (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),
-        (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows the corruption"),
+        (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
         (None, "run -m dis -s high", 2, "integers from"),

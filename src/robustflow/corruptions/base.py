@@ -49,8 +49,7 @@ class Corruption(ABC):
     """Key of `source` in a run's identity; empty if the result does not depend on any user files."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
-        """Create the corruption; `severities` replaces the paper's five parameters, e.g. by those of the calibrated
-        scale.
+        """Create the corruption; `severities` overrides the paper's five parameters, e.g. for the calibrated scale.
 
         None marks a severity that does not exist on the scale.
         """

@@ -25,7 +25,7 @@ def as_frame(image: Any) -> Frame:
     if not isinstance(image, Image.Image):
         return image
     if image.mode not in _EIGHT_BITS or "transparency" in image.info:
-        raise DataError(f"an image has the mode {image.mode}: corruptions need 8-bit RGB; use image.convert('RGB')")
+        raise DataError(f"an image has the mode {image.mode}: corruptions require 8-bit RGB; use image.convert('RGB')")
     return np.asarray(image.convert("RGB"))
 
 

@@ -1,4 +1,4 @@
-"""Check that every pair corruption produces the expected bytes on this machine, using stored hashes."""
+"""Compare the output of every pair corruption on this machine with stored hashes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def compare_with_package() -> Iterator[tuple[str, str]]:
 
 
 def digests_of(name: str) -> dict[str, str]:
-    """Return the hash of the corrupted pair on this machine for each severity.
+    """Return the hash of the corrupted pair for each severity, as computed on this machine.
 
     >>> sorted(digests_of("contrast"))
     ['1', '3', '5']

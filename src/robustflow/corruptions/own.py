@@ -142,7 +142,7 @@ def register_target(target: str) -> str:
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
     """Return the corruption that the user or an installed package registered under a name.
 
-    The result is None if the corruption belongs to this package or exists only as files.
+    Returns None if the corruption belongs to this package or exists only as files.
 
     Raises:
         UsageError: the name is unknown, or the class cannot be instantiated.
@@ -167,7 +167,7 @@ def is_known(name: str) -> bool:
 def own_among(names: Iterable[str]) -> tuple[Made, ...]:
     """Return the user-registered corruptions among the names, including parts of stacks.
 
-    A different process can pass them to `register_custom`.
+    They can be passed to `register_custom` in a different process.
     """
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)

@@ -22,7 +22,7 @@ from ..severity import SEVERITIES
 from ..validated import FrozenFinite
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
-"""Environment variable with the path of a table to use instead of the shipped one."""
+"""Environment variable that specifies a table to use instead of the shipped one."""
 
 Similarity = Annotated[float, Field(ge=-1.0, le=1.0)]
 _Number = bool | int | float
@@ -126,7 +126,7 @@ def shipped() -> CalibrationTable:
 
 
 def calibration() -> CalibrationTable:
-    """Return the table specified by `ROBUSTFLOW_CALIBRATION`, or the shipped table by default."""
+    """Return the table specified by `ROBUSTFLOW_CALIBRATION`, or the shipped table if it is not set."""
     chosen = os.environ.get(CALIBRATION_VARIABLE)
     return _cached(Path(chosen).expanduser()) if chosen else shipped()
 

@@ -11,7 +11,7 @@ from ..kernels.disk import convolve_disk
 
 
 class Disk(NamedTuple):
-    """Parameters of a severity."""
+    """Parameters for one severity."""
 
     radius: float
     """Radius of the disk, in pixels."""
@@ -22,11 +22,11 @@ class Disk(NamedTuple):
 class DefocusBlur(Corruption):
     """Convolves both frames with an anti-aliased disk (paper, appendix "Corruption Details", blur).
 
-    A severity is (radius in pixels, standard deviation of the anti-aliasing). The paper describes a "circular mean
-    filter". The reference code smooths a disk inside an array that is too small for the radii 8 and 10 and mirrors the
-    disk at the edge of the array, so these kernels sum to 1.013 and 1.011 and brighten the image. This behaviour is
-    kept because it is part of the published results. Borders mirror the image without repeating the edge pixel.
-    `variant="paper"` uses the disk without anti-aliasing; `variant="reference"` truncates instead of rounding.
+    The severity parameters are (radius in pixels, standard deviation of the anti-aliasing). The paper describes a
+    "circular mean filter". The reference code smooths a disk inside an array that is too small for the radii 8 and 10
+    and mirrors the disk at the edge of the array, so these kernels sum to 1.013 and 1.011 and brighten the image. This
+    behaviour is kept because it is part of the published results. Borders mirror the image without repeating the edge
+    pixel. `variant="paper"` uses the disk without anti-aliasing; `variant="reference"` truncates instead of rounding.
     """
 
     name = "defocus_blur"

@@ -11,9 +11,9 @@ from ..kernels.separable import FLOOR, gaussian_frame
 class GaussianBlur(Corruption):
     """Applies a Gaussian filter to both frames (paper, appendix "Corruption Details", blur).
 
-    A severity is the standard deviation in pixels. As in the reference code, edge pixels are repeated beyond the
-    border, and the kernel is cut off at four standard deviations. `variant="reference"` truncates the result instead of
-    rounding it.
+    The severity parameter is the standard deviation in pixels. As in the reference code, edge pixels are repeated
+    beyond the border, and the kernel is cut off at four standard deviations. `variant="reference"` truncates the result
+    instead of rounding it.
 
     >>> GaussianBlur().parameter(5)
     6.0

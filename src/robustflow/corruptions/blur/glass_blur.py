@@ -18,7 +18,7 @@ SourceIndex = npt.NDArray[np.int32]
 
 
 class Glass(NamedTuple):
-    """Parameters of a severity."""
+    """Parameters for one severity."""
 
     sigma: float
     """Standard deviation of both blurs, in pixels."""
@@ -32,12 +32,13 @@ class GlassBlur(Corruption):
     """Applies a Gaussian blur, a local shuffle shared by both frames, and a second Gaussian blur (paper, appendix,
     blur).
 
-    A severity is (sigma, neighbourhood alpha, iterations beta). The shuffle proceeds from the bottom right to the top
-    left and pairs each pixel with a random partner, whose offset is between -alpha and alpha - 1 in both directions.
-    According to the paper, the two pixels are swapped. In the reference code, however, array views turn the swap into a
-    copy: the pixel is set to its partner's value, and the partner is unchanged. So some values disappear, and the
-    content drifts by up to 2 px, equally in both frames. This is the default because it is part of the published
-    results; `variant="paper"` swaps the pixels. The first blur truncates its result, as in the reference code.
+    The severity parameters are (sigma, neighbourhood alpha, iterations beta). The shuffle proceeds from the bottom
+    right to the top left and pairs each pixel with a random partner, whose offset is between -alpha and alpha - 1 in
+    both directions. According to the paper, the two pixels are swapped. In the reference code, however, array views
+    turn the swap into a copy: the pixel is set to its partner's value, and the partner is unchanged. So some values
+    disappear, and the content drifts by up to 2 px, equally in both frames. This is the default because it is part of
+    the published results; `variant="paper"` swaps the pixels. The first blur truncates its result, as in the reference
+    code.
     """
 
     name = "glass_blur"

@@ -30,10 +30,10 @@ maximum error.
 class PsfBlur(Corruption):
     """Applies the spatially varying blur of one of five lenses (paper, Sec. 3 and appendix, PSF blur).
 
-    A severity is the nominal RMS radius of the lens in mm. The lenses are part of this package (`robustflow optics`)
-    and designed to produce the same amount of blur as those in the paper; set `psf_dir` to load the paper's lenses from
-    the reference code's files. Both frames are blurred identically, nothing is random, and the PSFs are centred so that
-    the blur does not shift the image.
+    The severity parameter is the nominal RMS radius of the lens in mm. The lenses are part of this package (`robustflow
+    optics`) and designed to produce the same amount of blur as those in the paper; set `psf_dir` to load the paper's
+    lenses from the reference code's files. Both frames are blurred identically, nothing is random, and the PSFs are
+    centred so that the blur does not shift the image.
 
     `variant="reference"` truncates grey levels, as the reference code does; otherwise they are rounded. The reference
     code leaves the last H % 16 rows and W % 16 columns black, and also a central tile if both tile counts are odd; no

@@ -1,8 +1,8 @@
-"""Read the PSF stacks of the reference code, if the user has them; each file is converted once.
+"""Read PSF stacks of the reference code provided by the user; each file is converted once.
 
-The reference code keeps one `.pth` file per severity, a float32 tensor (64, 3, 61, 61), named after its lens
-("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). It correlates images with these arrays; a convolution needs them
-rotated by 180 degrees.
+The reference code has one `.pth` file per severity, with a float32 tensor (64, 3, 61, 61). The files are named after
+the lenses ("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). The reference code correlates images with these arrays;
+for convolution, they are rotated by 180 degrees.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from ...psf.psf_field import SHAPE, PsfField
 from ...sealed import sealed_bytes, unsealed_bytes
 
 LARGEST = 16 * 2**20
-"""Maximum file size in bytes; a stack has 2.9 million."""
+"""Maximum file size in bytes; the size of a stack is 2.9 million bytes."""
 
 
 def find_stack(folder: Path, rms: float) -> Path:
     """Return the only `.pth` file in a folder whose name contains the RMS radius `rms` (mm, as in the paper).
 
     Raises:
-        AssetError: the folder does not exist, or not exactly one file matches.
+        AssetError: the folder does not exist, or it does not contain exactly one matching file.
     """
     if not folder.is_dir():
-        raise AssetError(f"the PSF folder {folder} does not exist; give the folder with the reference's .pth files")
+        raise AssetError(f"the PSF folder {folder} does not exist; specify the folder with the reference's .pth files")
     files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
     if len(files) != 1:
         raise AssetError(
             f"{folder} contains {len(files)} files named *rms{rms:.4f}*.pth, expected one; "
-            "give the folder with the five PSF stacks of the reference code"
+            "specify the folder with the reference code's five PSF stacks"
         )
     return files[0]
 
@@ -49,16 +49,16 @@ def find_stack(folder: Path, rms: float) -> Path:
 def reference_field(folder: str | Path, rms: float) -> PsfField:
     """Load the PSFs of the reference lens with RMS radius `rms` from a folder of `.pth` files.
 
-    PyTorch reads the file once, with `weights_only`. The result is cached under the SHA-256 of the file, together with
-    a checksum, and later calls read the cache without PyTorch.
+    PyTorch reads the file once, with `weights_only`. The result is stored in the cache with a checksum, using the
+    SHA-256 of the file as key, so later calls do not require PyTorch.
 
     Raises:
-        AssetError: the file is missing, or PyTorch is needed but not installed.
+        AssetError: the file is missing, or PyTorch is required but not installed.
         DataError: the file is not a PSF stack.
     """
     path = find_stack(Path(folder), rms)
     if path.stat().st_size > LARGEST:
-        raise DataError(f"{path} has {path.stat().st_size} bytes, a PSF stack has 2.9 million; wrong file")
+        raise DataError(f"{path} has {path.stat().st_size} bytes, but a PSF stack has 2.9 million; wrong file")
     data = path.read_bytes()
     source = hashlib.sha256(data).hexdigest()
     kept = cache_folder("psf") / f"{source}.stack"
@@ -90,14 +90,14 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
     try:
         tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises a different exception type for each kind of invalid file
-        raise DataError(f"{path} is not a PSF stack that can be read safely; give an unchanged .pth file") from error
+        raise DataError(f"{path} is not a PSF stack that can be read safely; use an unmodified .pth file") from error
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
-        raise DataError(f"{path} is not a single float32 tensor of shape {SHAPE}; give an unchanged .pth file")
+        raise DataError(f"{path} is not a single float32 tensor of shape {SHAPE}; use an unmodified .pth file")
     return np.asarray(tensor.numpy(), np.float32)
 
 
 def _check_declared(path: Path, data: bytes) -> None:
-    """Refuse a small file that declares a large content before memory is allocated for it.
+    """Reject small files that declare large contents, before memory is allocated for them.
 
     Raises:
         DataError: the size of an archive entry, or an element count in its index, exceeds that of a PSF stack.
@@ -113,7 +113,7 @@ def _check_declared(path: Path, data: bytes) -> None:
             stream, largest = io.BytesIO(data), len(data)
             numbers = [number for place in range(5) for number in _numbers(stream) if place]
     except (zipfile.BadZipFile, ValueError, RuntimeError, NotImplementedError, EOFError, zlib.error) as error:
-        raise DataError(f"{path} is not a PSF stack that can be read safely; give an unchanged .pth file") from error
+        raise DataError(f"{path} is not a PSF stack that can be read safely; use an unmodified .pth file") from error
     largest = max([largest, *numbers])
     if largest > LARGEST:
         raise DataError(f"{path} declares {largest} bytes or elements, but a PSF stack has 2.9 million bytes")
@@ -122,7 +122,7 @@ def _check_declared(path: Path, data: bytes) -> None:
 def _numbers(stream: io.BytesIO) -> list[int]:
     """Return the absolute values of the integers in the next pickle of a stream, without executing the pickle.
 
-    Older versions of PyTorch write the numbers that name storages as text, so only actual integers are returned.
+    Older versions of PyTorch store the numbers that identify storages as text, so these are not returned.
     """
     whole = ("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4")
     return [abs(arg) for code, arg, _ in pickletools.genops(stream) if code.name in whole and isinstance(arg, int)]

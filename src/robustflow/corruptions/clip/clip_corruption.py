@@ -1,4 +1,4 @@
-"""Placeholders for clip corruptions in code that has only images: name, parameters, and an error on use."""
+"""Placeholders for clip corruptions in code that has only images: names, parameters, and an error on use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ClipCorruption(Corruption):
 
     temporal: ClassVar[bool] = True
     instead: ClassVar[str] = ""
-    """Alternative to a clip, appended to the errors; empty if there is none."""
+    """Alternative to a clip, appended to error messages; empty if there is none."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
         """Raise an error because there is no clip.
@@ -27,7 +27,7 @@ class ClipCorruption(Corruption):
         Raises:
             UsageError: always.
         """
-        shows = "" if self.name in BETWEEN_FRAMES else ", robustflow gallery --clip CLIP shows the corruption"
+        shows = "" if self.name in BETWEEN_FRAMES else ", and robustflow gallery --clip CLIP shows it"
         raise UsageError(
             f"{self.name} requires the clip that contains the frames, not two images; robustflow run --benchmark "
             f"gopro-fc --data CLIP evaluates the corruption{shows}{self.instead}"

@@ -18,6 +18,6 @@ class RollingShutter(ClipCorruption):
     family = "sensor"
     paper_severities = (6, 12, 18, 24, 30)
     instead = (
-        "; for pairs with exact ground truth, give --benchmark shapes --data-option readout=0.6 instead of the "
+        "; for pairs with exact ground truth, use --benchmark shapes --data-option readout=0.6 instead of the "
         "corruption"
     )

@@ -15,13 +15,13 @@ from ..base import DepthCorruption
 from ..kernels.layered_disk import blur_layers
 
 _NEAR, _FAR = 0.1, 0.9
-"""Quantiles of frame 1's depth map that define the "near" and "far" depths."""
+"""Quantiles of the depths in frame 1 that define "near" and "far"."""
 _EVERY = 16
 """Stride in pixels for estimating the "near" and "far" depths."""
 LARGEST = 2.0
 """Maximum disk radius, as a multiple of the radius for the severity."""
 _FINEST, _STEPS = 1.0, 6
-"""Minimum difference in radius between layers, in pixels, and maximum number of steps up to the largest radius."""
+"""Minimum step in radius between layers, in pixels, and maximum number of steps up to the largest radius."""
 
 
 class ThinLens(NamedTuple):
@@ -60,7 +60,7 @@ class Defocus3d(DepthCorruption):
         """Return the lens that blurs the out-of-focus depth (`near` or `far`) by `radius` pixels."""
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
-        """Compute the lens; the random stream is not used."""
+        """Compute the lens for the pair; nothing is random."""
         ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
         near, far = (float(ordered[int(share * (ordered.size - 1))]) for share in (_NEAR, _FAR))
         return DefocusState(self.lens(float(self.parameter(severity)), near, far), depth.maps)

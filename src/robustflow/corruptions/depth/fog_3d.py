@@ -22,10 +22,10 @@ _TINT = 6.0
 class Fog3d(DepthCorruption):
     """Adds fog of uniform density to both frames, following Koschmieder's law.
 
-    A severity is the meteorological visibility V in metres. A pixel x at a depth of Z metres becomes t x + (1 - t) A
-    with t = exp(-3.912 Z / V). The airlight A is drawn once per pair: green is between 175 and 230 grey levels, and red
-    and blue deviate from it by up to 6 levels in opposite directions, so A is grey with a slightly warm or cold tint.
-    As with real fog, the effect is invisible in a room that is only a few metres deep.
+    The severity parameter is the meteorological visibility V in metres. A pixel x at a depth of Z metres becomes t x +
+    (1 - t) A with t = exp(-3.912 Z / V). The airlight A is drawn once per pair: green is between 175 and 230 grey
+    levels, and red and blue deviate from it by up to 6 levels in opposite directions, so A is grey with a slightly warm
+    or cold tint. As with real fog, the effect is invisible in a room that is only a few metres deep.
     """
 
     name = "fog_3d"

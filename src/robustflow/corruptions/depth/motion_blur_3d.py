@@ -49,8 +49,8 @@ class MotionBlurState(NamedTuple):
 class MotionBlur3d(DepthCorruption):
     """Averages views along the camera path in both frames, so near surfaces are blurred more than far ones.
 
-    A severity is the exposure time as a fraction of the time between the frames; 0.5 is typical for film. Both
-    exposures use the camera motion between the two frames. In camera coordinates, points move in straight lines at
+    The severity parameter is the exposure time as a fraction of the time between the frames; 0.5 is typical for film.
+    Both exposures use the camera motion between the two frames. In camera coordinates, points move in straight lines at
     constant speed, and the exposure is centred on the time of the frame, so the content does not shift. Moving objects
     are blurred as if they were static. If the camera motion is unknown, a random one is drawn per pair: a translation
     in a direction uniformly distributed in space, which moves a point at the median depth of frame 1 by 3 % of the

@@ -32,7 +32,7 @@ _LENS_DIAMETER, _FOCUS = 0.002, 10.0
 _PIXEL = 1.0
 """Radius in pixels to which the lens and the pixel spread a point that is in focus."""
 _SMALLEST = 6e-4
-"""Particles with a smaller diameter, as a fraction of the image's longer side, form the veil; 0.75 px of 1242 px."""
+"""Particles with a diameter below this fraction of the image's longer side form the veil; 0.75 px of 1242 px."""
 _MARGIN = 0.05
 """Margin around the image, as a fraction of the longer side, in which particles are sampled because their streaks may
 extend into the image.
@@ -41,7 +41,7 @@ _MOST = 1_000_000
 
 
 class Sizes(NamedTuple):
-    """An exponential size distribution: `density * exp(-slope * D)` particles per cubic metre and millimetre."""
+    """Exponential size distribution: `density * exp(-slope * D)` particles per cubic metre and millimetre."""
 
     density: float
     """Density in 1 / (m^3 mm)."""

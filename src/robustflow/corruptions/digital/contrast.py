@@ -14,7 +14,7 @@ from ..kernels.rounding import to_bytes
 
 
 class Contrast(Corruption):
-    """Reduces the contrast: out = (I - mean) c + mean; a severity is c (paper, "Contrast").
+    """Reduces the contrast: out = (I - mean) c + mean; the severity parameter is c (paper, "Contrast").
 
     The mean is computed per channel, as in the reference code; `variant="paper"` uses one mean for the entire frame, as
     in the paper's formula. `variant="reference"` truncates grey levels, as the reference code does.

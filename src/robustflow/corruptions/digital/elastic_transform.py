@@ -28,10 +28,11 @@ class ElasticState(NamedTuple):
 class ElasticTransform(Corruption):
     """Warps both frames by the same smooth random field (paper, appendix "Corruption Details", digital).
 
-    A severity is alpha. The displacements are alpha times uniform noise in +-0.05 H, blurred with a Gaussian whose
-    standard deviation is 0.01 H vertically and 0.01 W horizontally, cut off at three standard deviations. The reference
-    code uses +-0.005 H instead (`variant="reference"`). Sampling is bilinear; borders mirror the image and repeat the
-    edge pixel. The corruption is described in the paper's appendix but excluded from its averages.
+    The severity parameter is alpha. The displacements are alpha times uniform noise in +-0.05 H, blurred with a
+    Gaussian whose standard deviation is 0.01 H vertically and 0.01 W horizontally, cut off at three standard
+    deviations. The reference code uses +-0.005 H instead (`variant="reference"`). Sampling is bilinear; borders mirror
+    the image and repeat the edge pixel. The corruption is described in the paper's appendix but excluded from its
+    averages.
     """
 
     name = "elastic_transform"

@@ -12,8 +12,8 @@ from ..base import Corruption
 
 
 class JpegCompression(Corruption):
-    """Applies baseline JPEG compression with 4:2:0 chroma subsampling; a severity is the quality (paper, "JPEG
-    compression")."""
+    """Applies baseline JPEG compression with 4:2:0 chroma subsampling; the severity parameter is the quality (paper,
+    "JPEG compression")."""
 
     name = "jpeg_compression"
     family = "digital"

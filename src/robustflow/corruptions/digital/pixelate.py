@@ -9,7 +9,8 @@ from ..kernels.box_resize import pixelated
 
 
 class Pixelate(Corruption):
-    """Shrinks frames with a box filter and enlarges them; a severity is the scale factor (paper, "Pixelation")."""
+    """Shrinks frames with a box filter and enlarges them; the severity parameter is the scale factor (paper,
+    "Pixelation")."""
 
     name = "pixelate"
     family = "digital"

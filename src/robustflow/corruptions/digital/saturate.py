@@ -13,14 +13,15 @@ from ..base import Corruption
 
 
 class Saturation(NamedTuple):
-    """Parameters of a severity: S' = S alpha + beta."""
+    """Parameters for one severity: S' = S alpha + beta."""
 
     alpha: float
     beta: float
 
 
 class Saturate(Corruption):
-    """Changes the saturation in HSV: S' = S alpha + beta; a severity is (alpha, beta) (paper, "Saturate").
+    """Changes the saturation in HSV: S' = S alpha + beta; the severity parameters are (alpha, beta) (paper,
+    "Saturate").
 
     The reference code swaps the first two severities and truncates grey levels (`variant="reference"`). Hue and V are
     unchanged, so a channel c becomes V - V S' (V - c) / (V - m), where V = max(R, G, B) and m = min(R, G, B). Grey has

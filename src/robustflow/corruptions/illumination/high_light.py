@@ -9,10 +9,10 @@ from ..kernels.value_table import Table, look_up, shift_table
 
 
 class HighLight(Corruption):
-    """Brightens frames: V' = V + c on [0, 1]; a severity is c (paper, "High-Light").
+    """Brightens frames: V' = V + c on [0, 1]; the severity parameter is c (paper, "High-Light").
 
-    The reference code calls this corruption `brightness` and truncates grey levels, unlike in the rest of this family;
-    `variant="reference"` does so, too.
+    The reference code calls this corruption `brightness`. Unlike for the rest of this family, it truncates grey levels,
+    as does `variant="reference"`.
     """
 
     name = "high_light"
@@ -20,7 +20,7 @@ class HighLight(Corruption):
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Table:
-        """Nothing is random; the state is the table."""
+        """Return the value table; nothing is random."""
         return shift_table(255.0 * self.parameter(severity), self.variant == "reference")
 
     def apply(self, frame: Frame, state: Table, index: int) -> Frame:

@@ -9,14 +9,14 @@ from ..kernels.value_table import Table, look_up, shift_table
 
 
 class LowLight(Corruption):
-    """Darkens frames: V' = V - c on [0, 1]; a severity is c (paper, "Low-Light")."""
+    """Darkens frames: V' = V - c on [0, 1]; the severity parameter is c (paper, "Low-Light")."""
 
     name = "low_light"
     family = "illumination"
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Table:
-        """Nothing is random; the state is the table."""
+        """Return the value table; nothing is random."""
         return shift_table(-255.0 * self.parameter(severity))
 
     def apply(self, frame: Frame, state: Table, index: int) -> Frame:

@@ -22,8 +22,8 @@ class LightState(NamedTuple):
 class OverExposure(Corruption):
     """Applies V' = V 2**ev to one of two successive frames, chosen at random (paper, "Over Exposure").
 
-    A severity is ev. The paper says "one image"; it is chosen at random, as in the reference code. In a clip, every
-    second frame is overexposed.
+    The severity parameter is ev. The paper says "one image"; it is chosen at random, as in the reference code. In
+    clips, every other frame is changed.
     """
 
     name = "over_exposure"

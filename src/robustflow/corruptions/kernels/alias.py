@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 
 def height_bits(value_bits: int) -> int:
-    """Return the number of bits left for the height in a 32-bit entry with two outcomes of `value_bits` bits each."""
+    """Return the number of bits available for the height in a 32-bit entry with two outcomes of `value_bits` bits
+    each."""
     return 32 - 2 * value_bits
 
 

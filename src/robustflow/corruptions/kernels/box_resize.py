@@ -22,8 +22,8 @@ _HALF = 1 << 21
 class _AxisResize(NamedTuple):
     """Index tables for downscaling an axis from `size` to `small` pixels and upscaling it again."""
 
-    first: npt.NDArray[np.int64]  # (small,) first pixel under the box
-    covered: npt.NDArray[np.int64]  # (small,) number of pixels under the box
+    first: npt.NDArray[np.int64]  # (small,) first pixel in the box
+    covered: npt.NDArray[np.int64]  # (small,) number of pixels in the box
     weight: npt.NDArray[np.uint32]  # (small,) round(2**22 / covered)
     nearest: npt.NDArray[np.int64]  # (size,) nearest pixel of the small axis
 

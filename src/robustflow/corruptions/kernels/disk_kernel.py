@@ -24,7 +24,7 @@ _ROOM = 8
 
 
 class DiskParts(NamedTuple):
-    """The parts into which the kernel is split."""
+    """The parts of the kernel that are summed separately."""
 
     widths: npt.NDArray[np.int64]
     """Half-width of the disk in each row dy, int64 (int(radius) + 1,)."""

@@ -18,7 +18,8 @@ from .noise import BLOCK, Noise
 
 
 class GaussianNoise(Noise):
-    """Adds Gaussian noise, I + c n with n ~ N(0, 1) per sample on [0, 1]; a severity is c (paper, "Gaussian Noise").
+    """Adds Gaussian noise, I + c n with n ~ N(0, 1) per sample on [0, 1]; the severity parameter is c (paper, "Gaussian
+    Noise").
 
     The noise is an integer number of grey levels sampled from a rounded normal distribution, whose probabilities are
     multiples of 2**-23; it is clipped to +-255, which already saturates any sample. `variant="reference"` truncates

@@ -15,9 +15,9 @@ from .noise import BLOCK, Noise
 class ImpulseNoise(Noise):
     """Sets a fraction of the samples to 0 or 255 with equal probability (paper, "Impulse Noise").
 
-    A severity is the fraction, which is rounded to a multiple of 2**-16. The paper replaces entire pixels, whereas the
-    reference code replaces each channel independently. The default follows the code; `variant="paper"` replaces all
-    three channels of a pixel together.
+    The severity parameter is the fraction, which is rounded to a multiple of 2**-16. The paper replaces entire pixels,
+    whereas the reference code replaces each channel independently. The default follows the code; `variant="paper"`
+    replaces all three channels of a pixel together.
     """
 
     name = "impulse_noise"

@@ -18,7 +18,8 @@ from .noise import BLOCK, Noise
 
 
 class ShotNoise(Noise):
-    """Applies shot noise, n / c with n ~ Poisson(I c) per sample I on [0, 1]; a severity is c (paper, "Shot Noise").
+    """Applies shot noise, n / c with n ~ Poisson(I c) per sample I on [0, 1]; the severity parameter is c (paper, "Shot
+    Noise").
 
     Each grey level has an alias table, whose probabilities are multiples of 2**-22. `variant="reference"` truncates
     grey levels instead of rounding, as the reference code does.

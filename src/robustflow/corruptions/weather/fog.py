@@ -19,7 +19,7 @@ FogMap = npt.NDArray[np.float32]
 
 
 class FogLevel(NamedTuple):
-    """Parameters of a severity."""
+    """Parameters for one severity."""
 
     strength: float
     """Strength c with which the map is added."""
@@ -30,9 +30,9 @@ class FogLevel(NamedTuple):
 class Fog(Corruption):
     """Adds a plasma fractal to both frames and reduces the contrast (paper, appendix, weather).
 
-    A severity is (strength c, decay of the fractal); the values are those in the reference code, since the paper does
-    not list any. out = (x + c * map) * m / (m + c) in [0, 1], where m is the maximum value of the frame. Both frames
-    share the same map.
+    The severity parameters are (strength c, decay of the fractal); the values are those in the reference code, since
+    the paper does not list any. out = (x + c * map) * m / (m + c) in [0, 1], where m is the maximum value of the frame.
+    Both frames share the same map.
     """
 
     name = "fog"

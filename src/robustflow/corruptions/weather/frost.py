@@ -128,7 +128,7 @@ class FrostState(NamedTuple):
 
 
 class FrostLevel(NamedTuple):
-    """Parameters of a severity: out = keep * frame + add * frost."""
+    """Parameters for one severity: out = keep * frame + add * frost."""
 
     keep: float
     add: float
@@ -137,9 +137,10 @@ class FrostLevel(NamedTuple):
 class Frost(Corruption):
     """Blends both frames with a photograph of frost: out = a * x + b * frost (paper, appendix, weather).
 
-    A severity is (a, b); the values are those in the reference code, since the paper does not list any. One of five
-    textures (two of which show the same photograph; the sixth texture in the library is never used) is enlarged to 1.1
-    times the size that covers the frame and cropped at a random position, which is shared by both frames.
+    The severity parameters are (a, b); the values are those in the reference code, since the paper does not list any.
+    One of five textures (two of which show the same photograph; the sixth texture in the library is never used) is
+    enlarged to 1.1 times the size that covers the frame and cropped at a random position, which is shared by both
+    frames.
 
     The textures are part of the package `imagecorruptions` and are downloaded on first use; see frost_assets.
 

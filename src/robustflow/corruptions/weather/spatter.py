@@ -33,7 +33,7 @@ class SpatterLayer(NamedTuple):
 
 
 class SpatterLevel(NamedTuple):
-    """Parameters of a severity."""
+    """Parameters for one severity."""
 
     mean: float
     """Mean of the noise that is thresholded into drops, on [0, 1]."""
@@ -52,10 +52,10 @@ class SpatterLevel(NamedTuple):
 class Spatter(Corruption):
     """Adds drops of water (severities 1 to 3) or mud (4 and 5) on the lens, shared by both frames (paper, appendix).
 
-    A severity is (mean and standard deviation of the noise, sigma of its blur, threshold, opacity of water or sigma of
-    the blur for mud, whether the drops are mud); the values are those in the reference code, since the paper does not
-    list any. Sizes are in pixels regardless of the image size, and the colours are the RGB values specified by the
-    authors.
+    The severity parameters are (mean and standard deviation of the noise, sigma of its blur, threshold, opacity of
+    water or sigma of the blur for mud, whether the drops are mud); the values are those in the reference code, since
+    the paper does not list any. Sizes are in pixels regardless of the image size, and the colours are the RGB values
+    specified by the authors.
     """
 
     name = "spatter"
