@@ -1,4 +1,4 @@
-"""Measure the overhead of a run in addition to its model: wall time relative to the model's own time, and CPU time per
+"""Measure the overhead of a run beyond the model itself: wall time relative to the model's own time, and CPU time per
 cell.
 
     python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--workers 2] [--latency 40 20] [--cells-only]

@@ -46,11 +46,11 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
     for label in attack.training(setup.model.model):
         pattern = learned_pattern(RunFolder(run.path), plan, label, severity)
         if pattern is None:
-            raise RunError(f"{run.path} no longer has the trained attack {plain(label)}; run it again")
+            raise RunError(f"{run.path} no longer has the trained attack {plain(label)}; repeat the run")
         learned[label] = {severity: pattern}
     sources = options.attack_sources.get(name, "").split()
     if sources[: len(sources) - len(learned)] != attack.source.split():
-        raise RunError(f"the attack {plain(name)} has changed since {run.path} was run; run it again")
+        raise RunError(f"the attack {plain(name)} has changed since {run.path} was run; repeat the run")
     options = replace(options, attacks=(name,), own_attacks=own_attacks_among([name]), learned=learned)
     return replace(setup, plan=replace(plan, options=options))
 

@@ -90,5 +90,5 @@ def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, P
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     raise DataError(
         f"{path} changed while the run was reading it, so the rows of sample '{key}'{more} were removed; run the same "
-        "command again when no process is writing to the data"
+        "command again once no process is writing to the data"
     )

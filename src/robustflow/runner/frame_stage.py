@@ -43,7 +43,7 @@ class FrameStage:
     Args:
         dataset: source of the samples.
         options: options of the run.
-        seconds: counters to which the time is added, as "load" and "corrupt".
+        seconds: counters; the time is added to "load" and "corrupt".
     """
 
     def __init__(self, dataset: Dataset, options: RunOptions, seconds: Seconds) -> None:

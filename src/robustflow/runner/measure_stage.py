@@ -30,7 +30,7 @@ class MeasureStage:
         options: options of the run.
         clean_path: function from a sample's key to the file in which its clean flow is stored between units.
         kept: clean rows measured earlier, by sample (see `clean_row_check`).
-        seconds: counters to which the time is added, as "measure".
+        seconds: counters; the time is added to "measure".
     """
 
     def __init__(

@@ -153,7 +153,7 @@ def _wheel(axes: Axes) -> None:
 
 
 def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> str:
-    """Return the scores of a cell in one line, without those that are None.
+    """Return the scores of a cell in one line, omitting those that are None.
 
     >>> numbers_line(None, None, 0.5), numbers_line(2.0, 0.25, 1.0)
     ('RCRE 0.50 px', 'EPE 2.00 px   CRE +0.25 px   RCRE 1.00 px')

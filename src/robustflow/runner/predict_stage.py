@@ -60,7 +60,7 @@ class PredictStage:
         model: loaded model.
         confidence: confidence to predict in addition to the flow, one of `models.confidence.CONFIDENCES`; None for flow
             only.
-        seconds: counters to which the time is added, as "predict".
+        seconds: counters; the time is added to "predict".
         on_predict: callback for monitoring the time; receives a description before each call of the model and None
             after it.
     """

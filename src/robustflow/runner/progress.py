@@ -19,7 +19,7 @@ class Progress(Protocol):
     """An object that is notified of every finished unit."""
 
     def start(self, folder: Path, total: int, finished: int) -> None:
-        """Start a run of `total` units, of which `finished` were finished by earlier calls."""
+        """Start a run of `total` units, of which `finished` were completed by earlier calls."""
 
     def advance(self, done: FinishedUnit) -> None:
         """Record that one more unit is on disk."""
@@ -86,7 +86,7 @@ class TerminalProgress:
         self._engine = f"; engine: {name}"
 
     def start(self, folder: Path, total: int, finished: int) -> None:
-        """Start a run of `total` units, of which `finished` were finished by earlier calls."""
+        """Start a run of `total` units, of which `finished` were completed by earlier calls."""
         self._folder, self._total, self._finished, self._evaluations = folder, total, finished, 0
         kept = f", {finished} already finished" if finished else ""
         self._console.print(

@@ -161,8 +161,8 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     plan = Plan(benchmark, options, named.identity)
     if (now := plan.identity()) != identity:
         raise RunError(
-            f"the current setup is not that of {run.path} (it differs in: {differing_fields(now, identity)}); use the "
-            "options of the run"
+            f"the current setup does not match that of {run.path} (it differs in: {differing_fields(now, identity)}); "
+            "use the options of the run"
         )
     return Setup(plan, named)
 

@@ -66,7 +66,7 @@ def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> N
         if here.get(name) != there.get(name):
             raise RunError(
                 f"node {host} has {name} {there.get(name, 'missing')}, but the run was started with "
-                f"{here.get(name, 'none')}, which may change results; install the same versions on every node"
+                f"{here.get(name, 'none')}, which may affect results; install the same versions on every node"
             )
 
 

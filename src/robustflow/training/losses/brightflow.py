@@ -92,8 +92,9 @@ def correction_loss(target: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
 
 
 def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor) -> Tensor:
-    """Return a mask, float (N, 1, H, W), 1 where a source frame keeps its offsets. A pixel keeps them if a target pixel
-    whose difference they reduce flows into it.
+    """Return a mask, float (N, 1, H, W), 1 where a source frame keeps its offsets, because they reduce its difference
+    from the target frame. The frames are compared at the target pixels, and the flow maps the result to the source
+    frame.
 
     Args:
         target: target frames, float (N, 3, H, W), 0..255.
