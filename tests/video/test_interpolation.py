@@ -104,9 +104,9 @@ def test_opencvs_threads_do_not_matter():
 
 def test_no_interpolator_is_chosen_silently():
     assert load_interpolator(None, 1, None) is None
-    with pytest.raises(UsageError, match=r"none was named.*flavr.*flow"):
+    with pytest.raises(UsageError, match=r"none was specified.*flavr.*flow"):
         load_interpolator(None, 4, None)
-    with pytest.raises(UsageError, match="'dain' is not one"):
+    with pytest.raises(UsageError, match="'dain' is unknown"):
         load_interpolator("dain", 4, None)
     with pytest.raises(AssetError, match=r"--checkpoint.*--interpolator flow"):
         load_interpolator("flavr", 4, None)

@@ -201,7 +201,7 @@ def test_the_estimate_is_above_what_it_takes_but_not_by_far(tmp_path):
 
 
 def test_a_folder_that_is_not_finished_or_not_ours(tmp_path):
-    with pytest.raises(DataError, match="is this a folder made by prepare"):
+    with pytest.raises(DataError, match="was it created by robustflow prepare"):
         read_folder(tmp_path)
     prepare_folder([PictureFolder(clips.folder(tmp_path / "seq", 70))], tmp_path / "out", PLAIN)
     record = tmp_path / "out" / "seq" / "clip.json"

@@ -85,7 +85,7 @@ def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
         position = start + length
     if position != size:
         state = "cut short" if position > size else "damaged"
-        raise DataError(f"{path}: {state}, {size} bytes but its segments declare {position}; {_CUT}")
+        raise DataError(f"{path}: {state}: it has {size} bytes, but its segments declare {position}; {_CUT}")
 
 
 _TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
@@ -121,11 +121,11 @@ def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
         file.seek(position)
         head = file.read(8)
         if head[:4] not in (b"RIFF", b"JUNK") or len(head) < 8:
-            raise DataError(f"{path}: damaged, {size - position} unexpected bytes at its end; {_CUT}")
+            raise DataError(f"{path}: damaged: {size - position} unexpected bytes at the end; {_CUT}")
         length = int.from_bytes(head[4:], "little")
         position += 8 + length + length % 2
     if position - size not in (0, 1):
-        raise DataError(f"{path}: cut short, {size} bytes but its header declares {position}; {_CUT}")
+        raise DataError(f"{path}: cut short: it has {size} bytes, but its header declares {position}; {_CUT}")
 
 
 def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
@@ -134,10 +134,10 @@ def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
     for length, first in ((188, 0), (192, 4), (204, 0)):
         if all(start[place : place + 1] in (b"G", b"") for place in range(first, 1024, length)):
             if size % length:
-                raise DataError(f"{path}: cut short or damaged, its last packet is incomplete; {_CUT}")
+                raise DataError(f"{path}: cut short or damaged: the last packet is incomplete; {_CUT}")
             file.seek(max(0, size - 256 * length))
             tail = file.read()
             if all(tail[place] == ord("G") for place in range(first, len(tail), length)):
                 return
             break
-    raise DataError(f"{path}: damaged, its packets are not contiguous; {_CUT}")
+    raise DataError(f"{path}: damaged: the packets are not contiguous; {_CUT}")

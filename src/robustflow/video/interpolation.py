@@ -59,16 +59,16 @@ def load_interpolator(
     if name == "flavr":
         if checkpoint is None:
             raise AssetError(
-                "FLAVR needs its weights: give --checkpoint FLAVR_4x.pth (the official 4x checkpoint), "
-                "or choose --interpolator flow, which needs none and is named in every result"
+                "FLAVR requires --checkpoint FLAVR_4x.pth (the official 4x weights); alternatively, "
+                "use --interpolator flow, which requires no weights and is recorded in every result"
             )
         from .flavr_interpolator import FlavrInterpolator
 
         return FlavrInterpolator(checkpoint, device)
-    given = "none was named" if name is None else f"'{name}' is not one"
+    given = "none was specified" if name is None else f"'{name}' is unknown"
     raise UsageError(
-        f"a frame rate times {factor} needs an interpolator, and {given}: choose --interpolator flavr (the paper's, "
-        "needs --checkpoint) or flow (bidirectional DIS flow, needs no weights)"
+        f"a factor of {factor} requires an interpolator, but {given}: choose --interpolator flavr (as in the paper, "
+        "requires --checkpoint) or flow (bidirectional DIS flow, requires no weights)"
     )
 
 

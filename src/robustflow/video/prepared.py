@@ -129,11 +129,11 @@ def _read(path: Path, kind: type[R]) -> R:
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); is this a folder made by prepare?") from error
+        raise DataError(f"{path}: cannot be read ({error.strerror}); was it created by robustflow prepare?") from error
     try:
         manifest = kind.model_validate_json(content or b"")
     except ValidationError as error:
-        raise DataError(f"{path}: not written by prepare, or damaged; prepare the clips again") from error
+        raise DataError(f"{path}: not written by robustflow prepare, or damaged; prepare the clips again") from error
     if manifest.version != VERSION:
         raise DataError(f"{path}: written by a different version of RobustFlow; prepare the clips again")
     return manifest

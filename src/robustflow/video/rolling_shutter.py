@@ -26,7 +26,7 @@ def rolling_frames(frame_at: Callable[[int], Frame], centre: int, readouts: Sequ
     {0: [10, 10, 10, 10], 4: [9, 10, 11, 12]}
     """
     if not readouts or min(readouts) < 0:
-        raise UsageError(f"a rolling shutter cannot read a frame in {list(readouts)} frames")
+        raise UsageError(f"invalid rolling shutter readout times: {list(readouts)} frames")
     reach = (max(readouts) + 1) // 2
     made: dict[int, Frame] = {}
     for index in range(centre - reach, centre + reach + 1):

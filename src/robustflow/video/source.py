@@ -54,7 +54,7 @@ class PictureFolder:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
                 raise DataError(
-                    f"{path}: {frame.shape[1]}x{frame.shape[0]}, but the clip began with "
+                    f"{path}: {frame.shape[1]}x{frame.shape[0]}, but the first image is "
                     f"{self.size[1]}x{self.size[0]}; all images of a clip must have the same size"
                 )
             yield frame
@@ -118,7 +118,7 @@ class VideoFile:
                     frame = upright(picture, self.path)
                     size = size or frame.shape
                     if frame.shape != size:
-                        raise DataError(f"{self.path}: the frame size changes at frame {read - 1}; cut the video there")
+                        raise DataError(f"{self.path}: the frame size changes at frame {read - 1}; split it there")
                     yield frame
             except (av.error.FFmpegError, OSError) as error:
                 raise DataError(f"{self.path}: damaged at frame {read} ({reason(error)}); convert it again") from error
