@@ -67,7 +67,7 @@ class App:
         return f"robustflow-{self.host.rpartition(':')[2]}={self.token}"
 
     def ask(self, method: str, path: str, body: bytes | str | None = None, **headers: str) -> tuple[int, bytes, Any]:
-        """Status, body and headers; a header named here as `content_type=` replaces the usual one, "" leaves it out."""
+        """Status, body and headers; a header passed as `content_type=` replaces the usual one, and "" omits it."""
         own = {"Cookie": self.cookie, "Host": self.host, "Origin": f"http://{self.host}"}
         own |= {name.replace("_", "-").title(): value for name, value in headers.items()}
         connection = http.client.HTTPConnection(self.host, timeout=60)
@@ -86,14 +86,14 @@ class App:
             connection.close()
 
     def preview(self, **changed: Any) -> tuple[int, list[dict[str, Any]]]:
-        """Request a preview of the demo pair under fog 3; returns status and messages."""
+        """Request a preview of the demo pair under fog 3; return status and messages."""
         request = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
         request |= {"layers": [{"name": "fog", "severity": 3}]} | changed
         status, body, _ = self.ask("POST", "/preview", json.dumps(request))
         return status, [json.loads(line) for line in body.splitlines()]
 
     def upload(self, **files: tuple[str, bytes]) -> tuple[int, dict[str, Any]]:
-        """Upload files, given as field=(file name, contents); returns status and answer."""
+        """Upload files, given as field=(file name, contents); return status and response."""
         edge = uuid4().hex
         parts = [
             f'--{edge}\r\nContent-Disposition: form-data; name="{field}"; filename="{name}"\r\n\r\n'.encode()

@@ -8,7 +8,7 @@ from robustflow.metrics.error_maps import epe_map, magnitude_map
 
 
 def direct_numbers(frames, truth, corruption, severity, seed, key, model="dis", depth=None):
-    """Run the command without the app."""
+    """Compute the numbers without the app."""
     flow_of = rf.load_model(model).predict
     clean = flow_of(*frames)
     flow = flow_of(*rf.corrupt(*frames, corruption, severity, seed=seed, key=key, depth=depth))

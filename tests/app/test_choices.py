@@ -1,4 +1,4 @@
-"""The models that a page offers are those that load from their name and take two frames."""
+"""The page offers the models that can be loaded by name and that predict from two frames."""
 
 import pytest
 

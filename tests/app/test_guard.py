@@ -1,4 +1,4 @@
-"""Requests that the app accepts, by host, origin and token; and the headers of every answer."""
+"""Requests that the app accepts, by host, origin and token; and the headers of every response."""
 
 from __future__ import annotations
 

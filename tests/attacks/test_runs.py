@@ -158,7 +158,7 @@ def test_another_model_behind_a_transfer_is_another_run(tmp_path, monkeypatch):
     [
         ({"attacks": "pdg"}, "unknown attack 'pdg': did you mean 'pgd'"),
         ({"variant": "theirs"}, "unknown variant 'theirs'"),
-        ({"attacks": [], "corruptions": []}, "name at least one corruption or attack"),
+        ({"attacks": [], "corruptions": []}, "give at least one corruption or attack"),
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(tmp_path, options, message):

@@ -121,16 +121,16 @@ def test_whole_kitti_fc_is_opened_without_a_word(tmp_path, recwarn):
     [
         (
             THE_80[3:],
-            rf"3 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[:3])}\); the number is not",
+            rf"3 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[:3])}\); the result is not",
         ),
         (
             OTHERS[:2] + THE_80[:1],
             rf"79 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[1:21])} and 59 more\), "
-            "and 2 of the 3 evaluated are not KITTI-FC's; the number is not KITTI-FC's",
+            "and 2 of the 3 evaluated are not part of KITTI-FC; the result is not a KITTI-FC result",
         ),
         (
             [key for key in ALL if key != OTHERS[0]],
-            "119 of the 199 evaluated are not KITTI-FC's; the number is not KITTI-FC's: unpack all 200",
+            "119 of the 199 evaluated are not part of KITTI-FC; the result is not a KITTI-FC result: unpack all 200",
         ),
     ],
 )
@@ -300,7 +300,7 @@ def test_an_estimate_says_so_in_the_terminal_and_beside_its_line(tmp_path, capsy
     cells = [(name, level) for name in quick.corruptions for level in quick.severities]
     rows = rows_frame([clean, *(clean | {"corruption": name, "severity": level} for name, level in cells)])
     run = made_run(base, rows, benchmark="kitti-fc")
-    said = "an estimate from the quick subset, which ranks 29 published and 14 measured models as all conditions do"
+    said = "an estimate from the quick subset, whose ranking of 29 published and 14 measured models agrees with"
     assert said in comparison_note(run)
     print_result(run, report=False)
     assert f"This is {said}" in capsys.readouterr().out

@@ -16,7 +16,7 @@ DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 def test_a_part_of_the_released_kitti_fc_says_how_much_is_missing(kitti, tmp_path):
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1]), tmp_path))
     with pytest.warns(
-        UserWarning, match=r"77 of KITTI-FC's 80 pairs are not in .*clean.val; the number is not KITTI-FC's"
+        UserWarning, match=r"77 of KITTI-FC's 80 pairs are not in .*clean.val; the result is not a KITTI-FC result"
     ):
         load_benchmark("kitti-fc", tmp_path)
 
@@ -42,7 +42,7 @@ def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
     done = CliRunner().invoke(app, [*map(str, made), "--common-draws", "-o", str(tmp_path / "fc")])
     assert done.exit_code == 0, done.output
     assert rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released").rows.equals(direct.rows)
-    with pytest.raises(RunError, match="holds another export"):
+    with pytest.raises(RunError, match="contains a different export"):
         list(export(chosen, tmp_path / "fc", seed=5))
 
 
@@ -54,7 +54,7 @@ def test_an_export_continues_and_never_mixes(kitti, tmp_path):
     frame.unlink()
     assert [step.fresh for step in export(benchmark, tmp_path / "fc")] == [False, True]
     assert frame.read_bytes() == before
-    with pytest.raises(RunError, match="holds another export"):
+    with pytest.raises(RunError, match="contains a different export"):
         list(export(benchmark, tmp_path / "fc", seed=1))
 
 
@@ -64,7 +64,7 @@ def test_a_released_folder_is_not_topped_up(kitti, tmp_path):
     assert (released.corruptions, released.severities) == (("contrast",), (1, 3))
     with pytest.raises(UsageError, match="corrupted beforehand"):
         released.narrowed(["fog"])
-    with pytest.raises(DataError, match="no corruption"):
+    with pytest.raises(DataError, match="no severity that all corruptions share"):
         load_benchmark("kitti-fc", _only_clean(tmp_path))
 
 

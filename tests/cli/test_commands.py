@@ -192,7 +192,7 @@ def walk(tmp_path):
     return clips.clip(tmp_path / "walk.mp4", 8).path
 
 
-@pytest.mark.parametrize("kind", ["video", "pictures", "folders of pictures"])
+@pytest.mark.parametrize("kind", ["video", "pictures", "folders of images"])
 def test_own_frames_need_no_benchmark(robustflow, tmp_path, walk, kind):
     if kind != "video":
         write_frames(tmp_path / "data" / ("a" if "folders" in kind else ""))

@@ -114,13 +114,18 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run -m dis -d /nowhere.mp4", 1, "/nowhere.mp4: no such file or folder; check the path"),
         (None, "run -m dis -d /nowhere -D start=3", 1, "/nowhere: no such file or folder"),
         (lambda f: (f / "training/image_2").mkdir(parents=True), "run -m dis -d data", 2, "give --benchmark kitti-fc"),
-        (lambda f: f.mkdir(), "run -m dis -d data", 1, "no pictures in it"),
-        (None, "run -m dis -c h264_crf -s 1", 2, "needs the clip that its frames come from: give --benchmark gopro-fc"),
+        (lambda f: f.mkdir(), "run -m dis -d data", 1, "contains no images"),
+        (
+            None,
+            "run -m dis -c h264_crf -s 1",
+            2,
+            "needs the clip from which the frames were taken: give --benchmark gopro-fc",
+        ),
         (
             None,
             "run -m dis -b shapes -c rolling_shutter",
             2,
-            "give --benchmark gopro-fc, which takes a video file as it is; for pairs with exact ground truth, use "
+            "give --benchmark gopro-fc, which also accepts a video file; for pairs with exact ground truth, use "
             "--benchmark shapes --data-option readout=0.6 instead of the corruption",
         ),
         (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),

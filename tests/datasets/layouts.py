@@ -22,7 +22,7 @@ def _digest(path: Path) -> np.ndarray:
 
 
 def picture(path: Path, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    """Write a picture whose content depends on its path; returns it as RGB."""
+    """Write an image whose content depends on its path; return it as RGB."""
     path.parent.mkdir(parents=True, exist_ok=True)
     image = np.resize(_digest(path), (height, width, 3))
     assert cv2.imwrite(str(path), image[..., ::-1])
@@ -30,7 +30,7 @@ def picture(path: Path, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
 
 
 def flow(path: Path, valid: np.ndarray | None = None, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    """Write a flow whose values depend on its path; returns the flow."""
+    """Write a flow whose values depend on its path; return the flow."""
     path.parent.mkdir(parents=True, exist_ok=True)
     values = np.resize(_digest(path).astype(np.float32) / 4 - 32, (height, width, 2))
     write_flow(path, values, valid)
@@ -38,7 +38,7 @@ def flow(path: Path, valid: np.ndarray | None = None, height: int = HEIGHT, widt
 
 
 def mask(path: Path, values: np.ndarray) -> None:
-    """Write a black and white picture."""
+    """Write a black-and-white image."""
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), values.astype(np.uint8) * 255)
 

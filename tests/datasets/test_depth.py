@@ -1,4 +1,4 @@
-"""Depth of samples: completed, warped to frame 2, and read from the files of datasets."""
+"""Depth of samples: filled in, warped to frame 2, and read from the files of datasets."""
 
 import io
 
@@ -53,7 +53,7 @@ def filled_in_plain_python(depth):
 def test_holes_take_the_farther_of_their_measured_neighbours(values):
     known = np.isfinite(values) & (values > 0)
     if not known.any():
-        with pytest.raises(DataError, match="only holes"):
+        with pytest.raises(DataError, match="no pixel has a measured depth"):
             completed(values)
         return
     depth, measured = completed(values)
@@ -64,8 +64,8 @@ def test_holes_take_the_farther_of_their_measured_neighbours(values):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (np.full((4, 4), np.nan), "only holes"),
-        (np.zeros((4, 4)), "only holes"),
+        (np.full((4, 4), np.nan), "no pixel has a measured depth"),
+        (np.zeros((4, 4)), "no pixel has a measured depth"),
         (np.full((4, 4), -1.0), "negative depths"),
         (np.ones((4, 5)), "5x4, the frames are 4x4"),
         (np.ones((4, 4, 1)), "1x4x4, the frames are 4x4"),
@@ -114,7 +114,7 @@ def test_layers_run_from_5_to_100_metres_evenly_in_inverse_depth():
 
 
 def test_motorcycle_moves_by_its_baseline_as_its_disparity_says():
-    """A point back-projected, moved by the camera's motion and projected again lies where the true flow takes it."""
+    """A point that is back-projected, moved by the camera motion and projected again ends where the true flow ends."""
     data = load_dataset("motorcycle")
     sample = data["motorcycle"]
     depth = data.depth(sample)
@@ -139,7 +139,7 @@ def test_motorcycles_second_frame_has_the_depth_of_what_it_shows():
     there = np.rint(columns + sample.flow[sample.valid, 0]).astype(int)
     inside = (there >= 0) & (there < 741)
     second, first = depth.maps[1][rows[inside], there[inside]], depth.maps[0][sample.valid][inside]
-    assert (second <= first).all()  # the surface at the target is never farther
+    assert (second <= first).all()  # the surface at the target is never farther away
     assert (second == first).mean() > 0.9
     assert depth.measured[1].mean() > 0.8
 
@@ -253,13 +253,13 @@ def hostile_maps():
         "cut.png": (png16[:-40], "damaged|truncated"),
         "text.png": (b"depth", "PNG"),
         "negative.npy": (npy_bytes(-metres()), "negative depths"),
-        "holes.npy": (npy_bytes(0 * metres()), "only holes"),
+        "holes.npy": (npy_bytes(0 * metres()), "no pixel has a measured depth"),
         "small.npy": (npy_bytes(metres((40, 55))), "55x40, the frames are 56x40"),
     }
 
 
 def npy_bytes(values):
-    """The bytes of an array as numpy.save writes them."""
+    """The bytes of an array as written by numpy.save."""
     buffer = io.BytesIO()
     np.save(buffer, values)
     return buffer.getvalue()
@@ -281,7 +281,7 @@ def test_a_file_that_is_no_map_is_refused_in_one_line(tmp_path, name):
 def test_a_missing_map_is_named_before_anything_is_read(tmp_path):
     dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
     write_map(tmp_path / "maps" / "a.npy", metres())
-    with pytest.raises(DataError, match=r"no depth map for .*b\.png; expected b with the ending \.png, \.npy, \.pfm"):
+    with pytest.raises(DataError, match=r"no depth map for .*b\.png; expected b with the extension .*\.pfm"):
         OwnDepth(tmp_path / "maps", dataset).depth_files("a")
 
 
@@ -292,7 +292,7 @@ def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):
         write_map(tmp_path / "maps" / f"{name}.npy", metres())
     own = OwnDepth(tmp_path / "maps", dataset)
     assert own.depth_files("one/a")
-    with pytest.raises(DataError, match="the map of both"):
+    with pytest.raises(DataError, match="matches both"):
         own.depth_files("two/a")
     for name in ("one/a", "one/b", "two/a", "two/b"):
         write_map(tmp_path / "maps" / f"{name}.npy", metres())

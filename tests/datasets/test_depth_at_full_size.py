@@ -1,4 +1,4 @@
-"""Depth and cameras from files of the datasets' real size, which other code than ours writes: Pillow, h5py or bytes."""
+"""Depth and cameras read from full-size files that independent code writes: Pillow, h5py or plain bytes."""
 
 import struct
 from array import array
@@ -36,8 +36,8 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
 
 
 def test_kitti_at_full_size_has_the_depth_of_the_development_kits_formula(tmp_path):
-    """Depth is 721.5377 px times 0.5327 m / (value / 256), with files that Pillow writes, and a calibration as KITTI
-    gives it.
+    """Depth is 721.5377 px times 0.5327 m / (value / 256), with files written by Pillow, and a calibration in
+    KITTI's format.
     """
     shape, training = (375, 1242), tmp_path / "training"
     for number in (10, 11):

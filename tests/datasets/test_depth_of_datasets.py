@@ -90,7 +90,7 @@ def test_relative_motion_takes_points_of_the_first_camera_to_the_second():
 
 
 def check_frames(depth, scene, atol=0.02):
-    """The first map is the scene's depth; the second is the depth of its points where the flow takes them."""
+    """The first map is the scene's depth; the second is the depth of its points at the ends of their flow vectors."""
     measured = depth.measured[0]
     np.testing.assert_allclose(depth.maps[0][measured], scene.depth[measured], rtol=atol)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
@@ -192,7 +192,7 @@ def test_sintel_has_the_depth_and_the_cameras_of_its_files(tmp_path):
                 data.depth(data.load("alley_1/frame_0001"))
         path.write_bytes(whole)
     (training / "depth" / "alley_1" / "frame_0002.dpt").unlink()
-    with pytest.raises(DataError, match=r"frame_0002\.dpt: missing, and the depth of MPI-Sintel .*--depth DIR"):
+    with pytest.raises(DataError, match=r"frame_0002\.dpt: missing, but needed for the depth of .*--depth DIR"):
         data.depth_files("alley_1/frame_0001")
 
 
@@ -284,5 +284,5 @@ def test_a_folder_without_the_files_of_depth_says_which_to_unpack(tmp_path, name
             (training / folder).rename(tmp_path / "elsewhere")
     data = load_dataset(name, tmp_path)
     data.load(data.keys()[0])
-    with pytest.raises(DataError, match=r"missing, and the depth of .* is read from it; unpack .* --depth DIR"):
+    with pytest.raises(DataError, match=r"missing, but needed for the depth of .*; unpack .* --depth DIR"):
         data.depth_files(data.keys()[0])

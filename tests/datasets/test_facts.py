@@ -77,5 +77,5 @@ def test_list_prints_the_facts():
     for words in ("CC BY-NC-SA 3.0", "Menze and Geiger", "training/flow_occ", "200 pairs", "22,872 pairs"):
         assert words in printed
     printed = CliRunner().invoke(app, ["list", "benchmarks"]).output
-    assert "kitti-fc: 80 pairs of driving under 20 corruptions." in printed
+    assert "kitti-fc: 80 driving pairs under 20 corruptions." in printed
     assert "RCRE (no ground truth)" in printed

@@ -1,4 +1,4 @@
-"""A user's own frames: pictures, folders of pictures, videos."""
+"""A user's own frames: images, folders of images, videos."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def test_a_part_of_a_video(tmp_path: Path) -> None:
 
 
 def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
-    """Times are those of the frames, not multiples of a frame rate."""
+    """Times refer to the frames' timestamps, not to multiples of a frame interval."""
     images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
     path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
     assert load_dataset("folder", path, start="0.5s").keys() == ["000003", "000004"]
@@ -224,5 +224,5 @@ def test_a_part_of_frames(tmp_path: Path) -> None:
     for number in range(6):
         picture(tmp_path / f"{number}.png")
     assert load_dataset("folder", tmp_path, start=2, stop=5).keys() == ["2", "3"]
-    with pytest.raises(UsageError, match="pictures have no times"):
+    with pytest.raises(UsageError, match="images have no times"):
         load_dataset("folder", tmp_path, start="1s")

@@ -130,7 +130,7 @@ def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
 
 
 def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
-    """Use all corruptions of clips and one of every other kind; the two-frame model's frames are the same."""
+    """Use all corruptions of clips and one corruption of each other kind; a two-frame model gets the same frames."""
     folder = str(Path(__file__).parent.parent / "runner")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", folder)
@@ -204,7 +204,7 @@ def test_two_images_are_not_enough():
 
 
 def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
-    """The path from a prepared folder to the table, and the same rows with two workers."""
+    """From a prepared folder to the printed table, and the same rows with two workers."""
     tables = []
     for workers in (1, 2):
         with warnings.catch_warnings():

@@ -56,9 +56,9 @@ def test_a_scene_gives_15_pairs_of_a_camera(multiview):
 def test_a_folder_with_the_pairs_alone(tmp_path):
     for frame in (10, 11):
         picture(tmp_path / "training" / "image_2" / f"000000_{frame}.png")
-    with pytest.raises(DataError, match=r"no two frames in a row .* unpack data_scene_flow_multiview.zip"):
+    with pytest.raises(DataError, match=r"no two consecutive frames .* unpack data_scene_flow_multiview.zip"):
         load_dataset("kitti_multiview", tmp_path, part="training", camera="left")
-    with pytest.raises(DataError, match=r"no training/image_3/; unpack data_scene_flow_multiview.zip whole"):
+    with pytest.raises(DataError, match=r"no training/image_3/; unpack all of data_scene_flow_multiview.zip"):
         load_dataset("kitti_multiview", tmp_path, part="training", camera="both")
     with pytest.raises(DataError, match="expected testing/image_2/ with frames"):
         load_dataset("kitti_multiview", tmp_path, part="testing", camera="left")
@@ -83,7 +83,7 @@ def test_a_list_of_pairs(raw, tmp_path):
     (key,) = dataset.keys()
     assert [path.name for path in dataset.files(key)] == ["0000000000.png", "0000000002.png"]
     (tmp_path / "pairs.txt").write_text(names[0])
-    with pytest.raises(DataError, match="line 1: one name"):
+    with pytest.raises(DataError, match="line 1: only one name"):
         load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
 
 

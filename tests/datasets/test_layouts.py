@@ -328,6 +328,6 @@ def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> 
 def test_missing_and_empty_roots(tmp_path: Path, name: str) -> None:
     refused(name, tmp_path / "missing", "missing: no such folder")
     (tmp_path / "empty").mkdir()
-    refused(name, tmp_path / "empty", "the folder is empty; expected|no pictures in it")
+    refused(name, tmp_path / "empty", "the folder is empty; expected|contains no images")
     with pytest.raises(UsageError, match="--data FOLDER"):
         load_dataset(name)

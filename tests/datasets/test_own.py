@@ -122,7 +122,7 @@ def test_a_data_set_of_ones_own(module):
         ("Other", "must return a Sample"),
         ("Broken", r"failed in load\('0'\): RuntimeError: no disk"),
         ("Taken", "the name of the dataset 'sintel'"),
-        ("Path_", "cannot be used"),
+        ("Path_", "is invalid"),
         ("NoFiles", "existing files"),
         ("Nois", "did you mean 'Noise'"),
     ],
@@ -151,7 +151,7 @@ def test_a_benchmark_of_ones_own(module):
         (2,),
     )
     for name, match in (
-        ("Strange", "lacks"),
+        ("Strange", "does not contain"),
         ("Impostor", "name of the benchmark 'kitti-fc'"),
         ("nothing", "must return a Benchmark"),
         ("Noise", "no function open"),

@@ -1,4 +1,4 @@
-"""The readers applied to real data give the statistics that the data's manifest lists."""
+"""On real data, the readers reproduce the statistics listed in the data's manifest."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def test_names_cannot_be_taken_for_this_projects():
 
 
 def _apart(root: Path, where: str) -> dict[str, str]:
-    """Move Spring's own frames to a different folder; returns the data options that are then required."""
+    """Move Spring's own frames to a different folder; return the data options that are then required."""
     target = root.parent / where
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.move(root / "spring", target)
@@ -163,9 +163,9 @@ def _remove(path: str):
         (_remove("fog/test"), "expected fog/test/"),
         (
             _remove("spring/test/0003/frame_left/frame_left_0002.png"),
-            "1 after frame_left_0001.png is missing",
+            "the frame after frame_left_0001.png is missing",
         ),
-        (lambda root: [shutil.rmtree(root / name) for name in ("fog", "rain")], "none under a corruption"),
+        (lambda root: [shutil.rmtree(root / name) for name in ("fog", "rain")], "but no corrupted ones"),
     ],
 )
 def test_mistakes_are_named_before_a_run_starts(root, mistake, message):
@@ -189,7 +189,7 @@ def test_mistakes_that_only_reading_shows(root):
     with pytest.raises(UsageError, match="has no sample 'no'"):
         pairs.load("no")
     for corruption, severity in (("fog", 1), (FOG, 2), ("robustspring_snow", 1)):
-        with pytest.raises(UsageError, match="at severity 1 alone"):
+        with pytest.raises(UsageError, match="only at severity 1"):
             pairs.corrupted(key, corruption, severity)
 
 

@@ -133,7 +133,7 @@ def test_an_own_corruption_in_three_dimensions_runs_as_shipped_ones_do(tmp_path)
 
 @pytest.mark.parametrize("name", ["fog_3d", "fog+fog_3d:2", HAZE, f"fog+{HAZE}:2"])
 def test_data_without_depth_are_refused_before_anything_is_computed(clip_folder, tmp_path, name):
-    with pytest.raises(UsageError, match=r"needs the depth of the scene, which 'folder' does not have.*--depth DIR"):
+    with pytest.raises(UsageError, match=r"needs scene depth, which 'folder' does not have.*--depth DIR"):
         run(tmp_path / "run", "folder", clip_folder, [name], {})
     assert not (tmp_path / "run").exists()
     benchmark = load_benchmark("folder", clip_folder).narrowed([name], [1])

@@ -134,7 +134,7 @@ def test_a_benchmark_that_stands_for_its_own_truth_is_refused_before_it_is_opene
 
 
 def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_line(tmp_path, clip_folder):
-    with pytest.raises(UsageError, match="no still scene can be made"):
+    with pytest.raises(UsageError, match="still scenes cannot be made"):
         Still(Corrupted(1), ["0"])
     flows = tmp_path / "flows" / "clean"
     flows.mkdir(parents=True)

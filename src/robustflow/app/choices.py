@@ -16,7 +16,7 @@ from ..models.torch.network import RANDOM
 class Models:
     """Models by name: first those given on the command line, then all models that this installation can run.
 
-    Holds one loaded model. Used from one thread only, except `names`.
+    Keeps one model loaded. Used from one thread only, except `names`.
 
     >>> Models([]).names[:2]
     ['dis', 'farneback']

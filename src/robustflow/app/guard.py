@@ -77,7 +77,7 @@ class Guard:
             into.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
             return into
         if not _same(_cookie(headers, self._cookie), self._token):
-            return _text("open the address that robustflow app printed in the terminal; it carries a token", 403)
+            return _text("open the address that robustflow app printed in the terminal; it contains a token", 403)
         return None
 
     def _is_this_server(self, host: str) -> bool:

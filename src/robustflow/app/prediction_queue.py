@@ -67,7 +67,7 @@ class PredictionQueue:
                     other.outdated.set()
             self._waiting = deque(other for other in self._waiting if not _dismiss_outdated(other))
             if len(self._waiting) >= WAITING:
-                raise UsageError(f"{WAITING} predictions are waiting already; try again when they are done")
+                raise UsageError(f"{WAITING} predictions are already waiting; try again when they are done")
             self._waiting.append(job)
             self._change.notify()
 

@@ -59,7 +59,7 @@ def serve(
     number = listening.getsockname()[1]
     others = not _is_loopback(listening.getsockname()[0])
     if others:
-        warn("anyone who can reach this machine and knows the address can use this app and what it loads")
+        warn("anyone who can reach this machine and knows the address can use this app and the models that it loads")
     token = secrets.token_urlsafe(24)
     shown = f"[{host}]" if host and ":" in host else host or LOOPBACK
     address = f"http://{LOOPBACK if shown in ('0.0.0.0', '[::]') else shown}:{number}/?token={token}"
@@ -77,7 +77,7 @@ def serve(
         limit_concurrency=64,
         timeout_graceful_shutdown=1,
     )
-    say(f"robustflow app: {address} (Ctrl-C ends)")
+    say(f"robustflow app: {address} (press Ctrl-C to stop)")
     if browser:
         threading.Timer(0.5, webbrowser.open, (address,)).start()
     try:
@@ -120,7 +120,7 @@ def _listen(host: str, port: int | None) -> socket.socket:
             reason = error.strerror or str(error)
             continue
         return listening
-    raise UsageError(f"cannot listen on {host} port {number}: {reason}; give another --port or --host")
+    raise UsageError(f"cannot listen on {host} port {number}: {reason}; choose a different --port or --host")
 
 
 def _is_loopback(address: str) -> bool:

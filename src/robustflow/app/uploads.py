@@ -53,7 +53,7 @@ def limited(request: Request, most: int) -> Request:
 
 def _too_large(most: int) -> HTTPException:
     size = f"{most // 2**20} MB" if most >= 2**20 else f"{most // 2**10} kB"
-    return HTTPException(413, f"more than {size}; shrink it or use less")
+    return HTTPException(413, f"more than {size}; reduce its size")
 
 
 def source_of(form: FormData, folder: Path) -> PairSource:
@@ -78,7 +78,7 @@ def source_of(form: FormData, folder: Path) -> PairSource:
     finally:
         if not kept:
             shutil.rmtree(folder, ignore_errors=True)
-    raise UsageError("give two frames, with ground truth if there is any, or one clip")
+    raise UsageError("give two frames, optionally with ground truth, or one clip")
 
 
 def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
@@ -110,7 +110,7 @@ def _clip(file: UploadFile, folder: Path) -> UploadedClip:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
             frames = max((s.frames for s in container.streams.video), default=0)
     except (av.FFmpegError, ValueError, OSError) as error:
-        raise DataError(f"{path}: cannot be read as a video; is it damaged?") from error
+        raise DataError(f"{path}: cannot be read as a video; it may be damaged") from error
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
         most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
         raise DataError(f"{path}: clips are limited to {most}; shorten the clip or scale it down")

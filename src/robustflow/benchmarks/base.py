@@ -70,7 +70,7 @@ class Benchmark:
         wanting = next((name for name in self.corruptions if needs_depth(name)), None)
         if wanting is None:
             if self.own_depth is not None:
-                raise UsageError("none of the corruptions needs depth: name one that does, or leave out --depth")
+                raise UsageError("none of the corruptions needs depth: choose one that does, or leave out --depth")
             return None
         if self.depths is None:
             raise no_depth(wanting, self.dataset.name)
@@ -87,7 +87,7 @@ class Benchmark:
     ) -> Benchmark:
         """Return the same benchmark with fewer or different corruptions or severities, or fewer samples (`spread`).
 
-        With attacks but without corruptions, only the attacks are run. Random noise of the same norms is added as their
+        With attacks but without corruptions, only the attacks are run. Random noise of the same norms is added as a
         baseline.
 
         Raises:
@@ -107,12 +107,12 @@ class Benchmark:
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
             raise UsageError(
                 f"these frames were corrupted beforehand, with {', '.join(self.corruptions)} at severities "
-                f"{', '.join(map(str, self.severities))}; choose among them, or give the uncorrupted data"
+                f"{', '.join(map(str, self.severities))}; choose from these, or give the uncorrupted data"
             )
         if not (chosen or against) or not levels:
-            raise UsageError("nothing to run: name at least one corruption or attack, and one severity")
+            raise UsageError("nothing to run: give at least one corruption or attack, and one severity")
         if both := set(chosen) & set(against):
-            raise UsageError(f"'{min(both)}' is an attack: give your own corruption another name")
+            raise UsageError(f"'{min(both)}' is the name of an attack: give your own corruption a different name")
         return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
 
     def still(self) -> Benchmark:
@@ -154,9 +154,11 @@ class Benchmark:
         if len(parts) > 1:
             raise UsageError(f"{name} cannot be made: a corruption of the whole clip cannot be stacked")
         videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
-        video = f" --data {videos[0]}" if videos else ", which takes a video file as it is"
+        video = f" --data {videos[0]}" if videos else ", which also accepts a video file"
         instead = getattr(load_corruption(name), "instead", "")
-        raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}{instead}")
+        raise UsageError(
+            f"{name} needs the clip from which the frames were taken: give --benchmark gopro-fc{video}{instead}"
+        )
 
 
 def _several(given: Any) -> Iterable[Any]:

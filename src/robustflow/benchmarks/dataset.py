@@ -33,8 +33,8 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
     if getattr(dataset, "non_occluded", False):
         protocol |= NON_OCCLUDED
         warnings.warn(
-            f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is not "
-            f"{facts.title}'s and easier; unpack flow_occ/ there for the usual one",
+            f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is easier "
+            f"than {facts.title}'s usual ground truth; unpack flow_occ/ there to use that",
             stacklevel=5,
         )
     about = facts_of_dataset(facts)
@@ -42,6 +42,6 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
         return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)
     there = tuple(corruption for corruption in facts.corruptions if dataset.has_corrupted(corruption))
     if not there:
-        raise DataError(f"{data}: clean frames of {facts.title}, but none under a corruption; expected {facts.layout}")
+        raise DataError(f"{data}: has clean frames of {facts.title} but no corrupted ones; expected {facts.layout}")
     protocol["frames"] = "released"
     return Benchmark(name, dataset, tuple(keys), there, about.severities, protocol=protocol, closed=True, facts=about)

@@ -67,7 +67,7 @@ def export(
     _claim(output, settings | scale | draws | own | user_sources(variant))
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
-            raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")
+            raise DataError(f"sample '{key}' cannot be written in the KITTI layout, which has no subfolders")
         sample = benchmark.dataset.load(key)
         fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
         scene = depths.depth(sample) if depths is not None else None
@@ -127,6 +127,6 @@ def _claim(output: Path, settings: dict[str, object]) -> None:
             on_disk = None
         if on_disk != settings:
             raise RunError(
-                f"{output} holds another export ({record.name}: {on_disk}); choose another folder with --output"
+                f"{output} contains a different export ({record.name}: {on_disk}); choose another folder with --output"
             )
     write_json(record, settings)

@@ -15,7 +15,7 @@ from ..validated import Frozen
 
 
 class QuickSubset(Frozen):
-    """A subset of a benchmark's corruptions and severities that ranks models nearly as the full set does; means over it
+    """A subset of a benchmark's corruptions and severities that ranks models almost like the full set; means over it
     are estimates. The subset was chosen on two rankings: of published models, whose tables do not list severities, and
     of models evaluated on different pairs.
 
@@ -95,8 +95,8 @@ def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severit
     if quick is None or set(corruptions) != set(quick.corruptions) or set(severities) != set(quick.severities):
         return ""
     return (
-        f"an estimate from the quick subset, which ranks {quick.published} published and {quick.measured} measured "
-        f"models as all conditions do up to a Kendall's tau of {quick.tau:.2f}"
+        f"an estimate from the quick subset, whose ranking of {quick.published} published and {quick.measured} "
+        f"measured models agrees with that of all conditions with a Kendall's tau of {quick.tau:.2f}"
     )
 
 
@@ -181,6 +181,6 @@ def check_still(name: str, facts: BenchmarkFacts) -> None:
     """
     if facts.published:
         raise UsageError(
-            f"{name} is a benchmark of moving scenes, with its own pairs and ground truth; for still scenes name a "
-            "dataset instead: --benchmark kitti2015, folder, ... with --still"
+            f"{name} is a benchmark of moving scenes, with its own pairs and ground truth; for still scenes, "
+            "choose a dataset instead: --benchmark kitti2015, folder, ... with --still"
         )

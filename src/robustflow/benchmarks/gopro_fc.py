@@ -26,7 +26,7 @@ class GoProFC:
 
     facts = BenchmarkFacts(
         title="GoPro-FC",
-        description="Small displacements of hand-held recordings under all 24 corruptions, without ground truth.",
+        description="Small displacements in hand-held recordings under all 24 corruptions, without ground truth.",
         data="a folder made by robustflow prepare gopro-fc, the released GoPro-FC, or a video file",
         has_flow=False,
         published=True,
@@ -55,7 +55,7 @@ class GoProFC:
             dataset = GoProFCReleased(data)
             return released("gopro-fc", dataset, dataset.keys(), GoProFC.facts)
         raise DataError(
-            f"{data}: neither a prepared nor the released GoPro-FC; make it with robustflow prepare gopro-fc "
+            f"{data}: neither a prepared nor the released GoPro-FC; prepare it with robustflow prepare gopro-fc "
             f"--data {data} --output PREPARED, then give --data PREPARED"
         )
 
@@ -68,8 +68,8 @@ def _prepared(dataset: GoProFCPrepared) -> Benchmark:
         if span is not None:
             warnings.warn(
                 f"{clip.name} has {float(clip.master.fps):g} frames per second, so object_motion_blur averages over up "
-                f"to {float(span):.2f} s where the paper's 960 make it 0.03 s, and rolling_shutter reads for as long; "
-                "prepare it with --factor for less",
+                f"to {float(span):.2f} s instead of 0.03 s as at the paper's 960, and rolling_shutter reads out as "
+                "slowly; prepare it with --factor to shorten both",
                 stacklevel=2,
             )
     protocol = {"frames": "prepared", "clips": dataset.identity()}

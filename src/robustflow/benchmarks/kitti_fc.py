@@ -26,8 +26,8 @@ class KittiFC:
 
     facts = BenchmarkFacts(
         title="KITTI-FC",
-        description="80 pairs of driving under 20 corruptions.",
-        data="the KITTI-2015 folder, which holds training/, or the released KITTI-FC, which holds clean/",
+        description="80 driving pairs under 20 corruptions.",
+        data="the KITTI-2015 folder, which contains training/, or the released KITTI-FC, which contains clean/",
         published=True,
         paper_corruptions=IMAGE_PAIR,
         paper_pairs=80,
@@ -56,7 +56,9 @@ class KittiFC:
         from .released import released
 
         if data is None:
-            raise UsageError("kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that holds training/)")
+            raise UsageError(
+                "kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that contains training/)"
+            )
         if (data / "clean").is_dir():
             files = KittiFCReleased(data)
             _check_truth(files)
@@ -83,7 +85,7 @@ def _check_truth(dataset: KittiPairs) -> None:
     if dataset.non_occluded:
         raise DataError(
             f"{dataset.folder}: no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
-            "on flow_noc/ with --benchmark kitti2015, which reports this"
+            "on flow_noc/ with --benchmark kitti2015, which labels the results accordingly"
         )
 
 
@@ -100,10 +102,10 @@ def _check_pairs(keys: Sequence[str]) -> None:
         named = ", ".join(missing[:_MOST_NAMED])
         remarks.append(f"{len(missing)} of KITTI-FC's {_PAIRS} pairs are not in this folder ({named}{more})")
     if others:
-        remarks.append(f"{others} of the {len(keys)} evaluated {'is' if others == 1 else 'are'} not KITTI-FC's")
+        remarks.append(f"{others} of the {len(keys)} evaluated {'is' if others == 1 else 'are'} not part of KITTI-FC")
     if remarks:
-        _warn(", and ".join(remarks), ": unpack all 200 pairs for it")
+        _warn(", and ".join(remarks), ": unpack all 200 pairs to get one")
 
 
 def _warn(what: str, remedy: str) -> None:
-    warnings.warn(f"{what}; the number is not KITTI-FC's{remedy}", stacklevel=4)
+    warnings.warn(f"{what}; the result is not a KITTI-FC result{remedy}", stacklevel=4)

@@ -39,11 +39,11 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
     if not isinstance(made, Benchmark):
         raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
     if made.name in reserved or made.name in DATASETS:
-        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it another name")
+        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it a different name")
     check_members(made.dataset, f"the dataset of {target}")
     gone = [key for key in made.keys if key not in set(made.dataset.keys())]
     if gone or not made.keys:
-        raise UsageError(f"{target} lists no sample, or one that its dataset lacks: {gone[:1]}")
+        raise UsageError(f"{target} lists no samples, or a sample that its dataset does not contain: {gone[:1]}")
     source = {"benchmark": target, "source": own_source(target, made.dataset)}
     return replace(made, protocol={**made.protocol, "own": source})
 
@@ -56,7 +56,7 @@ def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, An
     """
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved or dataset.name in DATASETS:
-        raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it another name")
+        raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it a different name")
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
     if options:

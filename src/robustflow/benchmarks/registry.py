@@ -82,7 +82,7 @@ def load_benchmark(
     benchmark = _loaded(name, data, split, others)
     if depth is None:
         if focal is not None:
-            raise UsageError("--focal is of the camera of your own depth maps: give --depth DIR, or leave it out")
+            raise UsageError("--focal only applies to your own depth maps: give --depth DIR as well, or leave it out")
         return benchmark
     return replace(benchmark, own_depth=OwnDepth(depth, benchmark.dataset, focal))
 
@@ -121,7 +121,7 @@ def _benchmark_of(root: Path) -> str:
         raise DataError(f"{root}: no such file or folder; check the path")
     if (fitting := benchmark_of_folder(root)) is not None:
         raise UsageError(
-            f"{root} looks like the data of {fitting}: give --benchmark {fitting}, or a different one that reads it "
+            f"{root} looks like the data of {fitting}: give --benchmark {fitting}, or another one that reads it "
             "(see robustflow list datasets)"
         )
     return "folder"

@@ -17,8 +17,8 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: Benchmar
     severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))
     if not by_corruption or not severities:
         raise DataError(
-            f"{dataset.root}: holds clean frames but no corruption with a severity common to all; expected folders "
-            "such as fog_3 beside clean"
+            f"{dataset.root}: contains clean frames, but no severity that all corruptions share; expected folders "
+            "such as fog_3 next to clean"
         )
     protocol = {"frames": "released"}
     return Benchmark(

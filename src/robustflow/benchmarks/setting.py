@@ -43,7 +43,7 @@ def setting_of(
         training: training sets of the model.
         benchmark: name of the benchmark.
         keys: keys of the evaluated samples; by default the benchmark's usual samples.
-        protocol: protocol of the benchmark, which tells whether the released frames are used.
+        protocol: protocol of the benchmark, which specifies whether the released frames are used.
 
     >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
     'LEAKED'
@@ -88,12 +88,12 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
     """Return the setting that `K:part` implies for these pairs, and the accompanying note."""
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
-        own = "the released KITTI-FC has a different split, which K:released names"
-        return "UNKNOWN", f"whether K:{part} holds evaluated pairs is unknown; {own}"
+        own = "the released KITTI-FC has a different split, called K:released"
+        return "UNKNOWN", f"whether K:{part} contains evaluated pairs is unknown; {own}"
     if part == _RELEASED:
         return "ID", ""
     if not {*keys} <= {*KITTI_KEYS}:
-        return "UNKNOWN", f"whether K:{part} holds evaluated pairs is unknown; they are not named as in KITTI"
+        return "UNKNOWN", f"whether K:{part} contains evaluated pairs is unknown; they are not named as in KITTI"
     trained = KITTI_SPLITS[part](KITTI_KEYS).training
     seen = {*keys} & {*trained}
     if seen:
@@ -107,4 +107,4 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
 
 def _raw_note(training_set: str, keys: Collection[str]) -> str:
     count = sum(key in drives(training_set) for key in keys)
-    return f"KITTI's raw data hold the frames of {count} of the {len(keys)} evaluated, seen unless they were left out"
+    return f"KITTI's raw data contain {count} of the {len(keys)} evaluated, seen in training unless they were left out"

@@ -14,7 +14,7 @@ from ..sample import Frame, Sample, SceneDepth
 class Dataset(Protocol):
     """Samples by key. Any object with these members is a dataset; no base class is needed.
 
-    Implementations must be picklable, and hold no sample in memory between calls.
+    Implementations must be picklable, and must not keep samples in memory between calls.
 
     Attributes:
         name: registered name of the dataset.
@@ -80,7 +80,7 @@ class Depths(Protocol):
 def no_depth(corruption: str, dataset: str) -> UsageError:
     """Return the error for a corruption that needs depth on a dataset without depth."""
     return UsageError(
-        f"{corruption} needs the depth of the scene, which '{dataset}' does not have: choose a dataset that has it "
+        f"{corruption} needs scene depth, which '{dataset}' does not have: choose a dataset that has it "
         "('robustflow list datasets'), or give your own maps with --depth DIR"
     )
 
@@ -111,7 +111,7 @@ class Clips(Protocol):
 
 @runtime_checkable
 class CorruptedClips(Clips, PreCorrupted, Protocol):
-    """A `PreCorrupted` dataset that also has the frames around a pair, corrupted in the same way."""
+    """A `PreCorrupted` dataset that also provides the frames around a pair, corrupted in the same way."""
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
         """Return the corrupted frame at an offset; offsets 0 and 1 are the frames that `corrupted` returns."""

@@ -2,8 +2,8 @@
 true flow.
 
 The second method is a robust least-squares fit to the reprojection error in pixels against the true flow: Gauss-Newton
-with weights (c^2 / (c^2 + r^2))^2, where c falls from 64 px to 1 px, so that independently moving objects lose their
-weight. It only uses the four basic operations and the square root, in a fixed order, so that the result is
+with weights (c^2 / (c^2 + r^2))^2, where c decreases from 64 px to 1 px, so that independently moving objects lose
+weight. It uses only the four basic operations and the square root, in a fixed order, so that the result is
 bit-identical on every machine.
 """
 

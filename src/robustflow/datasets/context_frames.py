@@ -37,7 +37,7 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
     if isinstance(model, FlowModel):
         return None
     raise UsageError(
-        f"this model sees {window.before + 2 + window.after} frames, and '{dataset.name}' holds pairs only; "
+        f"this model needs {window.before + 2 + window.after} frames, but '{dataset.name}' contains only pairs; "
         f"data with clips: {_with_clips()}"
     )
 
@@ -81,8 +81,8 @@ class ContextFrames:
             if frame.shape != sample.frames[0].shape:
                 raise DataError(
                     f"sample '{sample.key}': the frame {number} steps from its first is {frame.shape[1]}x"
-                    f"{frame.shape[0]}, the pair {sample.shape[1]}x{sample.shape[0]}; all frames of a clip must have "
-                    "one size"
+                    f"{frame.shape[0]}, but the pair is {sample.shape[1]}x{sample.shape[0]}; all frames of a clip must "
+                    "have the same size"
                 )
         return replace(sample, frames=(*sample.frames[:2], *around.values()))
 

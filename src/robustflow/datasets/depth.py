@@ -58,7 +58,7 @@ def check_size(values: npt.NDArray[Any], shape: tuple[int, int], what: str) -> N
     """Raise a DataError unless a map has the size of the frames."""
     if values.shape != shape:
         size = "x".join(map(str, values.shape[::-1]))
-        raise DataError(f"{what} is {size}, the frames are {shape[1]}x{shape[0]}; give a map for every pixel")
+        raise DataError(f"{what} is {size}, the frames are {shape[1]}x{shape[0]}; give a map of the same size")
 
 
 def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float64]:
@@ -82,7 +82,7 @@ def present(files: list[Path], title: str, parts: str) -> list[Path]:
     for path in files:
         if not path.is_file():
             raise DataError(
-                f"{path}: missing, and the depth of {title} is read from it; unpack {parts} there, or give your own "
+                f"{path}: missing, but needed for the depth of {title}; unpack {parts} there, or give your own "
                 "maps with --depth DIR"
             )
     return files
@@ -122,9 +122,11 @@ def completed(values: npt.NDArray[Any], what: str = "the depth map") -> tuple[De
         depth = np.array(values, np.float32, order="C")
     measured = np.isfinite(depth) & (depth != 0)
     if not measured.any():
-        raise DataError(f"{what}: no pixel has a depth, only holes; give a map that was measured")
+        raise DataError(f"{what}: no pixel has a measured depth; give a map with measurements")
     if (depth[measured] < 0).any():
-        raise DataError(f"{what}: negative depths; give distances along the optical axis, in front of the camera")
+        raise DataError(
+            f"{what}: contains negative depths; give distances along the optical axis, in front of the camera"
+        )
     if not measured.all():
         _fill(depth, measured)
     return depth, measured

@@ -63,7 +63,7 @@ T = TypeVar("T", bound=Callable[..., object])
 
 
 def described(facts: DatasetFacts) -> Callable[[T], T]:
-    """Attach facts to a function that opens a dataset (a decorator); a class has them as its attribute `facts`."""
+    """Attach facts to a function that opens a dataset (a decorator); a class declares them as its attribute `facts`."""
 
     def attach(function: T) -> T:
         function.facts = facts  # type: ignore[attr-defined]

@@ -1,7 +1,7 @@
-"""Your own frames, without ground truth: a folder of pictures, a folder of such folders, or a video.
+"""Your own frames, without ground truth: a folder of images, a folder of such folders, or a video.
 
-Consecutive pictures in natural order ("frame2" before "frame10") are pairs. Pictures directly in the folder are used;
-its subfolders only if there are none.
+Consecutive images in natural order ("frame2" before "frame10") form pairs. The images directly in the folder are used;
+its subfolders are used only if there are none.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from .video import Video
 
 FACTS = DatasetFacts(
     title="Your own frames",
-    description="Consecutive frames of a folder, of the folders in it, or of a video.",
+    description="Consecutive frames from a folder, from its subfolders, or from a video.",
     ground_truth="none",
     clips="always",
     licence="yours",
     citation="none",
-    layout="pictures, folders of pictures, or a video file",
+    layout="images, folders of images, or a video file",
 )
 
 OWN_FRAMES = "folder"
 """Registered name of this dataset."""
 
 ALONE = "frames"
-"""Group of the pictures directly in the folder, independent of the folder's name."""
+"""Group of the images directly in the folder, independent of the folder's name."""
 
 
 class FrameFolder(PairDataset):
@@ -68,7 +68,7 @@ class FrameFolder(PairDataset):
                 pairs[key] = PairFiles((first, second), group=sequence)
         if not pairs:
             kinds = ", ".join(IMAGE_SUFFIXES)
-            raise DataError(f"{root}: no pictures in it ({kinds}); give a folder of frames or a video file")
+            raise DataError(f"{root}: contains no images ({kinds}); give a folder of frames or a video file")
         super().__init__(pairs, root)
         order = sorted(pairs, key=lambda key: natural_order(pairs[key].frames[0].relative_to(root).as_posix()))
         self._pairs = {key: pairs[key] for key in order}
@@ -107,7 +107,7 @@ def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
 def _frame_number(option: str, value: Position) -> int | None:
     chosen = position(option, value)
     if isinstance(chosen, float):
-        raise UsageError(f"{option} {value}: pictures have no times; give the number of a frame, from 0")
+        raise UsageError(f"{option} {value}: images have no times; give a frame number, counted from 0")
     return chosen
 
 

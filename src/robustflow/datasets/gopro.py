@@ -67,9 +67,7 @@ def _sequences(root: Path, split: str) -> list[Path]:
         return plain
     if root.is_dir() and _is_sequence(root):
         raise DataError(f"{root}: a single sequence; give the folder above it, or read it as dataset 'folder'")
-    expected = (
-        f"{' or '.join(f'{part}/' for part in parts)} with folders of sequences (GOPR0384_11_00/sharp/000001.png)"
-    )
+    expected = f"{' or '.join(f'{part}/' for part in parts)} with sequence folders (GOPR0384_11_00/sharp/000001.png)"
     return folders(locate("GoPro", root, list(parts), expected=expected))
 
 

@@ -45,7 +45,7 @@ class GoProFCPrepared(Samples):
     has_flow = False
     facts = DatasetFacts(
         title="GoPro-FC, prepared",
-        description="Pairs of key frames of clips at 960 frames per second, made by robustflow prepare gopro-fc.",
+        description="Pairs of key frames from clips at 960 frames per second, made by robustflow prepare gopro-fc.",
         ground_truth="none",
         clips="always",
         licence="CC BY 4.0 (derived from GoPro)",
@@ -108,7 +108,7 @@ class GoProFCPrepared(Samples):
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`. The frames are generated on first use, which for a video corruption takes a
+        """See `PreCorrupted.corrupted`. The frames are generated on first use; for a video corruption, this requires a
         pass over the clip.
 
         At that point a `UserWarning` is issued if bit errors had no effect or caused lost frames.
@@ -129,7 +129,8 @@ class GoProFCPrepared(Samples):
         return [self._pair(key)[0].master.path]
 
     def with_variant(self, variant: str) -> GoProFCPrepared:
-        """Return the same data with the parameters of a variant ("reference": 5 M for the worst bit errors)."""
+        """Return the same data with the parameters of a variant ("reference" uses 5 M for the most severe bit
+        errors)."""
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from .released import ReleasedPairs
 
 
 class GoProFCReleased(ReleasedPairs):
-    """The released benchmark: clean pairs, and the corrupted frames of each. Implements `PreCorrupted`.
+    """The released benchmark: clean pairs and their corrupted frames. Implements `PreCorrupted`.
 
     Args:
         root: path of the folder with `clean/` and the corruptions.
@@ -27,7 +27,7 @@ class GoProFCReleased(ReleasedPairs):
     has_flow = False
     facts = DatasetFacts(
         title="GoPro-FC, released files",
-        description="Pairs of key frames of five GoPro sequences as released with every corruption applied.",
+        description="Pairs of key frames from five GoPro sequences, released with every corruption applied.",
         ground_truth="none",
         licence="CC BY 4.0 (derived from GoPro)",
         citation=f"{FC_PAPER}; Nah, Kim and Lee, CVPR 2017",

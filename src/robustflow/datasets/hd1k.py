@@ -27,7 +27,7 @@ class HD1K(PairDataset):
     name = "hd1k"
     facts = DatasetFacts(
         title="HD1K",
-        description="36 sequences of driving, 2560x1080.",
+        description="36 driving sequences, 2560x1080.",
         ground_truth="sparse",
         pairs=1047,
         clips="always",

@@ -57,7 +57,7 @@ class KittiPairs(PairDataset):
             return Truth(flow, valid)
         visible = read_flow(pair.occlusion)[1]
         if visible.shape != valid.shape:
-            raise DataError(f"{pair.occlusion}: another size than {pair.flow}; the files do not match")
+            raise DataError(f"{pair.occlusion}: different size from {pair.flow}; the files do not match")
         return Truth(flow, valid, valid & ~visible)
 
     def describe(self, pair: PairFiles) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class Kitti2012(KittiSequences):
     name = "kitti2012"
     facts = DatasetFacts(
         title="KITTI flow 2012",
-        description="Driving through a static world, about 1242x375.",
+        description="Driving through static scenes, about 1242x375.",
         ground_truth="sparse",
         pairs=194,
         clips="with the multi-view extension",
@@ -174,7 +174,7 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]
     if truth is None:
         raise DataError(
             f"{folder}: no flow_occ/ or flow_noc/ next to {images}/; the training part has them, and frames without "
-            "ground truth can be measured as dataset 'folder'"
+            "ground truth can be evaluated as dataset 'folder'"
         )
     keys = {key for source in (folder / images, truth) for key in _firsts(source)}
     groups, pairs, missing = drive_groups(dataset), {}, list[str]()
@@ -190,8 +190,8 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]
         pairs[key] = PairFiles((first, second), flow, visible, group=groups.get(key, ""))
     if missing:
         warnings.warn(
-            f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); errors on visible and on "
-            "occluded pixels are left empty for these pairs, everything else is measured",
+            f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); for these "
+            "pairs, everything except the errors on visible and on occluded pixels is measured",
             stacklevel=3,
         )
     return pairs
@@ -209,7 +209,7 @@ def _calibration(path: Path) -> tuple[Camera, float]:
         raise DataError(f"{path}: no calibration with P_rect_02 and P_rect_03; restore the file") from error
     scale = at_left - at_right
     if not all(0 < value < 1e6 for value in (fx, fy, scale)):
-        raise DataError(f"{path}: a focal length or baseline that is not above 0; restore the file")
+        raise DataError(f"{path}: a focal length or baseline is not above 0; restore the file")
     return Camera((fx, fy), (cx, cy)), scale
 
 

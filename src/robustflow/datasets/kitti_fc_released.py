@@ -15,7 +15,7 @@ from .released import ReleasedPairs
 
 
 class KittiFCReleased(KittiPairs, ReleasedPairs):
-    """The released benchmark: clean samples, and the corrupted frames of each. Implements `PreCorrupted`.
+    """The released benchmark: clean samples and their corrupted frames. Implements `PreCorrupted`.
 
     Args:
         root: path of the folder with `clean/` and the corruptions.
@@ -28,7 +28,7 @@ class KittiFCReleased(KittiPairs, ReleasedPairs):
     name = "kitti_fc_released"
     facts = DatasetFacts(
         title="KITTI-FC, released files",
-        description="KITTI 2015 as released with every corruption applied: 80 pairs in val, 120 in training.",
+        description="KITTI 2015, released with every corruption applied: 80 pairs in val, 120 in training.",
         ground_truth="sparse",
         pairs=80,
         licence="CC BY-NC-SA 3.0 (derived from KITTI)",

@@ -60,12 +60,12 @@ class KittiMultiview(PairDataset):
         pairs: dict[str, PairFiles] = {}
         for marker in markers:
             if not (folder / marker).is_dir():
-                raise DataError(f"{folder}: no {marker}/; unpack data_scene_flow_multiview.zip whole")
+                raise DataError(f"{folder}: no {marker}/; unpack all of data_scene_flow_multiview.zip")
             pairs |= _pairs(folder, marker)
         if not pairs:
             raise DataError(
-                f"{folder}: no two frames in a row without those from 09 to 12; unpack data_scene_flow_multiview.zip "
-                "there, which holds _00 to _20 of each scene"
+                f"{folder}: no two consecutive frames apart from 09 to 12; unpack data_scene_flow_multiview.zip "
+                "there, which contains _00 to _20 of each scene"
             )
         super().__init__(pairs, folder)
 

@@ -39,7 +39,7 @@ class KittiRaw(PairDataset):
     has_flow = False
     facts = DatasetFacts(
         title="KITTI raw",
-        description="Whole drives with a car, about 1242x375 at 10 Hz.",
+        description="Complete drives with a car, about 1242x375 at 10 Hz.",
         ground_truth="none",
         clips="always",
         licence="CC BY-NC-SA 3.0",
@@ -54,7 +54,7 @@ class KittiRaw(PairDataset):
         self.leaves_out_evaluated = choice("drives", drives, ("apart", "all")) == "apart" and not listing
         root = user_path(root)
         if not root.is_dir():
-            raise DataError(f"{root}: no such folder; give the one of KITTI raw that holds {_EXPECTED}")
+            raise DataError(f"{root}: no such folder; give the folder of KITTI raw that contains {_EXPECTED}")
         if listing:
             super().__init__(_listed(root, user_path(listing)), root)
             return
@@ -74,7 +74,7 @@ class KittiRaw(PairDataset):
         if not pairs:
             raise DataError(
                 f"{root}: no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and "
-                "2012; give others, or drives=all"
+                "2012; unpack more drives, or give drives=all"
             )
         super().__init__(pairs, root)
 
@@ -102,7 +102,7 @@ def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:
     pairs = {}
     for number, names in enumerate(lines, 1):
         if len(names) < 2:
-            raise DataError(f"{listing}, line {number}: one name; give two frames per line, relative to {root}")
+            raise DataError(f"{listing}, line {number}: only one name; give two frames per line, relative to {root}")
         first, second = (partner(root / name, listing) for name in names[:2])
         pairs[Path(names[0]).with_suffix("").as_posix()] = PairFiles((first, second), group=first.parent.as_posix())
     return pairs

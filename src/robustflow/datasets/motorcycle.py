@@ -30,7 +30,7 @@ class Motorcycle(Samples):
     """The dataset with the single key "motorcycle". It needs neither a root folder nor a download.
 
     Raises:
-        AssetError: the pictures are missing from the installed scikit-image.
+        AssetError: the images are missing from the installed scikit-image.
 
     >>> sample = Motorcycle().load("motorcycle")
     >>> sample.shape, float(sample.valid.mean().round(3)), bool((sample.flow[..., 1] == 0).all())
@@ -41,7 +41,7 @@ class Motorcycle(Samples):
     has_flow = True
     facts = DatasetFacts(
         title="Middlebury 2014 Motorcycle",
-        description="One real stereo pair, 741x500, which scikit-image ships; flow is minus its disparity.",
+        description="One real stereo pair, 741x500, shipped with scikit-image; its flow is the negative disparity.",
         pairs=1,
         depth="its disparity",
         licence="distributed with scikit-image; see its notice on the Middlebury stereo data",
@@ -56,7 +56,7 @@ class Motorcycle(Samples):
         for path in self._files:
             if not path.is_file():
                 raise AssetError(
-                    f"{path}: missing from this scikit-image; reinstall its wheel: "
+                    f"{path}: missing from this installation of scikit-image; reinstall its wheel: "
                     "pip install --force-reinstall --no-deps scikit-image"
                 )
 

@@ -32,7 +32,7 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     if inspect.isclass(made) or inspect.isroutine(made):
         made = _opened(target, made, options)
     elif options:
-        raise UsageError(f"{target} is a dataset object, which takes no options; leave out {', '.join(options)}")
+        raise UsageError(f"{target} is a dataset object, which does not accept options; leave out {', '.join(options)}")
     check_members(made, target)
     return made
 
@@ -50,7 +50,7 @@ def check_members(dataset: Any, what: str) -> None:
         if not hasattr(dataset, member):
             raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
     if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
-        raise UsageError(f"{what}: the name {dataset.name!r} cannot be used: give letters, digits, '_' and '-'")
+        raise UsageError(f"{what}: the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
     keys = called(what, "keys", dataset.keys)
     if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
         raise UsageError(f"{what}: keys() must return a non-empty list of strings, not {keys!r:.60}")

@@ -42,9 +42,9 @@ class OwnDepth:
     def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
         self._folder, self._dataset = user_path(folder), dataset
         if not self._folder.is_dir():
-            raise UsageError(f"--depth {self._folder}: no such folder; name the one that holds a map for every frame")
+            raise UsageError(f"--depth {self._folder}: no such folder; give the folder that has a map for every frame")
         if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
-            raise UsageError(f"--focal {focal}: the focal length in pixels, above 0")
+            raise UsageError(f"--focal {focal}: give the focal length in pixels, above 0")
         self._focal = focal
 
     def depth(self, sample: Sample) -> SceneDepth:
@@ -77,20 +77,20 @@ class OwnDepth:
             path = self._map(frame)
             if path is None:
                 raise DataError(
-                    f"{self._folder}: no depth map for {frame}; expected {frame.stem} with the ending "
+                    f"{self._folder}: no depth map for {frame}; expected {frame.stem} with the extension "
                     f"{', '.join(_READERS)}, in the folder itself or in {frame.parent.name}/"
                 )
             if (other := self._owners.get(path)) is not None and other != frame:
                 raise DataError(
-                    f"{path}: the map of both {other} and {frame}; put the maps into folders named like those of the "
-                    "frames"
+                    f"{path}: matches both {other} and {frame}; put the maps into folders named like the "
+                    "folders of the frames"
                 )
             found.append(path)
         return found[0], found[1]
 
     @cached_property
     def _owners(self) -> dict[Path, Path]:
-        """Return the first frame that uses each map."""
+        """Return, for each map, the first frame that uses it."""
         owners: dict[Path, Path] = {}
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):
@@ -104,8 +104,8 @@ class OwnDepth:
         frames = tuple(Path(name) for name in names if isinstance(name, Path))
         if len(frames) != 2 or any(frame.suffix.lower() not in IMAGE_SUFFIXES for frame in frames):
             raise UsageError(
-                f"--depth names maps after the files of the frames, and those of '{dataset.name}' are not pictures; "
-                "give a folder of pictures"
+                f"--depth needs maps named like the files of the frames, but those of '{dataset.name}' are not "
+                "images; give a folder of images"
             )
         return frames
 

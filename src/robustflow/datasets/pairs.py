@@ -64,7 +64,7 @@ class PairDataset(Samples):
 
     def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         if not pairs:
-            raise DataError(f"{where}: no image pair of {self.name} found in it; check that it is completely unpacked")
+            raise DataError(f"{where}: no image pair of {self.name} found in it; check that it was unpacked completely")
         self._pairs = dict(sorted(pairs.items()))
 
     def keys(self) -> list[str]:
@@ -88,7 +88,7 @@ class PairDataset(Samples):
                 f"{_size(frames[0])}; the files do not match"
             )
         if not truth.valid.any():
-            raise DataError(f"{pair.flow}: no pixel with known flow, so nothing to measure; restore the file")
+            raise DataError(f"{pair.flow}: no pixel with known flow, so nothing can be measured; restore the file")
         return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
 
     def pair(self, key: str) -> PairFiles:

@@ -50,7 +50,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
     Raises:
         UsageError: a name or option is unknown, or a root is missing or not supported.
-        DataError: files are missing or not as expected.
+        DataError: files are missing or invalid.
 
     >>> load_dataset("motorcycle").keys()
     ['motorcycle']
@@ -62,7 +62,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     parameters = inspect.signature(factory).parameters
     takes_root = needs_folder(name)
     if takes_root and root is None:
-        raise UsageError(f"dataset '{name}' is read from a folder: name it with --data FOLDER (root=... in Python)")
+        raise UsageError(f"dataset '{name}' is read from a folder: give it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
         raise UsageError(f"dataset '{name}' needs no folder; leave out --data (root=... in Python)")
     for option in options:

@@ -43,7 +43,7 @@ class RobustSpring(Samples):
     has_flow = False
     facts = DatasetFacts(
         title="RobustSpring",
-        description="Spring's ten test sequences, 1920x1080, under 20 corruptions that come as files.",
+        description="Spring's ten test sequences, 1920x1080, under 20 corruptions, which are distributed as files.",
         ground_truth="none",
         pairs=3960,
         clips="always",
@@ -118,12 +118,12 @@ class RobustSpring(Samples):
         """Return the corrupted file of a clean frame."""
         if corruption not in self._corrupted or severity != 1:
             raise UsageError(
-                f"{self.root} has no {corruption} at severity {severity}; what it has is at severity 1 alone"
+                f"{self.root} has no {corruption} at severity {severity}; its corruptions exist only at severity 1"
             )
         return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
 
     def _check_whole(self, folder: Path) -> None:
-        """Raise unless a corruption has every clean frame. Lists each folder once instead of testing every file."""
+        """Raise if a corruption lacks a clean frame. Lists each folder once instead of testing every file."""
         clean = self._clean["FW"]
         wanted: dict[Path, set[str]] = {}
         for key in clean.keys():  # noqa: SIM118
@@ -132,4 +132,6 @@ class RobustSpring(Samples):
         for place, names in wanted.items():
             there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
             if gone := names - there:
-                raise DataError(f"{folder / place / min(gone)}: missing, though {clean.folder} has it; unpack it whole")
+                raise DataError(
+                    f"{folder / place / min(gone)}: missing, though {clean.folder} exists; unpack the complete archive"
+                )

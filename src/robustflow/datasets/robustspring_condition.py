@@ -92,15 +92,15 @@ def condition_folder(root: str | Path, condition: str, spring: str | Path | None
     if condition != CLEAN:
         return _folder(root, [condition])
     if spring is not None:
-        return locate("Spring", spring, ["test"], expected="test/, with 0003/frame_left/ in it") / "test"
+        return locate("Spring", spring, ["test"], expected="test/, which contains 0003/frame_left/") / "test"
     beside = Path(root).expanduser().absolute().parent / "spring" / "test"
     if not any((Path(root).expanduser() / name).is_dir() for name in _CLEAN_NAMES) and beside.is_dir():
         return beside
-    return _folder(root, _CLEAN_NAMES, "; or name the folder of Spring's frames with -D spring=FOLDER")
+    return _folder(root, _CLEAN_NAMES, "; or give the folder of Spring's frames with -D spring=FOLDER")
 
 
 def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path:
-    expected = f"{' or '.join(f'{name}/test/' for name in names)}, with 0003/frame_left/ in it{otherwise}"
+    expected = f"{' or '.join(f'{name}/test/' for name in names)}, which contains 0003/frame_left/{otherwise}"
     top = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
     return next(top / name / "test" for name in names if (top / name / "test").is_dir())
 

@@ -32,7 +32,7 @@ class Sintel(PairDataset):
     """The MPI-Sintel dataset. `root` is `training/` or its parent folder.
 
     Args:
-        render_pass: rendering pass: "clean", "final", or the name of a folder of pictures next to `flow`.
+        render_pass: rendering pass: "clean", "final", or the name of a folder of images next to `flow`.
 
     Raises:
         DataError: the layout is different, the pass does not exist, or a file of a pair is missing.

@@ -4,9 +4,10 @@ The paper evaluates 80 of KITTI's 200 training pairs and fine-tunes on the other
 sample. Our split is reproducible: every key is hashed together with the seed, and the pairs with the 80 smallest hashes
 are evaluated. The hash of a pair does not depend on which other pairs exist, or on their order.
 
-Four of five evaluated pairs with a known drive have a training pair from the same drive, often a second away, so a
+Four in five evaluated pairs with a known drive have a training pair from the same drive, often a second away, so a
 model trained on the 120 pairs is evaluated on near duplicates of its training data. The paper's split is also drawn
-pair by pair, and has the same problem. `drive_disjoint_split` has the same number of pairs, but no drive in both parts.
+pair by pair, and has the same problem. `drive_disjoint_split` has the same number of pairs, but no drive occurs in both
+parts.
 """
 
 from __future__ import annotations
@@ -59,9 +60,9 @@ def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
 def drive_disjoint_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
     """Return 80 pairs for evaluation and 120 for training, with no drive of KITTI 2015 in both parts.
 
-    Whole drives, and whole runs of pairs without a drive (see `kitti_drives`), are added in the order of their hashes,
-    each if it still fits, until there are 80 pairs. In a folder with fewer than 200 pairs, the existing pairs remain in
-    their usual part.
+    Complete drives, and complete blocks of pairs without a drive (see `kitti_drives`), are added in the order of their
+    hashes, skipping those that do not fit, until there are 80 pairs. In a folder with fewer than 200 pairs, the
+    existing pairs remain in their usual part.
 
     >>> keys = [f"{number:06d}" for number in range(200)]
     >>> split = drive_disjoint_split(keys)
@@ -105,7 +106,7 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
         return read_split(split, keys)
     if dataset != "kitti2015":
         raise UsageError(
-            f"--split {DRIVE_DISJOINT} is a split of KITTI 2015, not of {dataset}; leave it out, or name a file with "
+            f"--split {DRIVE_DISJOINT} is a split of KITTI 2015, not of {dataset}; leave it out, or give a file with "
             "one key per line"
         )
     chosen = drive_disjoint_split(keys).evaluation
@@ -154,6 +155,6 @@ def _listed(path: Path, entries: list[str], keys: Sequence[str]) -> set[str]:
                 f"did you mean '{close[0]}'?"
             )
         if entry in chosen:
-            raise DataError(f"{path}: '{entry}' is listed twice; list every key once")
+            raise DataError(f"{path}: '{entry}' is listed twice; list every key only once")
         chosen.add(entry)
     return chosen

@@ -76,11 +76,13 @@ class Spring(PairDataset):
             return None
         flow, valid = read_flow(pair.flow)
         if flow.shape[0] % 2 or flow.shape[1] % 2:
-            raise DataError(f"{pair.flow}: {flow.shape[1]}x{flow.shape[0]} vectors; Spring has two per pixel and side")
+            raise DataError(
+                f"{pair.flow}: {flow.shape[1]}x{flow.shape[0]} vectors; Spring has two per pixel on each axis"
+            )
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, at every second value like the flow, and at most
+        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, at every second value, like the flow, and at most
         10 km. The camera motion is fitted to depth and true flow (`camera_motion`)."""
         *maps, intrinsics = self.depth_files(sample.key)
         table = table_of(intrinsics, 4)

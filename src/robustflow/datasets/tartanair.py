@@ -2,13 +2,13 @@
 
     abandonedfactory/Easy/P000/image_left/000000_left.png ...
     abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...      float32 (H, W, 2), pixels
-    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is visible in
-                                                                    the next frame too
+    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is also
+                                                                    visible in the next frame
     abandonedfactory/Easy/P000/depth_left/000000_left_depth.npy     for depth: float32 (H, W), metres
     abandonedfactory/Easy/P000/pose_left.txt                        for depth: tx ty tz qx qy qz qw of each frame
 
-The environment's folder may be nested, as its archives unpack (abandonedfactory/abandonedfactory/Easy). Source: Wang et
-al., IROS 2020.
+The environment's folder may be nested, as in the unpacked archives (abandonedfactory/abandonedfactory/Easy). Source:
+Wang et al., IROS 2020.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class TartanAir(PairDataset):
         flow = _array(pair.flow)
         mask = _array(pair.occlusion)
         if flow.ndim != 3 or flow.shape[2] != 2 or mask.shape != flow.shape[:2]:
-            raise DataError(f"{pair.flow}: {flow.shape}, with a mask of {mask.shape}; expected (H, W, 2) and (H, W)")
+            raise DataError(f"{pair.flow}: {flow.shape}with a mask of {mask.shape}; expected (H, W, 2) and (H, W)")
         valid = np.isfinite(flow).all(axis=2)
         flow = np.where(valid[..., None], flow, 0).astype(np.float32)
         return Truth(flow, valid, mask != 0)
@@ -87,7 +87,7 @@ class TartanAir(PairDataset):
         table = table_of(poses, 7)
         places = [int(path.name[:6]) for path in maps]
         if max(places) >= len(table):
-            raise DataError(f"{poses}: {len(table)} poses, none of frame {max(places)}; restore the file")
+            raise DataError(f"{poses}: {len(table)} poses, but none for frame {max(places)}; restore the file")
         motion = relative_motion(*(_world_to_camera(table[place].tolist(), poses) for place in places))
         camera = Camera((_FOCAL, _FOCAL), _CENTRE, *motion)
         now, then = (read_depth_npy(path) for path in maps)

@@ -216,5 +216,5 @@ def test_a_run_on_a_clip_is_the_same_with_any_workers(library, tmp_path, name):
         )
         assert demo.manifest.identity.model.window is None
     else:
-        with pytest.raises(UsageError, match="'motorcycle' holds pairs only"):
+        with pytest.raises(UsageError, match="'motorcycle' contains only pairs"):
             rf.evaluate(ModelSpec(name, options), "demo", output=tmp_path / "demo", **chosen)

@@ -31,12 +31,12 @@ class FlyingShapes(Samples):
         split: split to generate, "test" or "train"; the two splits share neither textures nor random draws.
         motion: scale factor of all translations. At 1 the mean flow magnitude is about 5 % of the frame height, and
             several times as large in a few pairs.
-        textures: path of a folder of pictures to use as textures instead of procedural ones.
+        textures: path of a folder of images to use as textures instead of procedural ones.
         readout: readout time of a rolling shutter: time between the first and the last row of a frame, in units of the
             frame interval, 0 to 1; 0 is a global shutter. Flow, occlusion and depth match the rolling-shutter frames.
 
     Raises:
-        UsageError: an option is out of range, or the folder contains no pictures.
+        UsageError: an option is out of range, or the folder contains no images.
 
     >>> pairs = FlyingShapes(pairs=2, size="64x96")
     >>> sample = pairs.load("000001")
@@ -68,9 +68,9 @@ class FlyingShapes(Samples):
         readout: float = 0.0,
     ) -> None:
         if type(pairs) is not int or not 1 <= pairs <= _MOST_PAIRS:
-            raise UsageError(f"pairs must be a whole number from 1 to {_MOST_PAIRS}, not {pairs!r}")
+            raise UsageError(f"pairs must be an integer from 1 to {_MOST_PAIRS}, not {pairs!r}")
         if type(seed) is not int:
-            raise UsageError(f"seed must be a whole number, not {seed!r}")
+            raise UsageError(f"seed must be an integer, not {seed!r}")
         if split not in SPLITS:
             raise UsageError(f"split must be test or train, not {split!r}")
         if isinstance(motion, bool) or not isinstance(motion, int | float) or not 0 <= motion <= 10:
@@ -89,7 +89,7 @@ class FlyingShapes(Samples):
         return [f"{index:06d}" for index in range(self._pairs)]
 
     def files(self, key: str) -> list[Path]:
-        """See `Dataset.files`: the pictures used as textures; empty for procedural textures."""
+        """See `Dataset.files`: the images used as textures; empty for procedural textures."""
         self._checked(key)
         return [] if self._textures is None else texture_files(self._textures)
 

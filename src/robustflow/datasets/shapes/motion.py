@@ -8,7 +8,7 @@ Layer coordinates are coordinates of frame 1. A point m moves to T(m) = c + t + 
 along each axis, made of parabolas instead of sines, because only the four basic operations and the square root give the
 same bits on every machine. Its slope is limited to 1/2, so that T is invertible everywhere.
 
-The numbers of a motion are one row of `MOTION` float64 values:
+A motion is stored as one row of `MOTION` float64 values:
 
     cx cy  tx ty  a b c d (A by rows)  e f g h (its inverse)
     ax px qx sx  ay py qy sy (d_x = ax w(px x + qx y + sx), ...)

@@ -1,6 +1,6 @@
-"""The outline of a layer: an ellipse or a convex polygon, wobbled. For use inside compiled loops.
+"""The outline of a layer: an ellipse or a convex polygon, with a wobble. For use inside compiled loops.
 
-The numbers of an outline are one row of `OUTLINE` float64 values:
+An outline is stored as one row of `OUTLINE` float64 values:
 
     cx cy  a b c d (into outline coordinates, by rows)  radius  sides  wobble  kx sx ky sy  then nx ny of each side
 

@@ -1,4 +1,4 @@
-"""Textures for the shapes: dead leaves (shapes covering shapes, as in photographs) under noise of several sizes.
+"""Textures for the shapes: dead leaves (shapes that overlap, as in photographs) with noise at several scales.
 
 Dead leaves with radii r distributed as r^-3 have the spectrum and the edges of natural images (Lee, Mumford and Huang,
 IJCV 2001). Textures repeat seamlessly. Only the four basic operations and the square root are used, so the bytes are
@@ -28,7 +28,7 @@ COUNT = 32
 _LEAVES = 4000
 _RADII = (4.0, 140.0)
 _MOST_PICTURES = 256
-"""Maximum number of user pictures: 200 MB."""
+"""Maximum number of user images, which then take 200 MB."""
 
 TextureArray = npt.NDArray[np.uint8]
 """(count, SIZE, SIZE, 3), RGB."""
@@ -42,24 +42,24 @@ def procedural_textures(seed: int, split: str) -> TextureArray:
 
 @lru_cache(maxsize=2)
 def picture_textures(folder: str) -> TextureArray:
-    """Read the pictures of a folder as textures, each scaled to cover the square and cropped to its centre.
+    """Read the images in a folder as textures, each scaled to cover the square and cropped to its centre.
 
     Raises:
-        UsageError: the folder does not exist, or contains no pictures or too many.
-        DataError: a picture cannot be read.
+        UsageError: the folder does not exist, or contains no images or too many.
+        DataError: an image cannot be read.
     """
     files = texture_files(folder)
     return np.stack([_covering(read_image(path)) for path in files])
 
 
 def texture_files(folder: str) -> list[Path]:
-    """Return the pictures that `picture_textures` reads, sorted."""
+    """Return the images that `picture_textures` reads, sorted."""
     root = user_path(folder)
     if not root.is_dir():
-        raise UsageError(f"textures={folder}: no such folder; give one that holds pictures")
+        raise UsageError(f"textures={folder}: no such folder; give a folder of images")
     files = sorted(path for path in root.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     if not 1 <= len(files) <= _MOST_PICTURES:
-        raise UsageError(f"textures={folder}: {len(files)} pictures in it; give 1 to {_MOST_PICTURES}")
+        raise UsageError(f"textures={folder}: {len(files)} images in it; give 1 to {_MOST_PICTURES}")
     return files
 
 
