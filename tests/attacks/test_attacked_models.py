@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -97,8 +98,11 @@ def test_a_flow_that_becomes_nan_is_never_the_best_and_one_that_is_nan_is_no_gai
 
     _, moved = attacked_pair(name, Given(nan_elsewhere))
     _, always = attacked_pair(name, Given(lambda images1, images2: images1[:, :2] * np.nan))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, infinite = attacked_pair(name, Given(lambda images1, images2: (images1[:, :2] + 1) * np.inf))
 
-    for attacked in (moved, always):
+    for attacked in (moved, always, infinite):
         assert np.array_equal(attacked.frames, random_pair())
         assert "nothing_gained" in attacked.warnings
 

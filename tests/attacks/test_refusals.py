@@ -50,6 +50,18 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
         ({"severity": 2.5}, UsageError, "severity 2.5 does not exist"),
         ({"flow": [[1, 2]]}, DataError, r"ground truth is list; expected float32 \(8, 10, 2\)"),
         ({"flow": np.full((8, 10, 2), np.nan, np.float32)}, DataError, "NaN or infinite at pixels that are valid"),
+        ({"name": "pgd:steps=3:steps=4"}, UsageError, "'pgd:steps=3:steps=4' sets option steps twice"),
+        (
+            {"name": "worst_of", "parts": []},
+            UsageError,
+            "worst_of needs at least one attack",
+        ),
+        ({"name": "patch", "severity": 1}, DataError, r"0.1 % of 10x8 pixels is smaller than one pixel"),
+        (
+            {"flow": np.zeros((8, 10, 2), np.float32), "valid": [[1]]},
+            DataError,
+            r"mask is list; expected bool \(8, 10\)",
+        ),
         ({"budget": 3, "severity": 2}, UsageError, "not both"),
         ({"valid": np.ones((8, 10), bool)}, UsageError, "give the flow, too"),
         ({"flow": np.zeros((3, 4, 2), np.float32)}, DataError, r"ground truth is float32 \(3, 4, 2\)"),

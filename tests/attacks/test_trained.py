@@ -23,6 +23,12 @@ from robustflow.errors import DataError, ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.random.rng import Rng
 from robustflow.report.attack_table import attack_table
+from robustflow.runner.attack_again import with_attack
+from robustflow.runner.attack_training import learned_patterns
+from robustflow.runner.setup import set_up
+from robustflow.runs.clean_flows import write_clean
+from robustflow.runs.plan import Unit
+from robustflow.runs.store import RunFolder
 from robustflow.testing import TexturePairs
 
 pytest.importorskip("torch", reason="needs the torch extra")
@@ -243,11 +249,14 @@ def test_a_turned_pattern_is_read_where_the_rotation_says(size, side, angle, sca
     assert np.abs(shown - exact)[inside].max(initial=0) <= np.sqrt(0.5) + 1e-6
 
 
-@pytest.mark.parametrize(("shape", "budget"), [((10, 400), 30), ((8, 8), 0.1)])
-def test_a_patch_that_does_not_fit_the_frame_is_refused_in_one_line(shape, budget):
+@pytest.mark.parametrize(
+    ("shape", "budget", "message"),
+    [((10, 400), 30, "which does not fit into the frame"), ((8, 8), 0.1, "is smaller than one pixel")],
+)
+def test_a_patch_that_does_not_fit_the_frame_is_refused_in_one_line(shape, budget, message):
     frames = np.zeros((2, *shape, 3), np.uint8)
 
-    with pytest.raises(DataError, match="which does not fit into the frame") as refused:
+    with pytest.raises(DataError, match=message) as refused:
         rf.attack(*frames, still, "patch", budget=budget)
     assert "\n" not in str(refused.value)
 
@@ -309,6 +318,23 @@ def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not
     path.write_bytes(damaged)
     assert again().equals(before)
     assert asked == [1]
+
+
+@pytest.mark.parametrize("shape", [(1,), (3, 5, 9), (2, 3, 0, 4), (2, 4, 40, 48), (3, 3, 3, 3)])
+def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
+    names = {"universal:train=1:steps=1": (2, 3, 40, 48), "patch:train=1:steps=1": (3, 10, 10)}
+    benchmark = Benchmark("drawn", DATA, ("0",), (), (5,), attacks=tuple(names))
+    plan, folder = set_up(TINY, benchmark).plan, RunFolder(tmp_path)
+    units = [Unit("0", name, (5,)) for name in names]
+    model = TINY.load()
+    for name in names:
+        path = folder.pattern_path(name, 5)
+        path.parent.mkdir(exist_ok=True)
+        write_clean(path, np.zeros(shape, np.float32), f"{plan.digest()} {name} 5")
+
+    learned = learned_patterns(folder, plan, model, units, 1)
+
+    assert {name: levels[5].shape for name, levels in learned.items()} == names
 
 
 def test_processes_are_given_what_was_trained(trained, tmp_path):
@@ -389,9 +415,6 @@ def test_a_trained_attack_inside_another_is_read_again_and_given_to_processes(co
 
 
 def test_a_trained_attack_inside_another_can_be_drawn_again(composed):
-    from robustflow.runner.attack_again import with_attack
-    from robustflow.runner.setup import set_up
-
     setup = set_up(TINY, Benchmark("drawn", DATA, ("0", "1"), (), (5,), attacks=tuple(composed.attacks)))
     for name in (INSIDE, WORST):
         learned = with_attack(setup, composed, name, 5).plan.options.learned

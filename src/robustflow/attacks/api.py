@@ -255,9 +255,14 @@ def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) 
         raise UsageError("a mask of valid pixels needs a ground truth; give the flow, too")
     expected = (*frame1.shape[:2], 2)
     if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
-        what = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
-        raise DataError(f"the ground truth is {what}; expected float32 {expected}, as the frames")
-    if valid is not None and (valid.shape != frame1.shape[:2] or valid.dtype != bool):
-        raise DataError(f"the mask is {valid.dtype} {valid.shape}; expected bool {frame1.shape[:2]}")
+        raise DataError(f"the ground truth is {_described(flow)}; expected float32 {expected}, as the frames")
+    if valid is not None and (
+        not isinstance(valid, np.ndarray) or valid.shape != frame1.shape[:2] or valid.dtype != bool
+    ):
+        raise DataError(f"the mask is {_described(valid)}; expected bool {frame1.shape[:2]}")
     if flow is not None and not np.isfinite(flow if valid is None else flow[valid]).all():
         raise DataError("the ground truth is NaN or infinite at pixels that are valid; leave them out of the mask")
+
+
+def _described(array: Any) -> str:
+    return f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__

@@ -73,11 +73,12 @@ class Loss:
 
     def _parts(self, flow: Flow, weighted: bool) -> tuple[_Map, _Map]:
         """The loss of each pixel (H, W) and its derivative (H, W, 2)."""
-        values, slopes = _DISTANCES[self.kind](flow.astype(np.float64), self.reference.astype(np.float64))
-        if not (self.agreeing and weighted):
-            return values, slopes
-        first, second = _softmax(flow), _softmax(self.reference)
-        weight = (first * second).sum(axis=-1) / (np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1))
+        with np.errstate(invalid="ignore", over="ignore"):  # a flow may be infinite
+            values, slopes = _DISTANCES[self.kind](flow.astype(np.float64), self.reference.astype(np.float64))
+            if not (self.agreeing and weighted):
+                return values, slopes
+            first, second = _softmax(flow), _softmax(self.reference)
+            weight = (first * second).sum(axis=-1) / (np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1))
         weight = 1 - weight if self.towards else weight
         return weight * values, weight[..., None] * slopes
 

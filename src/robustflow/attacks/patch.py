@@ -77,9 +77,14 @@ class Patch(Trained):
         """See `Trained.stepped`."""
         return np.clip(pattern + np.float32(_REACH * share) * np.sign(pull), 0, 1).astype(np.float32)
 
+    @classmethod
+    def fits(cls, array: Pattern) -> bool:
+        """See `Trained.fits`."""
+        return array.ndim == 3 and array.shape[0] == 3 and array.shape[1] == array.shape[2] > 0
+
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
         """See `Trained.checked_pattern`."""
-        if array.ndim != 3 or array.shape[0] != 3 or array.shape[1] != array.shape[2]:
+        if not self.fits(array):
             raise DataError(f"{self.file} is an array {array.shape}; a patch is (3, N, N) with values in 0..1")
         return np.clip(array, 0, 1)
 
@@ -143,10 +148,15 @@ def diameter(problem: Problem) -> int:
     size = int(2 * np.sqrt(most / np.pi)) + 2
     while size and np.count_nonzero(_disc(size)) > most:
         size -= 1
-    if not 0 < size <= min(height, width):
+    if not size:
+        raise DataError(
+            f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels is smaller than one pixel; give a larger "
+            "severity or budget, or larger frames"
+        )
+    if size > min(height, width):
         raise DataError(
             f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels has a diameter of {size}, which does not "
-            "fit into the frame; give another severity or budget, or larger frames"
+            "fit into the frame; give a smaller severity or budget, or larger frames"
         )
     return size
 

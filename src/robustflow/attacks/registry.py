@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..errors import UsageError
 from ..registry import Registry
 
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
@@ -46,12 +47,17 @@ def split_name(name: str) -> tuple[str, str, dict[str, str]]:
     ('pgd', '', {'steps': '40', 'loss': 'cosine'})
     >>> split_name("transfer:ptlflow:raft:checkpoint=things")
     ('transfer', 'ptlflow:raft', {'checkpoint': 'things'})
+
+    Raises:
+        UsageError: an option is given twice.
     """
     head, *parts = name.split(":")
     argument: list[str] = []
     options: dict[str, str] = {}
     for part in parts:
         option, is_option, value = part.partition("=")
+        if is_option and option.strip() in options:
+            raise UsageError(f"'{name}' sets option {option.strip()} twice")
         if is_option:
             options[option.strip()] = value.strip()
         elif options:

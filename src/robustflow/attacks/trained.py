@@ -161,6 +161,11 @@ class Trained(Attack):
     def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
         """Take one training step; the step shares sum to 1."""
 
+    @classmethod
+    @abstractmethod
+    def fits(cls, array: Pattern) -> bool:
+        """Whether an array has the shape of a trained pattern."""
+
     @abstractmethod
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
         """Check the array of a file and return it as a pattern for this pair.

@@ -91,6 +91,11 @@ class Universal(Trained):
         ball = self._around_grey(problem, pattern.shape[2:])
         return ball.step(ball.clean + pattern, pull, _REACH * ball.budget * share) - ball.clean
 
+    @classmethod
+    def fits(cls, array: Pattern) -> bool:
+        """See `Trained.fits`."""
+        return array.ndim == 4 and array.shape[:2] == (2, 3) and array.size > 0
+
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
         """See `Trained.checked_pattern`."""
         first, second = self._frames(array, self.file), None

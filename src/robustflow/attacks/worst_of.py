@@ -42,6 +42,8 @@ class WorstOf(Attack):
         """See `Attack.made`."""
         given: str | Sequence[str | Attack] = options.pop("parts", "apgd+square")
         names = given.split(_PLUS) if isinstance(given, str) else list(given)
+        if not names:
+            raise UsageError("attack worst_of needs at least one attack, as in worst_of:apgd+square")
         known = [load_attack(name).known_options() for name in names]
         for option in options:
             if not any(option in each for each in known):

@@ -43,8 +43,8 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
             "pass it with --own-attack MODULE:ATTRIBUTE"
         ) from error
     learned = {}
-    for label in attack.training(setup.model.model):
-        pattern = learned_pattern(RunFolder(run.path), plan, label, severity)
+    for label, (part, _) in attack.training(setup.model.model).items():
+        pattern = learned_pattern(RunFolder(run.path), plan, label, severity, part)
         if pattern is None:
             raise RunError(f"{run.path} no longer has the trained attack {plain(label)}; repeat the run")
         learned[label] = {severity: pattern}

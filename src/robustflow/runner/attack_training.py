@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from ..attacks import Attack, load_attack
 from ..attacks.api import pair_of_sample
 from ..attacks.base import Learned, Pattern
@@ -75,7 +77,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     learned: dict[str, dict[int, Pattern]] = {}
     for name, severity in sorted({(unit.corruption, level) for unit in units for level in unit.severities}):
         for label, (attack, on) in trained.get(name, {}).items():
-            pattern = learned_pattern(folder, plan, label, severity)
+            pattern = learned_pattern(folder, plan, label, severity, attack)
             if pattern is None:
                 pattern = _trained(attack, plan, on, severity, batch_size)
                 path = folder.pattern_path(label, severity)
@@ -85,10 +87,12 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
     return learned
 
 
-def learned_pattern(folder: RunFolder, plan: Plan, label: str, severity: int) -> Pattern | None:
+def learned_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, attack: Attack) -> Pattern | None:
     """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
     folder."""
-    return read_clean(folder.pattern_path(label, severity), _made_of(plan, label, severity))
+    assert isinstance(attack, Trained)
+    pattern = read_clean(folder.pattern_path(label, severity), _made_of(plan, label, severity))
+    return pattern if pattern is not None and attack.fits(pattern) and np.isfinite(pattern).all() else None
 
 
 def _made_of(plan: Plan, label: str, severity: int) -> str:
