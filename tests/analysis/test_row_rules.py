@@ -100,7 +100,7 @@ _CHANGES = {
         _FOG,
         {"magnitude_sum": 10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40") - 1},
     ),
-    "its flow is too short for such a small error": (
+    "its flow is too short for an error this small": (
         _FOG,
         {"pred_magnitude_sum": pl.lit(0.0), "epe_sum": 0.9 * pl.col("magnitude_sum")},
     ),

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 CAVEAT = (
-    "RCRE measures how much the flow changes, not whether it is wrong: a model that hardly reacts to its frames has "
-    "the lowest RCRE, and only frames with ground truth distinguish such a model from a robust one."
+    "RCRE measures how much the flow changes, not whether it is wrong: a model that largely ignores its frames has "
+    "the lowest RCRE, and only ground truth can distinguish it from a robust model."
 )
 _MOST_COMPARED = 8
 _MOST_NAMED = 3

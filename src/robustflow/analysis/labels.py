@@ -68,7 +68,7 @@ def benchmark_label(benchmark: str) -> str:
 
 
 def benchmark_words(benchmark: str) -> str:
-    """Return the name of a benchmark as written inside a sentence.
+    """Return the name of a benchmark for use within a sentence.
 
     >>> benchmark_words("folder"), benchmark_words("demo")
     ('your own frames', 'the demo')
@@ -87,7 +87,7 @@ def on_benchmark(model: str, benchmark: str) -> str:
 
 
 def setting_words(setting: str) -> str:
-    """Describe a setting as a phrase inside a sentence.
+    """Describe a setting as a phrase for use within a sentence.
 
     >>> setting_words("own"), setting_words("ID")
     ('training not stated', 'ID')

@@ -163,7 +163,7 @@ def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
     first line is kept. `where` names the source in error messages.
 
     Raises:
-        DataError: if two lines give the same value.
+        DataError: if two lines contain the same value.
     """
     parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
     for line in lines:
@@ -178,7 +178,7 @@ def _joined(lines: Sequence[ModelResult], where: str) -> dict[ValueKey, Value]:
             whose = f"'{plain(line.name)}' ({plain(line.setting)})"
             raise DataError(
                 f"{where}{': ' if where else ''}{metric} of {whose} on {condition} appears twice for the sample set "
-                f"'{plain(line.frames)}'; give each value once"
+                f"'{plain(line.frames)}'; give each value only once"
             )
         values |= line.values
     return values

@@ -116,7 +116,7 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
             low, high = ratio_range((epe.number - clean.number, epe.half + clean.half), (clean.number, clean.half))
             tolerance = given.half + max(high - ratio, ratio - low)
             if misfits(given.number, ratio, tolerance):
-                message = f"{_where(line, corruption)}: CREr {given.number:.2f}, but its EPE gives {ratio:.3f}"
+                message = f"{_where(line, corruption)}: CREr {given.number:.2f}, but its EPE implies {ratio:.3f}"
                 numbers = (given.number, ratio, tolerance)
                 findings.append(finding("crer", line, "crer", corruption, message, numbers))
     return "crer", count, findings

@@ -55,7 +55,7 @@ def _crer(
     tolerance = _CRER_HALF + max(high - ratio, ratio - low)
     if not misfits(given, ratio, tolerance):
         return []
-    message = f"{setting} {cost.model}: CREr {given:.2f}, but its {made_of} and clean EPE give {ratio:.3f}"
+    message = f"{setting} {cost.model}: CREr {given:.2f}, but its {made_of} and clean EPE imply {ratio:.3f}"
     return [_finding(check, cost, setting, (given, ratio, tolerance), message)]
 
 

@@ -21,7 +21,7 @@ AUDIT_CHECKS = {
     "rows": "the rows contain no impossible measurements",
     "budget": "attacked frames are within the stated budget",
 }
-"""Check -> statement that it verifies."""
+"""Statement verified by each check."""
 
 
 class Finding(FrozenFinite):

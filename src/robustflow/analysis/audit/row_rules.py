@@ -193,7 +193,7 @@ RULES: dict[str, _Expr] = {
             & _exceeds(pl.col("magnitude_sum"), _SHORT * pl.col("n_s0_10") + _LONG * pl.col("n_s10_40")),
         ]
     ),
-    "its flow is too short for such a small error": _exceeds(
+    "its flow is too short for an error this small": _exceeds(
         pl.col("magnitude_sum"), pl.col("pred_magnitude_sum") + pl.col("epe_sum")
     ),
     "its confidence ranks errors better than the oracle": _any(

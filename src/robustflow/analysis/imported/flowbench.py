@@ -159,7 +159,7 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
             raise DataError(f"{where}: severity {plain(repr(severity), 40)}; expected 1 to 5")
     metrics = entry.get("metrics")
     if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: its metrics have no 'epe'")
+        raise DataError(f"{where}: 'epe' is missing from its metrics")
     names = [entry.get(part) for part in ("model", "checkpoint")]
     if not all(isinstance(name, str) and name for name in names):
         raise DataError(f"{where}: the model or the checkpoint is missing")

@@ -139,7 +139,7 @@ def _by_iteration(entry: dict[str, Any]) -> bool:
 def _row(entry: dict[str, Any], where: str) -> StoredAttack:
     metrics, dataset = entry.get("metrics"), entry.get("dataset")
     if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: its metrics have no 'epe'")
+        raise DataError(f"{where}: 'epe' is missing from its metrics")
     if not isinstance(dataset, str) or not dataset:
         raise DataError(f"{where}: the dataset is missing")
     names = [entry.get(part) for part in ("model", "checkpoint")]

@@ -36,7 +36,7 @@ _BLOCK = 2**22
 """Number of weights in one block. Resamples are drawn in blocks to limit memory use."""
 
 _WIDTH = 512
-"""Maximum number of columns multiplied by the weights at once."""
+"""Maximum number of columns multiplied by the weights at a time."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -153,7 +153,7 @@ def _exponential(interval: Interval, values: StatisticValues) -> Interval:
 
 
 def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:
-    """Yield the values of each statistic; the products with the weights are computed for many statistics at once."""
+    """Yield the values of each statistic; the products with the weights are computed for many statistics together."""
     keys = list(statistics)
     while keys:
         width = 0

@@ -88,7 +88,7 @@ class Statistic:
 
     Attributes:
         columns: float64 (G, P), columns from whose products with the weights `values` computes the statistic. The
-            columns of several statistics can be multiplied at once.
+            columns of several statistics can be multiplied together.
 
     >>> errors = np.array([[1.0], [2.0], [3.0], [6.0]])
     >>> mean = Mean(errors, np.ones((4, 1)), np.ones(1))

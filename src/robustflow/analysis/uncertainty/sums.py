@@ -42,7 +42,7 @@ class ClusterSums:
 
     @classmethod
     def of(cls, rows: pl.DataFrame) -> ClusterSums:
-        """Sum the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without any valid pixel are left out,
+        """Sum the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without valid pixels are left out,
         as in the run's summary."""
         values = image_errors(rows)
         clusters = tuple(values["group"].unique().sort())

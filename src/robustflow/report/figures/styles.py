@@ -57,7 +57,7 @@ MODEL_STYLES = (
 one page."""
 
 OTHER = Style("#666666")
-"""Style of additional models if there are more than `MODEL_STYLES`, in figures that print names next to the points."""
+"""Fallback style for models beyond the number of `MODEL_STYLES`, in figures that print names next to the points."""
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ _LARGEST = 2**24
 
 
 def embedded_slider() -> Slider | None:
-    """Return a slider of the embedded pair under every image-pair corruption, with the frost variant that needs no
-    download. Return None, with a warning, if scikit-image does not include the pair. Cached pictures from a different
-    version of this package, or of different frames, are redrawn."""
+    """Return a slider that shows the embedded pair under every image-pair corruption, with the frost variant that needs
+    no download. Return None, with a warning, if scikit-image does not include the pair. Cached pictures from a
+    different version of this package, or of different frames, are redrawn."""
     try:
         frames = load_dataset(_KEY, None).load(_KEY).frames
     except AssetError as error:
