@@ -21,10 +21,6 @@ from ..results_file import parse_results
 PAPER = "paper"
 """The sample set of the published values."""
 
-PAPER_PAIRS = 80
-"""Number of KITTI-FC image pairs in the paper's evaluation (Sec. 4.2); the paper does not state the number for
-GoPro-FC."""
-
 _NOT_DISCUSSED = ("FlowDiffuser",)
 
 COUNTED_ITERATIONS = 12
