@@ -28,11 +28,10 @@ _ADDED = {"corruption": "your corruption", "attack": "the attack"}
 
 
 class _IdentityPart(Untrusted):
-    """Base of the parts. Fields with default values are not written, so that a new field does not change existing
-    digests."""
+    """Base of the parts."""
 
     def record(self) -> dict[str, Any]:
-        """Return this part as stored in a manifest, with JSON types only."""
+        """Return this part as stored in a manifest: JSON types only, without fields that have their default values."""
         return self.model_dump(mode="json", exclude_defaults=True)
 
 
@@ -62,7 +61,7 @@ class FrameIdentity(_IdentityPart):
     seed: int
     variant: Text
     streams: int
-    attacks: int = 1
+    attacks: int
     severity_scale: Text | None = None
     common_draws: bool = False
     psf: Text | None = None
