@@ -161,7 +161,7 @@ def test_an_input_of_unknown_shape_asks_for_the_layout(tmp_path):
         rf.load_model(str(path))
     assert rf.load_model(str(path), layout="concatenated").identity()["layout"] == "concatenated"
     path = graphs.channels(tmp_path / "six.onnx", layout="concatenated")
-    with pytest.raises(ModelError, match="layout=stacked does not fit; concatenated does"):
+    with pytest.raises(ModelError, match="layout=stacked does not match; concatenated does"):
         rf.load_model(str(path), layout="stacked")
 
 

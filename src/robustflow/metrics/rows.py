@@ -1,4 +1,4 @@
-"""Compute the row of one (sample, corruption, severity): sums and counts.
+"""Compute the row for one (sample, corruption, severity): sums and counts.
 
 All reported results are computed from rows, so a different average, a region or a confidence interval does not require
 a second run. CRE is not stored: it is the difference between two errors over the same pixels, `epe_sum` and

@@ -19,7 +19,7 @@ from .base import AnyModel, ClipModel, FlowModel, checked_flow, naming_errors
 
 FORWARD_BACKWARD, OF_MODEL = "forward-backward", "model"
 CONFIDENCES = (FORWARD_BACKWARD, OF_MODEL)
-"""Sources of a confidence."""
+"""Valid sources of a confidence."""
 
 Answer = npt.NDArray[np.float32]
 """A flow with or without extra confidence channels, float32 (H, W, 2), (H, W, 3) or (H, W, 4)."""

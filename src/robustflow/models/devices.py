@@ -10,7 +10,7 @@ from .loading import ModelSpec
 
 
 def device_of(model: Any) -> str:
-    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it declares none.
+    """Return the device of a model ("cuda:0", "cuda", ...); "cpu" if it does not declare one.
 
     >>> class Mine:
     ...     device = "cuda:1"

@@ -77,7 +77,7 @@ def _refuse_what_is_no_model(path: Path, file: BinaryIO) -> None:
         raise ModelError(f"{path}: the file is empty; download it again")
     for start, what in _NO_MODEL.items():
         if head.startswith(start):
-            raise ModelError(f"{path}: is {what}; download the checkpoint itself, for example in a browser")
+            raise ModelError(f"{path}: the file is {what}; download the checkpoint itself, for example in a browser")
 
 
 def _check_hash(path: Path, digest: str, expected: str) -> None:

@@ -124,7 +124,7 @@ class OnnxModel(PairNetwork):
         return self._batched and self.device != "cpu"
 
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        """Call the network once for pairs of equal size; returns the same as `predict_batch`."""
+        """Call the network once for pairs of equal size; the result is the same as from `predict_batch`."""
         flows = self._flows(*(_images(frames, self.convention) for frames in (frames1, frames2)))
         height, width = frames1[0].shape[:2]
         left, _, above, _ = self.convention.padding_sides(height, width)

@@ -25,7 +25,7 @@ class PairNetwork(ABC):
 
     @abstractmethod
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        """Call the network once for pairs of equal size; returns the same as `predict_batch`.
+        """Call the network once for pairs of equal size; the result is the same as from `predict_batch`.
 
         Raises:
             ModelError: the network does not support the frames' size, or fails on them.

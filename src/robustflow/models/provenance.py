@@ -104,7 +104,7 @@ def training_of_entry(entry: CheckpointEntry) -> Training:
 
 
 def parse_training_sets(text: str) -> tuple[str, ...]:
-    """Parse training sets in the notation of the literature.
+    """Parse training sets written in the notation used in the literature.
 
     >>> parse_training_sets("C+T>K:train")
     ('flyingchairs', 'flyingthings3d', 'kitti2015:train')

@@ -41,7 +41,7 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
     if chosen:
         reason = f"several layouts are possible; set the option layout to one of {', '.join(chosen)}"
     elif fitting:
-        reason = f"layout={layout} does not fit; {fitting[0]} does"
+        reason = f"layout={layout} does not match; {fitting[0]} does"
     else:
         reason = (
             "expected two inputs (N, 3, H, W), or one input (N, 2, 3, H, W) or (N, 6, H, W); export it with such inputs"

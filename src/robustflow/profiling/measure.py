@@ -37,7 +37,7 @@ def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int
         UsageError: the number of repetitions is below 1.
     """
     if repeat < 1:
-        raise UsageError(f"{repeat} repetitions: give 1 or more")
+        raise UsageError(f"the number of repetitions must be at least 1, not {repeat}")
     frames = np.random.default_rng(0).integers(0, 256, (2, height, width, 3)).astype(np.uint8)
     gpu = model.device.type == "cuda"
     if gpu:

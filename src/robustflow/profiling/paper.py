@@ -40,7 +40,7 @@ class EveryFlow(nn.Module):
 
 @dataclass(frozen=True)
 class Counted:
-    """A row of the paper's table, counted with the paper's procedure.
+    """One method from the paper's table, with costs counted by the paper's procedure.
 
     Attributes:
         method: name of the optical flow method in its paper.

@@ -180,7 +180,7 @@ for point in (1, 2, 3, 4):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the oldest instructions of x86-64")
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="needs the baseline x86-64 instruction set")
 def test_oldest_instructions_give_the_same_bytes(tmp_path, capsys):
     oldest = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
     there = subprocess.run(

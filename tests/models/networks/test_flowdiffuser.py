@@ -1,4 +1,4 @@
-"""FlowDiffuser by name: the authors' file layout and the noise seed."""
+"""FlowDiffuser loaded by name: the layout of the authors' files, and the noise seed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""SAMFlow by name: the authors' file layout, tiles, and error messages for invalid input."""
+"""SAMFlow loaded by name: the layout of the authors' files, tiles, and error messages for invalid input."""
 
 import inspect
 

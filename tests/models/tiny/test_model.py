@@ -1,4 +1,4 @@
-"""The small network by name, with and without PyTorch."""
+"""The small network, loaded by name, with and without PyTorch."""
 
 import json
 import re

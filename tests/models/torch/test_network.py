@@ -1,4 +1,5 @@
-"""The project's own networks by name: options, identity, and rows that do not depend on the number of workers."""
+"""The project's own networks, loaded by name: options, identity, and rows that do not depend on the number of
+workers."""
 
 import hashlib
 from importlib import util

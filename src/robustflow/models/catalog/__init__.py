@@ -91,7 +91,7 @@ class CheckpointEntry(Frozen):
 
 @cache
 def methods() -> dict[str, MethodEntry]:
-    """Return the methods by the name used to load them.
+    """Return the methods, keyed by the name used to load them.
 
     >>> methods()["flowformer_pp"].method
     'FlowFormer++'

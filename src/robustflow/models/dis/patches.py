@@ -11,7 +11,7 @@ from ...compiled import njit
 from .pyramid import Image, with_border
 
 _TAPS = 3
-"""Number of pixels around a patch that interpolation reads."""
+"""Number of pixels around a patch that are needed for interpolation."""
 
 
 def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:

@@ -146,7 +146,7 @@ class _RandomFourier(nn.Module):
 
 
 class TaskToken(nn.Module):
-    """The learned vector of the flow task.
+    """The learned embedding of the flow task.
 
     State-dict keys: `LTSE_embed`.
     """

@@ -125,7 +125,7 @@ NETWORKS = {
     # ignored.
     "brightflow": Network(
         "brightflow:BrightFlow",
-        "the RAFT checkpoint of https://github.com/CEA-LIST/BrightFlow",
+        "the RAFT checkpoint from https://github.com/CEA-LIST/BrightFlow",
         InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=8),
         {"iterations": _ITERATIONS},
         scope="model.",

@@ -54,7 +54,7 @@ class Sampling:
         return self.plain(maps, flow) * inside_mask(flow, self.threshold, self.align_corners)
 
     def plain(self, maps: Tensor, flow: Tensor) -> Tensor:
-        """Warp `maps` along `flow`, fading to zero over the border pixel."""
+        """Warp `maps` along `flow`; values fade to zero within one pixel outside the border."""
         return warp(maps, flow, align_corners=self.align_corners)
 
 

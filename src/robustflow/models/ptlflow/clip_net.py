@@ -1,4 +1,4 @@
-"""Wrap a multi-frame ptlflow network so that it maps a clip to the flow of one pair of its frames."""
+"""Wrap a multi-frame ptlflow network so that it maps a clip to the flow of one pair in the clip."""
 
 from __future__ import annotations
 

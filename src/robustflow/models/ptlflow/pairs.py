@@ -188,7 +188,7 @@ def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Suppress what ptlflow prints: standard output is reserved for results."""
+    """Suppress ptlflow's output: standard output is reserved for results."""
     import loguru  # noqa: F401  # it keeps the stderr it finds on its first import, which must be the real one
 
     with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):

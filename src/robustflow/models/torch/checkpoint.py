@@ -150,7 +150,8 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
         if not (isinstance(key, str) and isinstance(value, Tensor)):
             what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "under a non-string key"
             raise ModelError(
-                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that contains one as "
+                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that contains one under "
+                "one of the keys "
                 f"{', '.join(HELD_AS)}"
             )
     return dict(content)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import ModelError, first_line, unknown_name
 
-SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file of https://download.pytorch.org/models"}
+SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file from https://download.pytorch.org/models"}
 """Source of the weights of networks from libraries, for messages."""
 
 RANDOM = "random"

@@ -86,7 +86,7 @@ class DenseEstimator(nn.Module):
         self.channels = inputs
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the input and all intermediate features, newest first, (N, channels, H, W), and the output (N,
+        """Return the input and all intermediate features, most recent first, (N, channels, H, W), and the output (N,
         outputs, H, W).
         """
         for step in (self.conv1, self.conv2, self.conv3, self.conv4, self.conv5):

@@ -29,7 +29,7 @@ def to_windows(x: Tensor, size: int) -> Tensor:
 
 
 def from_windows(windows: Tensor, height: int, width: int) -> Tensor:
-    """Merge `windows` from `to_windows` into the map (N, height, width, C), without the padding.
+    """Merge `windows` from `to_windows` into the map (N, height, width, C), and remove the padding.
 
     >>> import torch
     >>> x = torch.rand(2, 10, 8, 3)
