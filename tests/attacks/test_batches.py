@@ -238,5 +238,5 @@ def test_the_checker_of_models_finds_pairs_of_a_batch_that_are_mixed():
     mixed.model.function = lambda images1, images2: (images1 - images1.mean())[:, :2]
 
     assert check_model(Textured()) == "Textured"
-    with pytest.raises(ModelError, match=r"method differentiable on frames of 128x160 .* leave out batched_gradients"):
+    with pytest.raises(ModelError, match=r"method differentiable on frames of 128x160 .* do not set batched_gradients"):
         check_model(mixed)

@@ -46,7 +46,7 @@ def test_the_wheel_has_the_published_stretches():
     np.testing.assert_array_equal(colour_wheel(), _naive_wheel())
     assert len(colour_wheel()) == 55
     hues = [colorsys.rgb_to_hsv(*(colour / 255))[0] for colour in colour_wheel()]
-    assert hues == sorted(hues), "hue goes round once"
+    assert hues == sorted(hues), "the hue must go round the wheel exactly once"
 
 
 @given(st.floats(-200, 200, width=32), st.floats(-200, 200, width=32), st.floats(0.5, 100))

@@ -219,7 +219,7 @@ def naming_errors(where: str) -> Iterator[None]:
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        # Worker processes ignore Ctrl-C, so there only the model can have raised this.
+        # Worker processes ignore Ctrl-C, so in these only the model can have raised it.
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             raise
         raise ModelError(

@@ -27,7 +27,8 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
     "imagenet": (_MEAN, (1 / _STD[0], 1 / _STD[1], 1 / _STD[2])),
 }
 """Input scalings, keyed by name: the mean subtracted from RGB values 0..255, and the factor applied to the
-difference."""
+difference.
+"""
 _SMALLEST, _LARGEST = 4, 2**15
 """Valid range of the side lengths of a fixed-size input, in pixels. A smaller number is probably a channel count; a
 larger one would require too much memory.

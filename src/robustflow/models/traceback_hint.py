@@ -9,7 +9,8 @@ _PACKAGE = str(Path(__file__).resolve().parent.parent)
 
 
 def traceback_hint(error: BaseException) -> str:
-    """Return the last line of user code in a traceback as " (at net.py:12)"; if there is none, the last line of all.
+    """Return the last line of user code in a traceback as " (at net.py:12)"; if there is none, return the last line of
+    the traceback.
 
     User code is any code outside of this package and installed libraries.
 

@@ -220,7 +220,7 @@ def _check_batched_gradients(model: Differentiable, clips: list[list[Frame]], wh
     if together.shape != alone.shape or (together - alone).abs().max() > BATCH_TOLERANCE:
         raise ModelError(
             f"the model's method differentiable {where} returns a different flow in a batch than for single pairs: "
-            "keep the pairs of a batch apart, or leave out batched_gradients"
+            "process the pairs of a batch independently, or do not set batched_gradients"
         )
 
 

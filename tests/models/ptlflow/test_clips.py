@@ -28,7 +28,7 @@ LENGTH = 7
 
 @pytest.fixture
 def library():
-    """ptlflow, imported as by the adapter."""
+    """ptlflow, imported in the same way as in the adapter."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     load_model("memflow", checkpoint="random", device="cpu")
     import ptlflow
@@ -68,7 +68,7 @@ def side_of(name):
 
 
 def ask(name, first):
-    """What a run requests for the pair that starts at frame `first` of the sequence."""
+    """The clip that a run requests for the pair starting at frame `first` of the sequence."""
     model, frames = adapter(name), sequence(side_of(name))
     offsets = model.window.offsets(range(-first, LENGTH - first))
     return model.predict_clip(tuple(frames[first + offset] for offset in offsets), place_of_pair(offsets))

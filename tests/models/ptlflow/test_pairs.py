@@ -43,7 +43,7 @@ def test_twelve_iterations_are_the_default(name):
 
 @pytest.fixture
 def library():
-    """ptlflow, imported as by the adapter."""
+    """ptlflow, imported in the same way as in the adapter."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     load_model("raft", checkpoint="random", device="cpu")
     import ptlflow
@@ -191,8 +191,8 @@ def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
 
 @pytest.mark.torch
 def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
-    """A Lightning checkpoint of a ptlflow model: besides the weights, it contains hyperparameters, loops, optimizer and
-    callbacks.
+    """A Lightning checkpoint of a ptlflow model: in addition to the weights, it contains hyperparameters, loops,
+    optimizer and callbacks.
     """
     import torch
     from lightning.pytorch import Trainer
@@ -284,8 +284,8 @@ def test_the_first_import_is_silent(library):
 @pytest.mark.torch
 @pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
 def test_constructors_that_write_into_their_defaults(library, capsys, name):
-    """These constructors receive lists, like from the library's own loader; recover_rn receives them through its base
-    class.
+    """These constructors receive lists, as they do from the library's own loader; recover_rn receives them through its
+    base class.
     """
     frames = textured_pair(128, 136)
     model = load_model(name, checkpoint="random", iterations=2, device="cpu")

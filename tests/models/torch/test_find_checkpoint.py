@@ -1,4 +1,4 @@
-"""The search order for a checkpoint: a given path, a published name in PyTorch's cache, then a file of that name."""
+"""The search order for a checkpoint: a given path, a published name in PyTorch's cache, then a file with that name."""
 
 from pathlib import Path
 

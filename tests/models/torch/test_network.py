@@ -1,5 +1,6 @@
 """The project's own networks, loaded by name: options, identity, and rows that do not depend on the number of
-workers."""
+workers.
+"""
 
 import hashlib
 from importlib import util

@@ -62,7 +62,7 @@ def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
 
 
 def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
-    """Return the decoder's features of a level, (32, H, W)."""
+    """Return the features of a level that are passed to the decoder, (32, H, W)."""
     warped = np.empty_like(other)
     warp(other, flow, warped)
     correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)

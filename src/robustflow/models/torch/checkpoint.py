@@ -124,7 +124,7 @@ def _load(path: Path, file: BinaryIO) -> Any:
     file.seek(0)
     try:
         with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
-            warnings.simplefilter("ignore")  # about the pickle protocol; unreadable files raise an error anyway
+            warnings.simplefilter("ignore")  # pickle protocol warnings; unreadable files raise an error anyway
             return torch.load(file, weights_only=True, map_location="cpu")
     except pickle.UnpicklingError as error:
         lines = str(error).splitlines()

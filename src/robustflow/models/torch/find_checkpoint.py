@@ -9,7 +9,7 @@ from pathlib import Path
 from ...errors import ModelError, first_line, unknown_name
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file from https://download.pytorch.org/models"}
-"""Source of the weights of networks from libraries, for messages."""
+"""Source of the published weights of library models, for messages."""
 
 RANDOM = "random"
 """Value of `checkpoint` for seeded random weights, which are used in tests and for measuring cost."""

@@ -13,7 +13,7 @@ class SepConvGRU(nn.Module):
         hidden: number of channels of the state.
         inputs: number of channels of the input.
 
-    State-dict keys: `convz1 convr1 convq1` (1 x 5) and `convz2 convr2 convq2` (5 x 1), each over (state, input).
+    State-dict keys: `convz1 convr1 convq1` (1 x 5) and `convz2 convr2 convq2` (5 x 1), each applied to (state, input).
     """
 
     def __init__(self, hidden: int = 128, inputs: int = 256) -> None:
