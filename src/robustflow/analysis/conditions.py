@@ -64,7 +64,7 @@ class SeedGroup:
 
 @dataclass(frozen=True)
 class Orders:
-    """Scores by condition and model. All models of a condition are scored on the same rows, and all conditions on the
+    """Scores by condition and model. All models in a condition are scored on the same rows, and all conditions on the
     same cells if they have any in common. `remark` describes what was left out."""
 
     scores: Mapping[str, Mapping[str, float]]

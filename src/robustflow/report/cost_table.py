@@ -27,17 +27,17 @@ _OTHER = (4, 7)
 
 
 def cost_table(results: Sequence[ModelResult]) -> Table:
-    """Tabulate CREr and cost, ranked as in `ranking`.
+    """Tabulate CREr and cost, with ranks as in `analysis.ranking`.
 
-    The models of `costs` come first, with their printed CREr in both settings. The models of `results` measured on
-    different frames follow, each with the CREr of its setting and ranked only among models measured on the same frames,
-    never with the published models.
+    The published models come first, with their printed CREr in both settings. Models measured on different frames
+    follow, each with the CREr of its setting and ranked only among models measured on the same frames, never with the
+    published models.
 
     Args:
         results: results from any source.
 
     Raises:
-        UsageError: there are no costs, and no result has a CREr.
+        UsageError: the results contain neither published costs nor a CREr.
     """
     sections = []
     if printed := _published_lines(results):

@@ -44,7 +44,7 @@ def observations(
     results: Sequence[ModelResult],
     methods: Mapping[str, Method] | None = None,
 ) -> list[Observation]:
-    """Check the paper's observations on results.
+    """Check the paper's observations against results.
 
     Args:
         results: published results or results of runs, not both, measured on the same frames per benchmark.

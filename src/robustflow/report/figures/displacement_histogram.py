@@ -29,8 +29,8 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
 
     Args:
         tables: up to eight histograms by label, with the columns `low` and `high` (in pixels; the last `high` may be
-            infinite) and `share` (0 to 1), see `displacement_histogram`. The last bin is drawn as wide as the one
-            before.
+            infinite) and `share` (0 to 1), see `displacement_histogram`. The last bin is drawn with the width of
+            the previous one.
 
     Raises:
         UsageError: there are more than eight tables, or all of them are empty.
