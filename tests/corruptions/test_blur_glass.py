@@ -1,4 +1,4 @@
-"""The shuffle compared with simple loops over pixels, and the blurs before and after it."""
+"""The shuffle compared with simple loops over pixels, and tests of the blurs before and after it."""
 
 import numpy as np
 import pytest

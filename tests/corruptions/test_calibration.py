@@ -64,14 +64,15 @@ def test_the_papers_severities_lie_on_the_path(name):
 
 @pytest.mark.parametrize("name", calibratable())
 def test_the_shipped_levels_get_stronger_along_the_path(name):
-    """The position of a level on the path (the nearest of many points) must not decrease with severity."""
+    """The position of a level on the path (approximated by the nearest of many points) must not decrease with
+    severity."""
     points = [segment.at(share) for segment in path(name) for share in np.linspace(0, 1, 257)]
     table = np.array([[float(v) for v in flat(p)] for p in points])
     scale = np.ptp(table, axis=0) + 1e-9
     known = [p for p in calibrated_severities(name) if p is not None]
     places = [int(np.argmin((np.abs(table - np.array(flat(p), float)) / scale).sum(axis=1))) for p in known]
     assert known
-    if name != "psf_blur":  # the nominal order of the lenses differs from the order of their blur
+    if name != "psf_blur":  # the nominal order of the lenses differs from their order by blur
         assert places == sorted(places)
 
 

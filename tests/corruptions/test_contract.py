@@ -21,7 +21,7 @@ every_corruption = pytest.mark.parametrize("name", NAMES)
 
 
 def corrupted(*args, **options):
-    """Corrupt like `corrupt`, with depth; skip the test if textures or lenses are missing and cannot be downloaded."""
+    """Call `corrupt` with depth; skip the test if textures or lenses are missing and cannot be downloaded."""
     try:
         return corrupt(*args, **options, depth=scene(*args[0].shape[:2]))
     except AssetError as error:
@@ -173,7 +173,8 @@ def test_every_name_of_the_paper_is_registered():
 
 
 def test_the_paper_has_seven_temporal_corruptions():
-    """Section 3 of the paper lists object motion blur, exposure, snow and the three video corruptions as temporal."""
+    """The temporal corruptions in section 3 of the paper: object motion blur, exposure, snow and the three video
+    ones."""
     temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
     assert temporal == [
         "over_exposure", "under_exposure", "snow", "object_motion_blur", "h264_crf", "h264_abr", "bit_error"

@@ -52,7 +52,7 @@ def test_the_radius_is_that_of_a_thin_lens(distance, focus, stop):
         lens=ThinLens(focus, length**2 / stop / (focus - length) / pitch / 2, 25.0)
     )
     expected = min(disk / 2, 25.0)
-    # a disk includes the pixels whose centres it covers; if one is very close to the edge, both results are correct
+    # a disk includes the pixels whose centres it covers; if one is very close to the edge, either result is correct
     sides = [convolve_disk(frame, expected * factor, 0.0) for factor in (1 - 1e-5, 1 + 1e-5)]
     assert any(differs_by_rounding(NearFocus().apply(frame, state, 0), side) for side in sides)
 

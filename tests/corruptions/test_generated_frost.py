@@ -1,4 +1,4 @@
-"""Frost without photographs: the textures, and a check that the README's first command does not use the network."""
+"""Frost without photographs: generated textures, and a check that the README's first command needs no network."""
 
 import hashlib
 import os

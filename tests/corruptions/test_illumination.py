@@ -15,7 +15,7 @@ EXPOSURES = ("over_exposure", "under_exposure")
 
 
 def exposed(name, severity):
-    """Return the corruption and a state with which frame 0 is corrupted."""
+    """Return the corruption and a state that corrupts frame 0."""
     corruption = load_corruption(name)
     states = (corruption.draw(Rng.of(seed), severity, (64, 97)) for seed in range(100))
     return corruption, next(state for state in states if not getattr(state, "exposed", 0))

@@ -57,7 +57,7 @@ def test_a_particle_is_where_speed_and_pose_carry_it(kind, angles, shift, seed, 
     at = first, (first + FRAME_INTERVAL * speed) @ rotation.T + translation
     speeds = speed, speed @ rotation.T
     for index in (0, 1):
-        # during the exposure, the camera moves as between the frames, so points continue with the same motion
+        # the exposure uses the camera motion between the frames, so points continue to move in the same way
         step = (at[index] + FRAME_INTERVAL * speeds[index]) @ rotation.T + translation - at[index]
         ends = [at[index] + sign * EXPOSURE / 2 / FRAME_INTERVAL * step for sign in (-1, 1)]
         shown = (at[index][:, 2] >= NEAREST) & (np.minimum(ends[0][:, 2], ends[1][:, 2]) >= NEAREST / 2)
@@ -156,7 +156,7 @@ def test_a_particle_covers_its_area_whatever_its_size_and_speed(radius, streak):
         angle = rng.uniform(0, 2 * np.pi)
         speed = streak / 100 * depth / EXPOSURE * np.array([np.cos(angle), np.sin(angle), 0])
         total += shares(by_hand([(x, y, depth)], [2 * radius * depth / 100], speed=speed)).sum()
-    tolerance = 0.1 if radius < 0.5 else 0.02  # the colours of faint particles are rounded to integers
+    tolerance = 0.1 if radius < 0.5 else 0.02  # the effect of faint particles is rounded to integers
     assert total / count == pytest.approx(np.pi * radius**2, rel=tolerance)
 
 

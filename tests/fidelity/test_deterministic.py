@@ -35,7 +35,7 @@ def test_pictures(name, key, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("deterministic"))
 def test_whole_frames(name, key):
-    """The rest of the image also agrees.
+    """The images also agree on average.
 
     Means and standard deviations differ by at most the effect of changing every pixel by one level.
     """

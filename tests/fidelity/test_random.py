@@ -54,7 +54,7 @@ def compare(name, key, seeds, measure, record_property):
 
 @pytest.mark.parametrize(("name", "key"), reference.cases("random", every=4))
 def test_image_statistics(name, key, record_property):
-    """Quick version: a third of the seeds, no flow, and only the lowest and highest severities."""
+    """Quick version with a third of the seeds, without flow, and only at the lowest and highest severities."""
     compare(name, key, QUICK_SEEDS, lambda pair: image_stats(reference.clean(), pair), record_property)
 
 

@@ -43,7 +43,7 @@ def test_ray_statistics_are_those_of_the_rendered_psf(severity):
         sx, sy, weight = (np.stack([colour[part] for colour in rays]) for part in range(3))
         t, re, s, rms, mean = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5)), np.empty(3), np.empty(3)
         blur_statistics(sx, sy, weight, t, re, s, rms, mean)
-        # at the highest frequency, the pixel image has aliasing, which the rays do not have
+        # at the highest frequency, sampling at pixels causes aliasing, which does not affect the rays
         for frequency, tolerance in enumerate((0.02, 0.02, 0.02, 0.03, 0.06)):
             assert t[:, frequency] == pytest.approx(tangential[row, :, frequency], abs=tolerance)
             assert s[:, frequency] == pytest.approx(sagittal[row, :, frequency], abs=tolerance)

@@ -26,9 +26,7 @@ def test_media_and_stop_of_a_structure():
 
 
 def test_random_structures_have_the_power_requested():
-    """For thin lenses in contact, the sum of the powers (n - 1) (c1 - c2) is the power of the lens, i.e. 1 / focal
-    length.
-    """
+    """For thin lenses in contact, the powers (n - 1) (c1 - c2) add up to the power of the lens, 1 / focal length."""
     for number in range(20):
         candidate = random_candidate(Rng.of("test", number), 3, 1)
         faces = candidate.free[:6].reshape(3, 2)

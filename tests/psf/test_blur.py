@@ -28,7 +28,7 @@ def textured(height: int, width: int, seed: int = 0) -> np.ndarray:
 
 
 def point_field(shift_rows: int = 0) -> PsfField:
-    """Return PSFs with a single non-zero pixel, which is shifted outwards."""
+    """Return PSFs with a single non-zero pixel, which is shifted away from the image centre."""
     stack = np.zeros((64, 3, 61, 61))
     stack[:, :, 30 + shift_rows, 30] = 1.0
     return PsfField(stack)

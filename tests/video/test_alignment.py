@@ -1,4 +1,4 @@
-"""Damaged streams: the number of frames is preserved, and every frame is at its own time."""
+"""Damaged streams: the number of frames is preserved, and every frame keeps its position in time."""
 
 from __future__ import annotations
 

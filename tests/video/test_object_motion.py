@@ -52,7 +52,7 @@ def test_a_key_frame_of_two_pairs_is_made_once():
 
 @pytest.mark.slow
 def test_four_times_the_frames_are_nearer_to_the_time_integral():
-    """The same exposure from interpolated frames (factor 4) and from the recorded frames alone (factor 1)."""
+    """Compare the same exposure from interpolated frames (factor 4) and from the recorded frames alone (factor 1)."""
     figures = integral_psnr(Scene(120, 160, (2.0, 1.0), (-3.0, 1.5), turn=0.01))
     for reach, (four, one) in figures.items():
         assert four > one, f"c = {reach}: {four:.2f} dB against {one:.2f} dB"

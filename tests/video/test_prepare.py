@@ -83,7 +83,7 @@ def test_a_stopped_run_continues_and_ends_in_the_same_files(tmp_path, monkeypatc
             prepare_clip(source, tmp_path / "stopped", FLOW, stop)
         assert not (tmp_path / "stopped" / "clip.json").exists()
     prepare_clip(source, tmp_path / "stopped", FLOW)
-    assert len(made) == 33  # every gap once, in all three calls together
+    assert len(made) == 33  # over all three calls, every gap is interpolated once
     assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
     made.clear()
     prepare_clip(source, tmp_path / "stopped", FLOW)

@@ -21,7 +21,7 @@ SHIPPED_SEEDS = (0, 0, 0, 0, 0)
 def design(
     severity: int, seed: int, budget: Budget | None = None, report: Callable[[str], None] = lambda line: None
 ) -> Lens:
-    """Search for the lens for a severity; the same seed always results in the same lens, on every machine.
+    """Search for the lens for a severity; the same seed always results in the same lens on every machine.
 
     Args:
         severity: severity, 1 to 5.

@@ -63,7 +63,7 @@ def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
     """Plot the blur over the field per severity and colour: our PSFs as lines, the measured reference PSFs as points.
 
     The upper row shows the RMS radius in pixels, and the lower row shows the modulation at 0.04 cycles per pixel.
-    Sagittal values have dashed lines and open markers.
+    Sagittal values are drawn with dashed lines and open markers.
     """
     figure = Figure(figsize=(2.2 * len(fields) + 0.6, 4.2), layout="constrained")
     grid = figure.subplots(2, len(fields), squeeze=False, sharex=True)

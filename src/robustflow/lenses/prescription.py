@@ -138,5 +138,5 @@ def read_lens(path: str | Path) -> Lens:
 
 
 def write_lens(lens: Lens, path: str | Path) -> None:
-    """Write a prescription as JSON, from which `read_lens` restores an equal prescription."""
+    """Write a prescription as JSON; `read_lens` reads it back without loss."""
     Path(path).write_text(lens.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""Compute the residuals of the merit function from the free parameters of a lens, and minimise them.
+"""Compute the residuals of the merit function from the free parameters of a lens and minimise them.
 
 The free parameters are the curvatures of the glass surfaces times the focal length, the gaps divided by the focal
 length, and the distance between the sensor and the paraxial focus in mm. The lens is scaled to the goal's focal length

@@ -1,4 +1,4 @@
-"""Search for a lens automatically: random structures, screening, damped least squares, global moves.
+"""Automatic lens search: random structures, screening, damped least squares, and global moves.
 
 Every random choice uses a named random stream, and every stage has a fixed number of steps instead of a time limit, so
 the result depends only on the severity and the seed. Gao et al. (2024) and the paper call this a global search for

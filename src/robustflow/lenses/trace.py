@@ -90,7 +90,7 @@ def trace(lens: Lens, rays: Rays, wavelength: float, surface: int | None = None,
         clip: whether rays are blocked by the rims of the elements and by the stop.
 
     Returns:
-        Rays in that plane (z = 0). Ignore rays whose `alive` is 0; they have their last valid position.
+        Rays in that plane (z = 0). Rays with `alive` 0 must be ignored; their positions are the last valid ones.
 
     >>> import numpy as np
     >>> from robustflow.lenses.prescription import Lens, Surface

@@ -28,7 +28,7 @@ def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequ
     {0: 25, 1: 26, 3: 29}
     """
     if not reaches or min(reaches) < 0:
-        raise UsageError(f"invalid object motion blur: {list(reaches)} frames on each side")
+        raise UsageError(f"invalid object motion blur window: {list(reaches)} frames on each side")
     reaches = tuple(dict.fromkeys(reaches))
     longest = max(reaches)
     sums: dict[int, np.ndarray] = {}

@@ -51,8 +51,7 @@ def _between(start: Any, end: Any, share: float) -> Any:
 
 
 def path(name: str) -> list[Segment]:
-    """Return the path of a corruption, starting with the mildest; empty for clip corruptions and user-defined
-    corruptions.
+    """Return the path of a corruption, from mild to extreme; empty for clip corruptions and user-defined ones.
 
     >>> path("contrast")[0].at(0.5), path("h264_crf")
     (0.7, [])

@@ -11,8 +11,8 @@ from ..kernels.value_table import Table, look_up, shift_table
 class HighLight(Corruption):
     """Brightens frames: V' = V + c on [0, 1]; the severity parameter is c (paper, "High-Light").
 
-    The reference code calls this corruption `brightness`. Unlike for the rest of this family, it truncates grey levels,
-    as does `variant="reference"`.
+    In the reference code, this corruption is called `brightness` and is the only one in the family that truncates grey
+    levels; `variant="reference"` truncates them, too.
     """
 
     name = "high_light"

@@ -71,14 +71,14 @@ class TorchCorruption(torch.nn.Module):
         return tree_unflatten(leaves, structure)
 
     def extra_repr(self) -> str:
-        """Return the arguments shown between the parentheses by `print`."""
+        """Return the arguments that `print` shows in parentheses."""
         return repr(self._transform).partition("(")[2].removesuffix(")")
 
     def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:
         for image in images:
             if image.ndim not in (3, 4) or image.shape != images[0].shape:
                 shapes = ", ".join(str(tuple(image.shape)) for image in images)
-                raise DataError(f"images have shapes {shapes}: expected (C, H, W) or (B, C, H, W), the same for all")
+                raise DataError(f"images have shapes {shapes}: expected (C, H, W) or (B, C, H, W) for all images")
             if image.dtype not in (torch.uint8, torch.float32):
                 raise DataError(f"an image is {image.dtype}: expected torch.uint8, or torch.float32 in [0, 1]")
         arrays = [np.moveaxis(image.detach().cpu().numpy(), -3, -1) for image in images]

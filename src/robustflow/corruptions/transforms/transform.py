@@ -99,7 +99,7 @@ class CorruptionTransform:
         self._lock = threading.Lock()
 
     def __call__(self, images: Image | Sequence[Image], key: str | int | None = None) -> Any:
-        """Corrupt an image, or frames that belong together.
+        """Corrupt an image, a pair or a clip.
 
         Args:
             images: one image; a list or tuple of images (a pair or clip, corrupted with a single draw); or a clip as

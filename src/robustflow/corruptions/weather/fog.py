@@ -22,7 +22,7 @@ class FogLevel(NamedTuple):
     """Parameters for one severity."""
 
     strength: float
-    """Strength c with which the map is added."""
+    """Strength c of the fog."""
     decay: float
     """Decay of the fractal; higher values result in smoother fog."""
 
@@ -30,8 +30,8 @@ class FogLevel(NamedTuple):
 class Fog(Corruption):
     """Adds a plasma fractal to both frames and reduces the contrast (paper, appendix, weather).
 
-    The severity parameters are (strength c, decay of the fractal); the values are those in the reference code, since
-    the paper does not list any. out = (x + c * map) * m / (m + c) in [0, 1], where m is the maximum value of the frame.
+    The severity parameters are (strength c, decay of the fractal); the values are from the reference code, since the
+    paper does not list any. out = (x + c * map) * m / (m + c) in [0, 1], where m is the maximum value of the frame.
     Both frames share the same map.
     """
 

@@ -46,9 +46,9 @@ def photograph(slot: int) -> Frame:
 
 
 def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the size (H, W) of the texture for frames of `shape`.
+    """Return the size (H, W) of the enlarged texture for frames of `shape`.
 
-    The scale factor is 1.1 times the smallest factor (at least 1) with which the texture covers the frames.
+    The scale factor is 1.1 times the smallest factor (at least 1) for which the texture covers the frames.
     """
     height, width = texture(slot).shape[:2]
     scale = max(1.0, shape[0] / height, shape[1] / width) * _MARGIN
@@ -137,7 +137,7 @@ class FrostLevel(NamedTuple):
 class Frost(Corruption):
     """Blends both frames with a photograph of frost: out = a * x + b * frost (paper, appendix, weather).
 
-    The severity parameters are (a, b); the values are those in the reference code, since the paper does not list any.
+    The severity parameters are (a, b); the values are from the reference code, since the paper does not list any.
     One of five textures (two of which show the same photograph; the sixth texture in the library is never used) is
     enlarged to 1.1 times the size that covers the frame and cropped at a random position, which is shared by both
     frames.

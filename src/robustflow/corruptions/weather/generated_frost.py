@@ -1,6 +1,6 @@
 """Generate frost textures for the benchmark `demo`, which requires no downloads: fern-like crystals on a cloudy pane.
 
-The five textures match the photographs in mean, standard deviation and scale. They use random streams of their own, so
+The five textures match the photographs in mean, standard deviation and scale. They use separate random streams, so
 their bytes are identical on every machine and for every benchmark seed. They differ from the paper's textures, so the
 results are kept separate from those measured with the photographs.
 """

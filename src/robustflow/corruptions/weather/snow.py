@@ -49,7 +49,7 @@ class Snow(Corruption):
     """Whitens the frames and adds motion-blurred flakes (paper, appendix, weather; temporal).
 
     The severity parameters are (mean, standard deviation, zoom, threshold, motion radius, motion sigma, share of the
-    image kept); the values are those in the reference code, since the paper does not list any. Noise is enlarged,
+    image kept); the values are from the reference code, since the paper does not list any. Noise is enlarged,
     thresholded and blurred at an angle that is uniformly distributed between -135 and -45 degrees. The resulting layer
     and a copy rotated by 180 degrees are added to share * x + (1 - share) * max(x, 1.5 * grey + 0.5). The angle is
     shared by all frames; the flakes are different in each frame.

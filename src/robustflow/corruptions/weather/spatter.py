@@ -53,7 +53,7 @@ class Spatter(Corruption):
     """Adds drops of water (severities 1 to 3) or mud (4 and 5) on the lens, shared by both frames (paper, appendix).
 
     The severity parameters are (mean and standard deviation of the noise, sigma of its blur, threshold, opacity of
-    water or sigma of the blur for mud, whether the drops are mud); the values are those in the reference code, since
+    water or sigma of the blur for mud, whether the drops are mud); the values are from the reference code, since
     the paper does not list any. Sizes are in pixels regardless of the image size, and the colours are the RGB values
     specified by the authors.
     """
