@@ -1,6 +1,6 @@
 """Hash everything that determines the result of a user's code: its source files and the object's attributes.
 
-An edited corruption must never continue a run of the unedited one. The hash covers the files of the class and its base
+A run must never be continued with an edited corruption. The hash covers the files of the class and its base
 classes, and every module of the same folder or package that they import.
 """
 

@@ -1,4 +1,4 @@
-"""A record has the contents of the run without anything that identifies a machine."""
+"""A record contains the run, but nothing that identifies a machine."""
 
 import json
 import platform

@@ -15,7 +15,7 @@ def calibrate(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write the table to (JSON).")] = None,
     corruptions: Corruptions = None,
     seed: Seed = 0,
-    draws: Annotated[int, typer.Option(help="Random draws per image, for random corruptions.")] = 4,
+    draws: Annotated[int, typer.Option(help="Number of random draws per image, for random corruptions.")] = 4,
 ) -> None:
     """Find the parameters at which all corruptions have the same mean SSIM (docs/severity-scales.md).
 

@@ -36,7 +36,7 @@ def corrupt(
     depth: Depth = None,
     focal: Focal = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Check, without frames, that this machine produces the reference bytes.")
+        bool, typer.Option("--check", help="Only check that this machine produces the reference bytes.")
     ] = False,
 ) -> None:
     """Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.

@@ -160,7 +160,7 @@ def write_text(text: str, output: Path | None) -> None:
 
 
 def for_stdout(table: Table) -> str:
-    """Return the text of a table; if stdout is a terminal, it is coloured and fits the window."""
+    """Return the text of a table; if stdout is a terminal, it is coloured and fitted to the window."""
     if not sys.stdout.isatty():
         return render_terminal(table)
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)

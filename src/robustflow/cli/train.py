@@ -40,7 +40,7 @@ def train(
     init_trained_on: Annotated[
         str | None,
         typer.Option(
-            "--init-trained-on", help="Training sets of the initial weights, e.g. C+T, if the file does not name them."
+            "--init-trained-on", help="Training sets of the initial weights, e.g. C+T, if the file does not list them."
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint, bit for bit.")] = False,

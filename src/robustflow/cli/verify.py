@@ -55,7 +55,7 @@ def verify(
     own_corruption: OwnCorruptions = None,
     exported: Annotated[
         list[Path] | None,
-        typer.Option("--exported", help="File written by 'robustflow export' for the run, to be compared. Repeatable."),
+        typer.Option("--exported", help="File written by 'robustflow export' to compare with the record. Repeatable."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""Datasets: one reader for each, which reads the layout in which the dataset is distributed."""
+"""Dataset readers, one for each dataset, for the layout in which it is distributed."""
 
 from .base import Dataset, FromClips, PreCorrupted
 from .facts import DatasetFacts

@@ -89,7 +89,7 @@ def present(files: list[Path], title: str, parts: str) -> list[Path]:
 
 
 def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
-    """Read lines of `columns` finite numbers from a camera file, float64 (N, columns).
+    """Read a camera file with `columns` finite numbers per line, float64 (N, columns).
 
     Raises:
         DataError: the file does not exist or has different contents.

@@ -78,7 +78,7 @@ def _is_sequence(folder: Path) -> bool:
 def _frames(sequence: Path, images: str) -> list[Path]:
     kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
     if kinds and images not in kinds:
-        raise DataError(f"{sequence}: no folder {images}/ in it; choose images from {', '.join(kinds)}")
+        raise DataError(f"{sequence}: no folder {images}/ inside; choose images from {', '.join(kinds)}")
     frames = numbered(sequence / images if kinds else sequence, _FRAME)
     consecutive(frames, stride=None)
     return list(frames.values())

@@ -10,7 +10,7 @@
 contains only `flow_noc`, these maps are the ground truth, there are no occlusion maps, and `non_occluded` is set,
 because errors on visible pixels are smaller. The two kinds of ground truth are never mixed within a run, and KITTI-FC
 requires `flow_occ`. If only the `flow_noc` map of a pair is missing, the pair has no occlusion map. (In 2015 both maps
-hold the same vectors. In 2012 they differ by up to a few pixels, as they were filled in separately.)
+contain the same vectors. In 2012 they differ by up to a few pixels, as they were filled in separately.)
 
 The group of a pair is the drive in which it was recorded (`kitti_drives.py`). The multi-view extension adds
 000010_00.png to 000010_20.png of each pair; if they are in the same folder, multi-frame models get the frames around

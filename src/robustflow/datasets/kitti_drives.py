@@ -71,7 +71,7 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
 
 
 def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti2015") -> list[str]:
-    """Return the pairs of `first` whose drive is known and also has a pair in `second`, in the order of `first`.
+    """Return the pairs in `first` that come from the same known drive as a pair in `second`, in the order of `first`.
 
     >>> related(["000007", "000002", "000000"], ["000012", "000001"])
     ['000007']

@@ -81,8 +81,8 @@ class TartanAir(PairDataset):
         return Truth(flow, valid, mask != 0)
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. The depth is exact. Poses give the camera in a north-east-down world; the camera's axes
-        are x forward, y right and z down."""
+        """See `Depths.depth`. The depth is exact. The poses are in a north-east-down world frame; the camera's axes are
+        x forward, y right and z down."""
         *maps, poses = self.depth_files(sample.key)
         table = table_of(poses, 7)
         places = [int(path.name[:6]) for path in maps]

@@ -38,7 +38,7 @@ _LARGEST = sum(LIMITS.values()) + len(LIMITS) * (_LOCAL + _CENTRAL + 64) + _END
 
 
 def container_bytes(entries: Mapping[str, bytes]) -> bytes:
-    """Return the bytes of a record with these entries; the same entries always give the same bytes.
+    """Return the bytes of a record with these entries; the same entries always produce the same bytes.
 
     Raises:
         DataError: an entry exceeds the maximum size.
@@ -102,7 +102,7 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         raise DataError(
             f"{name} is not a record or is damaged ({_reason(error)}); download it or pack it again"
         ) from error
-    # Header fields that readers ignore could contain anything; one run would have many possible SHA-256 sums.
+    # Header fields that readers ignore could contain anything, so one run could have many SHA-256 hashes.
     if container_bytes(entries) != data:
         raise DataError(f"{name}: its zip headers differ from those of 'robustflow pack'; pack the run again")
     return entries

@@ -28,8 +28,8 @@ VERIFICATION_CHECKS = {
     "cells": "all rows were planned, and their corruptions are known",
     "measurements": "rows are plausible and consistent with each other",
     "summary": "means match the rows",
-    "frames": "corrupted frames computed here match the digests in the rows",
-    "predictions": "predictions of the model here match the rows",
+    "frames": "corrupted frames computed locally match the digests in the rows",
+    "predictions": "predictions of the local model match the rows",
     "exported": "files exported from the run match the record",
 }
 """Every check, in order, with a description of what it asserts."""

@@ -32,7 +32,7 @@ _NEEDS: tuple[tuple[str, str], ...] = (
     *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in _REGION_SUMS),
     *((f"n_{region}", "n_valid") for region in REGIONS),
 )
-"""Pairs (column of a count, column that has a value in every row with a positive count)."""
+"""Pairs of columns: a count, and a column that has a value in every row in which the count is positive."""
 _FEW_ROWS = 10_000
 """Up to this number of rows, lazy rows are read once instead of once per column."""
 

@@ -38,9 +38,9 @@ class RunCost(RunAttachment):
         parameters: number of learned parameters.
         macs: number of multiply-accumulates according to PyTorch's counter.
         thop_parameters, thop_macs: parameters and multiply-accumulates counted by thop, as in the paper's table.
-        seconds: shortest time for one pair in several measurements; None if it was not timed.
+        seconds: shortest time for one pair over several measurements; None if it was not timed.
         peak_bytes: peak memory in bytes; None if it was not measured.
-        device: PyTorch's name of the device on which the time was measured.
+        device: PyTorch's name for the device on which the time was measured.
     """
 
     height: Annotated[int, Field(ge=1, le=10**5)]

@@ -53,7 +53,7 @@ def check_listed(files: Mapping[Path, str | None]) -> None:
     """Compare files with the digests in the nearest `DIGEST_LIST` in a parent folder; files without a list pass.
 
     Args:
-        files: digest of each file; None for a file not read yet, which is read only if it is listed.
+        files: digest of each file; None for a file that has not been read, which is read only if it is listed.
 
     Raises:
         DataError: a file differs from its listed digest, or a list is damaged.

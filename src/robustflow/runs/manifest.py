@@ -118,7 +118,7 @@ class Manifest(Untrusted):
         return self.model_copy(update={"samples": samples, "file_digests": digests})
 
     def judged(self) -> Manifest:
-        """Return the manifest with its provenance updated for all samples of the run, including those of a later
+        """Return the manifest with its provenance updated for all samples of the run, including those added by a later
         call."""
         frames = self.identity.frames
         provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)

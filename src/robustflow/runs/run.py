@@ -91,7 +91,7 @@ class Run:
         return self._stored_means() or self._means
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
-        """Return means by the paper's averaging ("image"), or over the pixels of all images together ("pixel")."""
+        """Return means averaged as in the paper ("image"), or over the pixels of all images together ("pixel")."""
         paper = benchmark_facts(self.benchmark).paper_corruptions
         if "rows" not in self.__dict__:
             _ = self.rows_digest  # computed before the rows are read, as in `_every_row`

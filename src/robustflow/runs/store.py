@@ -125,8 +125,8 @@ class RunFolder:
     def finish_sample(self, key: str) -> None:
         """Merge the shards of a finished sample into one, and delete its clean flow.
 
-        One file per unit is slow to read and takes much memory. One file per sample is also too many for large runs;
-        `pack` merges those.
+        Reading one file per unit is slow and needs a lot of memory. One file per sample is also too many for large
+        runs; `pack` merges those.
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)

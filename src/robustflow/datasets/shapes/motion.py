@@ -5,8 +5,8 @@ Every point of a layer moves in a straight line at constant speed: at time t it 
 position in frame 1 and T(m) its position in frame 2.
 
 Layer coordinates are coordinates of frame 1. A point m moves to T(m) = c + t + A (m - c + d(m)) in frame 2; d is a wave
-along each axis, made of parabolas instead of sines, because only the four basic operations and the square root give the
-same bits on every machine. Its slope is limited to 1/2, so that T is invertible everywhere.
+along each axis, made of parabolas instead of sines, because only the four basic operations and the square root give
+bit-identical results on every machine. Its slope is limited to 1/2, so that T is invertible everywhere.
 
 A motion is stored as one row of `MOTION` float64 values:
 
