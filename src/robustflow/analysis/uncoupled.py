@@ -113,7 +113,7 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
     for every pixel; otherwise it is None. Without ground truth, all scores are None.
 
     Args:
-        rows: rows of a run, with the columns of `robustflow.metrics.rows.ROW_SCHEMA` of any version.
+        rows: rows of a run, with the columns of any version of `robustflow.metrics.rows.ROW_SCHEMA`.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> uncoupled(rows_frame([])).overall

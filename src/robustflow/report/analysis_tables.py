@@ -48,7 +48,7 @@ def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, see
         remark = (
             f"[{100 * level:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "
             "to sequences."
-        ) + ("" if all(known) else f" Means without an interval are over fewer than {needed}.")
+        ) + ("" if all(known) else f" Means without an interval are averages over fewer than {needed}.")
     title = "Means with intervals" if any(known) else "Means"
     return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
 

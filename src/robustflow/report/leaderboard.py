@@ -1,4 +1,4 @@
-"""The leaderboard: one table per benchmark, of which a page shows a selection of columns and lines."""
+"""The leaderboard: one table per benchmark; a page shows selected columns and lines of it."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
             message = f"{setting}: Spearman {margin} ({len(entries)} models)"
             parts.append(part(claim, margin.verdict, message, True, _ends(margin, "rho")))
     if not parts:
-        message = f"needs {_LEAST} families of models"
+        message = f"needs at least {_LEAST} families of models"
         parts.append(part("corrupted EPE and CRE grow with clean EPE", UNKNOWN, message, True))
     parts += _uncoupled(evidence, settings)
     return Observation(
@@ -204,7 +204,7 @@ def cost_considered(evidence: Evidence) -> Observation:
     claim = "unsupervised models rank ahead of supervised ones (ID)"
     if not all(groups.values()):
         return Observation(
-            number=6, title=title, parts=[part(claim, UNKNOWN, "needs FLOPs and CREr of both kinds", True)]
+            number=6, title=title, parts=[part(claim, UNKNOWN, "needs FLOPs and CREr for both kinds of models", True)]
         )
     supervised, unsupervised = ([("ID", name) for name in groups[kind]] for kind in ("supervised", "unsupervised"))
     gap = _gap(evidence, supervised, unsupervised, lambda entry: float(ranks["average_id"][entry[1]]))
