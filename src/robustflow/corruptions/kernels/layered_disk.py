@@ -24,6 +24,10 @@ _ROWS, _COLUMNS = 32, 128
 """Number of pixels processed at a time, chosen so that their running sums fit in the L2 cache."""
 _BLOCK = 16
 """Block size in pixels; the set of layers is stored per block."""
+_NONE = np.uint8(255)
+"""Layer number of a background that does not exist."""
+_FIELD, _MOST = 18, 1023
+"""Bits per colour in a word, above which the remaining bits count pixels; and the largest number of pixels in a sum."""
 _U = np.uint64  # unsigned indices avoid numba's check for negative indices
 
 Layers = npt.NDArray[np.uint8]
@@ -36,7 +40,7 @@ def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
     Args:
         frame: image to blur, RGB uint8 (H, W, 3).
         layers: layer index of each pixel, uint8 (H, W).
-        radii: radius of each layer's disk, in pixels.
+        radii: radius of each layer's disk, in pixels, below 500.
 
     >>> frame = np.zeros((9, 9, 3), np.uint8)
     >>> frame[4, 4] = 250
@@ -55,8 +59,12 @@ def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
     if reach.any():
         distance = np.full(layers.shape, 255, np.uint8)
         _extend(layers, reach, distance.reshape(-1), source.reshape(-1))
+    behind = np.empty(layers.shape, np.uint8)
+    packed, packed_behind = np.empty((2, *layers.shape), np.uint64)
+    present = np.zeros((-(-layers.shape[0] // _BLOCK), -(-layers.shape[1] // _BLOCK)), np.uint32)
+    _pack(frame, layers, source, packed, packed_behind, behind, present)
     out = np.empty_like(frame)
-    _blur(frame, layers, source, _present(layers, source, len(radii)), reach, widths, areas, out)
+    _blur(packed, layers, packed_behind, behind, present, reach, widths, areas, out)
     return out
 
 
@@ -100,23 +108,29 @@ def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int
 
 
 @njit(cache=True, nogil=True)
-def _collect(layers: Any, source: Any, present: Any) -> None:
-    pixels, width = layers.reshape(-1), layers.shape[1]
-    for y in range(layers.shape[0]):
-        row = present[y // _BLOCK]
-        for x in range(width):
-            bits = np.uint32(1) << np.uint32(layers[y, x])
-            if source[y, x] >= 0:
-                bits |= np.uint32(1) << np.uint32(pixels[source[y, x]])
-            row[x // _BLOCK] |= bits
+def _pack(frame: Any, layers: Any, source: Any, packed: Any, packed_behind: Any, behind: Any, present: Any) -> None:
+    """Pack each pixel's colour and coverage, and those of the background behind it, into words.
 
-
-def _present(layers: Layers, source: npt.NDArray[np.int32], count: int) -> npt.NDArray[np.uint32]:
-    """Return bit masks of the layers that occur in or behind each block of pixels."""
+    `behind` is set to the layer of the background, `_NONE` if there is none, and `present` to bit masks of the layers
+    in, or behind, each block of pixels.
+    """
     height, width = layers.shape
-    present = np.zeros((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint32)
-    _collect(layers, source, present)
-    return present
+    for y in range(height):
+        pixels, words = frame[y], packed[y]
+        for x in range(width):
+            colour = _U(pixels[x, 0]) | (_U(pixels[x, 1]) << _U(_FIELD)) | (_U(pixels[x, 2]) << _U(2 * _FIELD))
+            words[x] = colour | (_U(1) << _U(3 * _FIELD))
+    flat, numbers = packed.reshape(-1), layers.reshape(-1)
+    for y in range(height):
+        row, places, words, own, other = present[y // _BLOCK], source[y], packed_behind[y], layers[y], behind[y]
+        for x in range(width):
+            place = places[x]
+            bits = np.uint32(1) << np.uint32(own[x])
+            other[x] = _NONE
+            if place >= 0:
+                words[x], other[x] = flat[place], numbers[place]
+                bits |= np.uint32(1) << np.uint32(other[x])
+            row[x // _BLOCK] |= bits
 
 
 @njit(cache=True, nogil=True)
@@ -131,56 +145,67 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
 
 
 @njit(cache=True, nogil=True)
-def _layer_sums(frame: Any, layers: Any, source: Any, layer: int, y: int, x0: int, sums: Any) -> None:
-    """Compute the running sums of a layer's colours and mask in row `y`, starting at column `x0`: (4, n + 1)."""
-    width = layers.shape[1]
-    pixels, numbers = frame.reshape(-1), layers.reshape(-1)
-    row = y * width
-    places = source.reshape(-1)
-    r = g = b = m = np.int32(0)
-    sums[0, 0] = sums[1, 0] = sums[2, 0] = sums[3, 0] = 0
-    for j in range(sums.shape[1] - 1):
-        x = x0 + j
-        at = row + (x if 0 <= x < width else mirrored(x, width))
-        if numbers[at] == layer:
-            r = np.int32(r + pixels[3 * at])
-            g = np.int32(g + pixels[3 * at + 1])
-            b = np.int32(b + pixels[3 * at + 2])
-            m = np.int32(m + 1)
-        elif places[at] >= 0:
-            at = np.int64(places[at])
-            if numbers[at] == layer:
-                r = np.int32(r + pixels[3 * at])
-                g = np.int32(g + pixels[3 * at + 1])
-                b = np.int32(b + pixels[3 * at + 2])
-                m = np.int32(m + 1)
-        sums[0, j + 1], sums[1, j + 1], sums[2, j + 1], sums[3, j + 1] = r, g, b, m
+def _layer_sums(words: Any, own: Any, words_behind: Any, behind: Any, layer: Any, x0: int, sums: Any) -> None:
+    """Compute the running sums of a layer's words in a row from column `x0` on; (n + 1,), starting at zero.
+
+    Differences of running sums are exact, although the sums themselves overflow.
+    """
+    width, n = own.size, sums.size - 1
+    first, last = max(-x0, 0), min(width - x0, n)
+    for j in range(_U(first), _U(last)):
+        x = _U(x0) + j
+        mine = _U(own[x] == layer)
+        sums[j + _U(1)] = words[x] * mine + words_behind[x] * (_U(behind[x] == layer) & ~mine)
+    for part in (range(first), range(last, n)):
+        for j in part:
+            x = mirrored(x0 + j, width)
+            sums[j + 1] = words[x] if own[x] == layer else words_behind[x] if behind[x] == layer else _U(0)
+    total = sums[0] = _U(0)
+    for j in range(n):
+        total += sums[j + 1]
+        sums[j + 1] = total
 
 
 @njit(cache=True, nogil=True)
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
     for i in range(_U(total.size)):
-        total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
+        total[i] += row[right + i] - row[left + i]
 
 
 @njit(cache=True, nogil=True)
-def _sum_row(sums: Any, y: int, reach: int, widths: Any, total: Any) -> None:
+def _sum_row(sums: Any, y: int, reach: int, widths: Any, word: Any, total: Any) -> None:
     """Sum over the disk around row `y`; the running sums start `reach` columns before the first column of `total`."""
-    last = sums.shape[2] - 1
-    for channel in range(4):
-        line = total[channel]
-        for i in range(line.size):
-            line[i] = 0
-        for dy in range(-reach, reach + 1):
-            if sums[y + dy, 3, last] == 0:  # the layer does not occur in this row
-                continue
-            half = widths[abs(dy)]
-            _add_segment(line, sums[y + dy, channel], _U(reach - half), _U(reach + half + 1))
+    last = sums.shape[1] - 1
+    total[:] = np.int32(0)
+    word[:] = _U(0)
+    area = 0
+    for dy in range(-reach, reach + 1):
+        half = widths[abs(dy)]
+        area += 2 * half + 1
+        if area > _MOST:
+            _unpack(word, total)
+            area = 2 * half + 1
+        if sums[y + dy, last] != 0:  # some of the layer is in this row
+            _add_segment(word, sums[y + dy], _U(reach - half), _U(reach + half + 1))
+    _unpack(word, total)
+
+
+@njit(cache=True, nogil=True)
+def _unpack(word: Any, total: Any) -> None:
+    """Add the fields of the words to `total`, and clear the words."""
+    mask = _U((1 << _FIELD) - 1)
+    red, green, blue, cover = total[0], total[1], total[2], total[3]
+    for i in range(word.size):
+        red[i] += np.int32(word[i] & mask)
+        green[i] += np.int32((word[i] >> _U(_FIELD)) & mask)
+        blue[i] += np.int32((word[i] >> _U(2 * _FIELD)) & mask)
+        cover[i] += np.int32(word[i] >> _U(3 * _FIELD))
+        word[i] = _U(0)
 
 
 @njit(cache=True, nogil=True)
 def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
-    """Add a layer behind the previous ones; return whether any pixel is not yet fully covered."""
+    """Add a layer behind the previous ones; return whether any pixel is still partly uncovered."""
     covers, open_ = total[3], np.float32(0)
     for channel in range(3):
         line, colour = total[channel], colours[channel]
@@ -194,68 +219,86 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _put_sharp_behind(
-    frame: Any, layers: Any, source: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
+    packed: Any, layers: Any, packed_behind: Any, behind: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """Add a layer without blur behind the previous ones, like `_put_behind`."""
-    width = layers.shape[1]
-    pixels, numbers, places = frame.reshape(-1), layers.reshape(-1), source.reshape(-1)
-    left = False
+    """Add a layer like `_put_behind`, but without blur."""
+    mask, left = _U((1 << _FIELD) - 1), False
     for j in range(free.shape[0]):
         for i in range(free.shape[1]):
             share = free[j, i]
             if share == 0:
                 continue
-            at = (y0 + j) * width + x0 + i
-            if numbers[at] != layer and places[at] >= 0:
-                at = np.int64(places[at])
-            if numbers[at] != layer:
+            y, x = y0 + j, x0 + i
+            if layers[y, x] == layer:
+                word = packed[y, x]
+            elif behind[y, x] == layer:
+                word = packed_behind[y, x]
+            else:
                 left = True
                 continue
             for channel in range(3):
-                colours[j, channel, i] += share * np.float32(pixels[3 * at + channel])
+                colours[j, channel, i] += share * np.float32((word >> _U(channel * _FIELD)) & mask)
             free[j, i] = 0
     return left
 
 
 @njit(cache=True, nogil=True)
-def _blur(frame: Any, layers: Any, source: Any, present: Any, reach: Any, widths: Any, areas: Any, out: Any) -> None:
+def _write(free: Any, colours: Any, levels: Any, out: Any) -> None:
+    """Divide the colours of a row by their coverage, and round them."""
+    for channel in range(3):
+        colour, level = colours[channel], levels[channel]
+        for i in range(free.size):
+            level[i] = np.uint8(np.int32(np.rint(min(colour[i] / (np.float32(1) - free[i]), np.float32(255)))))
+    for i in range(free.size):
+        out[i, 0], out[i, 1], out[i, 2] = levels[0, i], levels[1, i], levels[2, i]
+
+
+@njit(cache=True, nogil=True)
+def _blur(
+    packed: Any,
+    layers: Any,
+    packed_behind: Any,
+    behind: Any,
+    present: Any,
+    reach: Any,
+    widths: Any,
+    areas: Any,
+    out: Any,
+) -> None:
     height, width = layers.shape
     most = 0
     for k in range(reach.size):
         most = max(most, reach[k])
-    room = np.empty((_ROWS + 2 * most) * 4 * (_COLUMNS + 2 * most + 1), np.int32)
+    room = np.empty((_ROWS + 2 * most) * (_COLUMNS + 2 * most + 1), np.uint64)
+    levels = np.empty((3, _COLUMNS), np.uint8)
     for y0 in range(0, height, _ROWS):
         rows = min(_ROWS, height - y0)
         for x0 in range(0, width, _COLUMNS):
             columns = min(_COLUMNS, width - x0)
             free = np.ones((rows, columns), np.float32)
             colours = np.zeros((rows, 3, columns), np.float32)
-            total = np.empty((4, columns), np.int32)
+            word, total = np.empty(columns, np.uint64), np.empty((4, columns), np.int32)
             for k in range(reach.size):
                 r = reach[k]
                 if not _is_near(present, k, y0 - r, y0 + rows + r, x0 - r, x0 + columns + r, height, width):
                     continue
                 if r == 0:
-                    if not _put_sharp_behind(frame, layers, source, k, y0, x0, free, colours):
+                    if not _put_sharp_behind(packed, layers, packed_behind, behind, k, y0, x0, free, colours):
                         break
                     continue
                 n = columns + 2 * r + 1
-                sums = room[: (rows + 2 * r) * 4 * n].reshape(rows + 2 * r, 4, n)
+                sums = room[: (rows + 2 * r) * n].reshape(rows + 2 * r, n)
                 for j in range(rows + 2 * r):
                     y = mirrored(y0 - r + j, height)
                     if _is_near(present, k, y, y + 1, x0 - r, x0 + columns + r, height, width):
-                        _layer_sums(frame, layers, source, k, y, x0 - r, sums[j])
+                        _layer_sums(packed[y], layers[y], packed_behind[y], behind[y], k, x0 - r, sums[j])
                     else:
-                        sums[j, 3, n - 1] = 0  # tells `_sum_row` that the row is empty
+                        sums[j, n - 1] = 0  # which `_sum_row` leaves out
                 left = False
                 for j in range(rows):
-                    _sum_row(sums, j + r, r, widths[k], total)
+                    _sum_row(sums, j + r, r, widths[k], word, total)
                     left = _put_behind(total, areas[k], free[j], colours[j]) or left
                 if not left:
                     break
             for j in range(rows):
-                for i in range(columns):
-                    share = np.float32(1) - free[j, i]
-                    for channel in range(3):
-                        level = colours[j, channel, i] / share
-                        out[y0 + j, x0 + i, channel] = np.uint8(np.rint(min(level, np.float32(255))))
+                _write(free[j], colours[j], levels[:, :columns], out[y0 + j, x0 : x0 + columns])
