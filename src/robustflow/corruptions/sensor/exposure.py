@@ -125,28 +125,48 @@ def _expose(
     random value, and one for the fractional part, from the next 16 bits. The high 16 bits are used for the read noise.
     """
     words = np.empty(_BLOCK, np.uint64)
-    counts, first, second = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    counts, read_out = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    photons, columns, rest_columns = (
+        np.empty(_BLOCK, np.float32),
+        np.empty(_BLOCK, np.uint32),
+        np.empty(_BLOCK, np.uint32),
+    )
+    entries, rest_entries = np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32)
+    exact, below_exact = np.float32(EXACT), np.float32(EXACT * (1 - 2.0**-24))
     for start in range(0, light.size, _BLOCK):
         fill_bits(key, np.uint64(start), words)
         means, o = light[start : start + _BLOCK], out[start : start + _BLOCK]
-        for i in range(_BLOCK):
-            first[i], second[i] = normal[words[i] & np.uint64(0xFFFF)], normal[words[i] >> np.uint64(48)]
-        for i in range(means.size):
-            mean, z = means[i] * electrons, first[i] * np.float32(UNIT)
-            skewness = (z * z - np.float32(1.0)) * np.float32(1.0 / 6.0)
-            counts[i] = np.rint(mean + np.sqrt(mean) * z + skewness)
-        for i in range(means.size):
-            mean = means[i] * electrons
-            if mean < np.float32(EXACT):
-                floor = np.uint32(mean)
-                part = np.uint32((mean - np.float32(floor)) * np.float32(_PARTS))
-                low, high = np.uint32(words[i]), np.uint32(words[i] >> np.uint64(32))
-                e = whole[(floor << np.uint32(7)) | (low >> np.uint32(25))]
+        size, few = means.size, 0
+        for i in range(size):
+            few += means[i] * electrons < exact
+        for i in range(size):
+            read_out[i] = normal[words[i] >> np.uint64(48)]
+        if few < size:
+            for i in range(size):
+                photons[i] = normal[words[i] & np.uint64(0xFFFF)]
+            for i in range(size):
+                mean, z = means[i] * electrons, photons[i] * np.float32(UNIT)
+                skewness = (z * z - np.float32(1.0)) * np.float32(1.0 / 6.0)
+                photons[i] = np.rint(mean + np.sqrt(mean) * z + skewness)
+        if few:
+            for i in range(size):
+                mean = min(means[i] * electrons, below_exact)
+                floor = np.int32(mean)
+                part = np.int32((mean - np.float32(floor)) * np.float32(_PARTS))
+                word = words[i]
+                columns[i] = (np.uint32(floor) << np.uint32(7)) | (np.uint32(word) >> np.uint32(25))
+                rest_columns[i] = (np.uint32(part) << np.uint32(3)) | (np.uint32(word >> np.uint64(45)) & np.uint32(7))
+            for i in range(size):
+                entries[i], rest_entries[i] = whole[columns[i]], rest[rest_columns[i]]
+            for i in range(size):
+                low, high, e, r = np.uint32(words[i]), np.uint32(words[i] >> np.uint64(32)), entries[i], rest_entries[i]
                 below = (e >> np.uint32(14)) > ((low >> np.uint32(7)) & np.uint32(0x3FFFF))
-                n = (e if below else e >> np.uint32(7)) & np.uint32(127)
-                e = rest[(part << np.uint32(3)) | ((high >> np.uint32(13)) & np.uint32(7))]
-                below = (e >> np.uint32(19)) > (high & np.uint32(0x1FFF))
-                counts[i] = np.float32(n + ((e if below else e >> np.uint32(3)) & np.uint32(7)))
-        for i in range(means.size):
-            value = np.rint(np.float32(BLACK) + level * counts[i] + read * second[i])
+                n = np.int32((e if below else e >> np.uint32(7)) & np.uint32(127))
+                below = (r >> np.uint32(19)) > (high & np.uint32(0x1FFF))
+                n += np.int32((r if below else r >> np.uint32(3)) & np.uint32(7))
+                counts[i] = np.float32(n) if means[i] * electrons < exact else photons[i]
+        else:
+            counts[:] = photons
+        for i in range(size):
+            value = np.rint(np.float32(BLACK) + level * counts[i] + read * read_out[i])
             o[i] = np.uint16(np.int32(min(max(value, np.float32(0.0)), np.float32(WHITE))))

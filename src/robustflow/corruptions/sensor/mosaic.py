@@ -23,8 +23,21 @@ KNEE = 0.9
 """Linear value above which the white balance fades out, so that white saturates all channels."""
 _PAD = 4
 """Padding in pixels: 2 for denoising and 2 for demosaicing; even, so that the Bayer pattern is preserved."""
+_RING = 8
+"""Number of rows of each step that are kept."""
 _WIDTH = 12.0
 """Squared difference at which a neighbour's weight reaches zero, in units of the noise variance of one pixel."""
+
+
+def _eighths(*weights: float) -> tuple[np.float32, ...]:
+    return tuple(np.float32(weight / 8) for weight in weights)
+
+
+_GREEN_AT_COLOUR = _eighths(4, 2, 2, 0, -1, -1)
+_OTHER_AT_COLOUR = _eighths(6, 0, 0, 2, -1.5, -1.5)
+_OWN_AT_GREEN = _eighths(5, 4, 0, -1, -1, 0.5)
+_OTHER_AT_GREEN = _eighths(5, 0, 4, -1, 0.5, -1)
+"""Weights of Malvar, He and Cutler for `_filter`; "own" is the colour that shares the row with the green pixels."""
 
 
 def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
@@ -46,16 +59,11 @@ def developed(raw: Raw, camera: CameraColours, denoise: Sensor | None) -> Frame:
     Returns:
         RGB uint8 (H, W, 3).
     """
-    height, width = raw.shape
-    linear = np.empty((height + 2 * _PAD, width + 2 * _PAD), np.float32)
-    _pad(raw, np.float32(BLACK), np.float32(1.0 / (WHITE - BLACK)), linear)
     matrix, gains = _single(camera.to_srgb, camera.gains)
-    if denoise is not None:
-        noisy, linear = linear, np.empty_like(linear)
-        _denoise(noisy, np.float32(_WIDTH * denoise.shot), np.float32(_WIDTH * denoise.read**2), linear)
-    _balance(linear, gains)
-    out = np.empty((height, width, 3), np.uint8)
-    _demosaic(linear, matrix, bytes_of_linear(), out)
+    shot, read = (denoise.shot, denoise.read) if denoise is not None else (0.0, 0.0)
+    noise = np.float32(_WIDTH * shot), np.float32(_WIDTH * read**2)
+    out = np.empty((*raw.shape, 3), np.uint8)
+    _develop(raw, *noise, gains, matrix, bytes_of_linear(), out)
     return out
 
 
@@ -68,111 +76,164 @@ def _mosaic(frame: Any, light: Any, matrix: Any, gains: Any, out: Any) -> None:
     one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
     for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            colour = (y & 1) + (x & 1)
-            m, gain = matrix[colour], gains[colour]
-            pixel = frame[y, x]
-            value = m[0] * light[pixel[0]] + m[1] * light[pixel[1]] + m[2] * light[pixel[2]]
-            beyond = max(value - knee, np.float32(0.0)) * slope
-            out[y, x] = min(gain * value + (one - gain) * beyond * beyond, one)
+        pixels, row = frame[y], out[y]
+        for parity in range(2):
+            colour = (y & 1) + parity
+            red, green, blue, gain = matrix[colour, 0], matrix[colour, 1], matrix[colour, 2], gains[colour]
+            for x in range(np.uint64(parity), np.uint64(row.size), np.uint64(2)):
+                row[x] = red * light[pixels[x, 0]] + green * light[pixels[x, 1]] + blue * light[pixels[x, 2]]
+            for x in range(parity, row.size, 2):
+                beyond = max(row[x] - knee, np.float32(0.0)) * slope
+                row[x] = min(gain * row[x] + (one - gain) * beyond * beyond, one)
 
 
 @njit(cache=True, nogil=True)
-def _pad(raw: Any, black: Any, scale: Any, out: Any) -> None:
+def _develop(raw: Any, shot: Any, read: Any, gains: Any, matrix: Any, shown: Any, out: Any) -> None:
+    """Develop a RAW image row by row; without denoising if `read` is zero.
+
+    The last rows of each step are kept in a ring, with even columns separated from odd ones: (row, parity, column).
+    """
     height, width = raw.shape
-    for y in range(out.shape[0]):
-        row, target = raw[mirrored(y - _PAD, height)], out[y]
-        for x in range(width):
-            target[x + _PAD] = (np.float32(row[x]) - black) * scale
-        for x in range(_PAD):
-            target[x] = target[_PAD + mirrored(x - _PAD, width)]
-            target[width + _PAD + x] = target[_PAD + mirrored(width + x, width)]
+    noisy = np.empty((_RING, 2, width // 2 + 1 + _PAD), np.float32)
+    linear = np.empty_like(noisy) if read > 0 else noisy
+    colours = np.empty((3, width // 2 + 1), np.float32)
+    places = np.empty((3, width // 2 + 1), np.uint32)
+    for y in range(height + 2 * _PAD):
+        _pad(raw[mirrored(y - _PAD, height)], noisy[y % _RING])
+        if y < _PAD:
+            continue
+        if read > 0:
+            _denoise(noisy, y - 2, shot, read, linear[(y - 2) % _RING])
+        for parity in range(2):
+            _balance(linear[(y - 2) % _RING, parity], gains[(y & 1) + parity])
+        if y >= 2 * _PAD:
+            _demosaic(linear, y - _PAD, matrix, shown, colours, places, out[y - 2 * _PAD])
+
+
+@njit(cache=True, nogil=True)
+def _pad(row: Any, out: Any) -> None:
+    """Convert a row of a RAW image to light, separate its even and odd columns, and pad both."""
+    black, scale, width = np.float32(BLACK), np.float32(1.0 / (WHITE - BLACK)), row.size
+    for parity in range(2):
+        target, first = out[parity, _PAD // 2 :], np.uint64(parity)
+        size = (width + 1 - parity) // 2
+        for i in range(np.uint64(size)):
+            target[i] = (np.float32(row[np.uint64(2) * i + first]) - black) * scale
+        for i in range(size, target.size):
+            target[i] = (np.float32(row[mirrored(2 * i + parity, width)]) - black) * scale
+        for i in range(_PAD // 2):
+            out[parity, i] = (np.float32(row[mirrored(2 * i + parity - _PAD, width)]) - black) * scale
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _denoise(noisy: Any, shot: Any, read: Any, out: Any) -> None:
-    """Denoise a RAW image, except for a border of two pixels; `shot` and `read` are in units of squared difference."""
-    size = noisy.shape[1] - 4
-    for y in range(noisy.shape[0] - 4):
-        top, above, here = noisy[y], noisy[y + 1], noisy[y + 2]
-        below, bottom, target = noisy[y + 3], noisy[y + 4], out[y + 2]
-        for x in range(size):
-            a, b, c, d = above[x + 1], above[x + 3], below[x + 1], below[x + 3]
-            e, f, g, h = top[x], top[x + 4], bottom[x], bottom[x + 4]
-            green = ((x + y) & 1) == 1  # the next four neighbours are diagonal
-            a, b, c, d = a if green else e, b if green else f, c if green else g, d if green else h
-            target[x + 2] = _mean_of_alike(
-                here[x + 2], a, b, c, d, top[x + 2], bottom[x + 2], here[x], here[x + 4], shot, read
-            )
-
-
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _mean_of_alike(v: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, shot: Any, read: Any) -> Any:
-    """Return the similarity-weighted mean of v and its neighbours."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    mean = (((a + b) + (c + d)) + ((e + f) + (g + h)) + v) * np.float32(1.0 / 9.0)
-    scale = one / (shot * max(mean, zero) + read)
-    a, b, c, d, e, f, g, h = a - v, b - v, c - v, d - v, e - v, f - v, g - v, h - v
-    wa, wb = max(one - a * a * scale, zero), max(one - b * b * scale, zero)
-    wc, wd = max(one - c * c * scale, zero), max(one - d * d * scale, zero)
-    we, wf = max(one - e * e * scale, zero), max(one - f * f * scale, zero)
-    wg, wh = max(one - g * g * scale, zero), max(one - h * h * scale, zero)
-    wa, wb, wc, wd, we, wf, wg, wh = wa * wa, wb * wb, wc * wc, wd * wd, we * we, wf * wf, wg * wg, wh * wh
-    total = ((wa * a + wb * b) + (wc * c + wd * d)) + ((we * e + wf * f) + (wg * g + wh * h))
-    return v + total / (one + (((wa + wb) + (wc + wd)) + ((we + wf) + (wg + wh))))
+def _denoise(noisy: Any, y: int, shot: Any, read: Any, out: Any) -> None:
+    """Denoise row `y` of the ring, except for the outermost columns; `shot` and `read` are in units of squared
+    difference.
+    """
+    last = out.shape[1] - 1
+    for parity in range(2):
+        top, here, bottom = noisy[(y - 2) % _RING, parity], noisy[y % _RING, parity], noisy[(y + 2) % _RING, parity]
+        first, right, upper, lower = 0, 2, top, bottom
+        if (y + parity) & 1:  # green: the nearest neighbours are diagonal
+            first, right = parity, parity + 1
+            upper, lower = noisy[(y - 1) % _RING, 1 - parity], noisy[(y + 1) % _RING, 1 - parity]
+        _average_alike(
+            here[1:last],
+            upper[first : first + last - 1],
+            upper[right : right + last - 1],
+            lower[first : first + last - 1],
+            lower[right : right + last - 1],
+            top[1:last],
+            bottom[1:last],
+            here[: last - 1],
+            here[2:],
+            shot,
+            read,
+            out[parity, 1:last],
+        )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _balance(linear: Any, gains: Any) -> None:
-    """Invert the gains of `_mosaic`, in place."""
+def _average_alike(
+    here: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, shot: Any, read: Any, out: Any
+) -> None:
+    """Compute the mean of pixels and their eight neighbours, weighted by similarity."""
+    for i in range(here.size):
+        v = here[i]
+        mean = (((a[i] + b[i]) + (c[i] + d[i])) + ((e[i] + f[i]) + (g[i] + h[i])) + v) * np.float32(1.0 / 9.0)
+        width = shot * max(mean, np.float32(0.0)) + read  # the weights are in units of its square
+        da, db, dc, dd, de, df, dg, dh = a[i] - v, b[i] - v, c[i] - v, d[i] - v, e[i] - v, f[i] - v, g[i] - v, h[i] - v
+        wa, wb, wc, wd = _alike(da, width), _alike(db, width), _alike(dc, width), _alike(dd, width)
+        we, wf, wg, wh = _alike(de, width), _alike(df, width), _alike(dg, width), _alike(dh, width)
+        total = ((wa * da + wb * db) + (wc * dc + wd * dd)) + ((we * de + wf * df) + (wg * dg + wh * dh))
+        out[i] = v + total / (width * width + (((wa + wb) + (wc + wd)) + ((we + wf) + (wg + wh))))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _alike(difference: Any, width: Any) -> Any:
+    """Return the weight of a neighbour."""
+    rest = max(width - difference * difference, np.float32(0.0))
+    return rest * rest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _balance(row: Any, gain: Any) -> None:
+    """Invert a gain of `_mosaic`, in place."""
     one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
-    own = np.empty((2, linear.shape[1]), np.float32)  # gains for pixels in even and odd rows
-    for y in range(2):
-        for x in range(own.shape[1]):
-            own[y, x] = gains[y + (x & 1)]
-    for y in range(linear.shape[0]):
-        row, gain_row = linear[y], own[y & 1]
-        for x in range(row.size):
-            gain = gain_row[x]
-            limit = gain * knee
-            beyond = max(row[x] - limit, np.float32(0.0))
-            root = np.sqrt(gain * gain + np.float32(4.0) * (one - gain) * slope * slope * beyond)
-            row[x] = min(row[x], limit) * (one / gain) + np.float32(2.0) * beyond / (gain + root)
+    limit, inverse = gain * knee, one / gain
+    for i in range(row.size):
+        beyond = max(row[i] - limit, np.float32(0.0))
+        root = np.sqrt(gain * gain + np.float32(4.0) * (one - gain) * slope * slope * beyond)
+        row[i] = min(row[i], limit) * inverse + np.float32(2.0) * beyond / (gain + root)
 
 
 @njit(cache=True, nogil=True)
-def _demosaic(linear: Any, matrix: Any, shown: Any, out: Any) -> None:
-    height, width = out.shape[:2]
-    eighth, half, three_halves = np.float32(0.125), np.float32(0.5), np.float32(1.5)
-    two, four, five, six = np.float32(2.0), np.float32(4.0), np.float32(5.0), np.float32(6.0)
-    colours = np.empty((3, width + 1), np.float32)
-    rows = np.empty((3, width), np.int32)
-    for y in range(height):
-        top, above, here, below, bottom = linear[y + 2], linear[y + 3], linear[y + 4], linear[y + 5], linear[y + 6]
-        own, other = colours[2 * (y & 1)], colours[2 - 2 * (y & 1)]
-        green = colours[1]
-        for x in range(width):
-            centre = here[x + 4]
-            across, along = above[x + 4] + below[x + 4], here[x + 3] + here[x + 5]
-            corners = (above[x + 3] + above[x + 5]) + (below[x + 3] + below[x + 5])
-            far_across, far_along = top[x + 4] + bottom[x + 4], here[x + 2] + here[x + 6]
-            far = far_across + far_along
-            at_own = (four * centre + two * (across + along) - far) * eighth
-            opposite = (six * centre + two * corners - three_halves * far) * eighth
-            along_row = (five * centre + four * along - far_along - corners + half * far_across) * eighth
-            across_rows = (five * centre + four * across - far_across - corners + half * far_along) * eighth
-            is_green = ((x + y) & 1) == 1
-            green[x] = centre if is_green else at_own
-            own[x] = along_row if is_green else centre
-            other[x] = across_rows if is_green else opposite
+def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places: Any, out: Any) -> None:
+    """Interpolate the colours of row `y` of the ring, and convert them to bytes."""
+    width = out.shape[0]
+    levels, last = np.float32(shown.size), np.int32(shown.size - 1)
+    for parity in range(2):
+        size = (width + 1 - parity) // 2
+        own, other = colours[2 * (y & 1), :size], colours[2 - 2 * (y & 1), :size]
+        recorded, centre = own, linear[y % _RING, parity, _PAD // 2 :]
+        if (y + parity) & 1:
+            recorded = colours[1, :size]
+            _filter(linear, y, parity, _OWN_AT_GREEN, own)
+            _filter(linear, y, parity, _OTHER_AT_GREEN, other)
+        else:
+            _filter(linear, y, parity, _GREEN_AT_COLOUR, colours[1, :size])
+            _filter(linear, y, parity, _OTHER_AT_COLOUR, other)
+        for i in range(size):
+            recorded[i] = centre[i]
         for channel in range(3):
-            m, target = matrix[channel], rows[channel]
-            for x in range(width):
-                value = m[0] * colours[0, x] + m[1] * colours[1, x] + m[2] * colours[2, x]
-                value = min(max(value, np.float32(0.0)), np.float32(1.0)) * np.float32(shown.size)
-                target[x] = min(np.int32(value), np.int32(shown.size - 1))
-        for x in range(width):
-            out[y, x, 0] = shown[rows[0, x]]
-            out[y, x, 1] = shown[rows[1, x]]
-            out[y, x, 2] = shown[rows[2, x]]
+            m0, m1, m2, target = matrix[channel, 0], matrix[channel, 1], matrix[channel, 2], places[channel]
+            for i in range(size):
+                value = m0 * colours[0, i] + m1 * colours[1, i] + m2 * colours[2, i]
+                value = min(max(value, np.float32(0.0)), np.float32(1.0)) * levels
+                target[i] = np.uint32(min(np.int32(value), last))
+        for i in range(np.uint64(size)):
+            x = np.uint64(2) * i + np.uint64(parity)
+            out[x, 0], out[x, 1], out[x, 2] = shown[places[0, i]], shown[places[1, i]], shown[places[2, i]]
+
+
+@njit(cache=True, nogil=True)
+def _filter(linear: Any, y: int, parity: int, weights: Any, out: Any) -> None:
+    """Filter the pixels of row `y` in columns of one parity with 5x5 weights.
+
+    `weights` are those of the pixel, of its neighbours in the row and in the column, of its diagonal neighbours, and of
+    the pixels at distance two in the row and in the column.
+    """
+    centre, along, across, diagonal, far_along, far_across = weights
+    here, upper, lower = linear[y % _RING], linear[(y - 1) % _RING], linear[(y + 1) % _RING]
+    middle, far_left, far_right = here[parity, 2:], here[parity, 1:], here[parity, 3:]
+    above, below = upper[parity, 2:], lower[parity, 2:]
+    far_above, far_below = linear[(y - 2) % _RING, parity, 2:], linear[(y + 2) % _RING, parity, 2:]
+    other, first = 1 - parity, parity + 1
+    left, right = here[other, first:], here[other, first + 1 :]
+    nw, ne = upper[other, first:], upper[other, first + 1 :]
+    sw, se = lower[other, first:], lower[other, first + 1 :]
+    for i in range(out.size):
+        value = centre * middle[i] + along * (left[i] + right[i]) + across * (above[i] + below[i])
+        value += diagonal * ((nw[i] + ne[i]) + (sw[i] + se[i]))
+        out[i] = value + (far_along * (far_left[i] + far_right[i]) + far_across * (far_above[i] + far_below[i]))
