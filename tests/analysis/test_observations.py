@@ -217,6 +217,24 @@ def test_costs_on_kitti_fc_are_no_evidence_about_gopro_fc():
     assert _verdicts(gopro)[6] == "cannot be computed"
 
 
+def test_samflow_and_flowformer_without_a_common_corruption_have_no_difference():
+    lines = [line for line in published_results() if line.benchmark == "gopro-fc"]
+    disjoint = [
+        replace(
+            line,
+            values={
+                key: v
+                for key, v in line.values.items()
+                if (key[1] == "fog") != ("SAM" in line.name) or key[1] == "average"
+            },
+        )
+        for line in lines
+    ]
+    parts = observations(disjoint)[9].parts
+    assert "None" not in " ".join(part.message for part in parts)
+    assert "mean of SAMFlow - FlowFormer unknown" in parts[0].message
+
+
 def test_models_of_equal_error_have_no_correlation():
     """For five models with the same numbers, no correlation exists and none is reported."""
     lines = [

@@ -25,7 +25,7 @@ def dark_and_overexposed(evidence: Evidence) -> Observation:
             continue
         gap = {entry: evidence.epe(entry, worse) - evidence.epe(entry, milder) for entry in every}
         margin = of_mean(list(evidence.by_family(discussed, gap.__getitem__).values()), "family")
-        message = f"by {margin} ({len(discussed)} models), px"
+        message = f"by {margin.in_px} ({len(discussed)} models)"
         numbers = {"mean_difference": margin.estimate}
         parts.append(part(f"{claim}, on average over models", margin.verdict, message, True, numbers))
         parts.append(most_models(evidence, claim, gap))
@@ -63,7 +63,7 @@ def local_information(evidence: Evidence) -> Observation:
     gap = {e: local[e] - visual[e] for e in entries}
     margin = of_mean(list(evidence.by_family(entries, gap.__getitem__).values()), "family")
     mean_local, mean_visual = fmean(local.values()), fmean(visual.values())
-    message = f"{mean_local:.2f} px against {mean_visual:.2f} px; by {margin} ({len(entries)} models)"
+    message = f"{mean_local:.2f} px against {mean_visual:.2f} px; by {margin.in_px} ({len(entries)} models)"
     every = [e for e in evidence.entries if evidence.has(e, "saturate", "jpeg_compression")]
     other = {e: evidence.epe(e, "jpeg_compression") - evidence.epe(e, "saturate") for e in every}
     parts = [

@@ -34,7 +34,9 @@ def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
         part(
             "the CRE of Transformer-based models falls from OOD to ID",
             falls.verdict if falls else UNKNOWN,
-            f"by {falls} ({sum(value > 0 for value in fall.values())} of {len(fall)} models)" if falls else "none",
+            f"by {falls.in_px} ({sum(value > 0 for value in fall.values())} of {len(fall)} models)"
+            if falls
+            else "none",
         ),
     ]
     return Observation(number=4, title=title, parts=parts)
@@ -66,8 +68,8 @@ def weather_is_why(evidence: Evidence) -> Observation:
             "on average over models, the CREr of Weather rises most",
             all_hold(list(ahead.values())),
             ", ".join(f"{name} {rise:+.2f}" for name, rise in mean.items())
-            + "; Weather less "
-            + ", ".join(f"{name} {margin}" for name, margin in ahead.items()),
+            + "; Weather minus "
+            + "; minus ".join(f"{name} {margin}" for name, margin in ahead.items()),
             True,
             mean,
         ),
@@ -75,7 +77,7 @@ def weather_is_why(evidence: Evidence) -> Observation:
         part(
             "CREr rises in every family of corruptions, on average over models",
             all_hold(list(rising.values())),
-            ", ".join(f"{name} {margin}" for name, margin in rising.items()),
+            "; ".join(f"{name} {margin}" for name, margin in rising.items()),
         ),
     ]
     return Observation(number=5, title=title, parts=[*parts, *_csflow_increase(evidence)])

@@ -7,7 +7,7 @@ from statistics import fmean, median
 
 from ..results import AVERAGE
 from .evidence import Evidence, ModelInSetting
-from .margin import among, of_majority, of_mean, places
+from .margin import Margin, among, of_majority, of_mean, places
 from .verdict import THIN, UNKNOWN, Observation, Statement, part
 
 _FLOWFORMER: ModelInSetting = ("OOD", "FlowFormer")
@@ -93,19 +93,23 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
         part(
             claim,
             than_flowformer.verdict if than_flowformer else THIN,
-            f"{message}; mean of SAMFlow - FlowFormer {than_flowformer}",
+            f"{message}; mean of SAMFlow - FlowFormer {_in_px(than_flowformer)}",
             True,
         ),
         part(
             "SAMFlow has a higher average RCRE than most CNN-based models",
             than_cnn.verdict if than_cnn else THIN,
             f"best SAMFlow {best:.2f}, median of {len(cnn)} CNN-based models {middle:.2f}; mean of SAMFlow - median "
-            f"{than_cnn}",
+            f"{_in_px(than_cnn)}",
             True,
             {"best_samflow": best, "middle_cnn": middle},
         ),
     ]
     return Observation(number=10, title=title, parts=parts)
+
+
+def _in_px(margin: Margin | None) -> str:
+    return "unknown, without a common corruption" if margin is None else margin.in_px
 
 
 def _of_encoder(evidence: Evidence, entries: Sequence[ModelInSetting], encoder: str) -> list[ModelInSetting]:

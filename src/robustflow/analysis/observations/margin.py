@@ -56,8 +56,20 @@ class Margin:
         >>> str(Margin(1.45, 0.921, 1.983, "9 families"))
         '+1.45 [+0.92, +1.98] over 9 families'
         """
+        return self._text("")
+
+    @property
+    def in_px(self) -> str:
+        """The text of a number in pixels.
+
+        >>> Margin(1.45, 0.921, 1.983, "9 families").in_px
+        '+1.45 px [+0.92, +1.98] over 9 families'
+        """
+        return self._text(" px")
+
+    def _text(self, unit: str) -> str:
         ends = "no interval" if self.low is None else f"[{self.low:+.2f}, {self.high:+.2f}]"
-        return f"{self.estimate:+.2f} {ends} over {self.over}"
+        return f"{self.estimate:+.2f}{unit} {ends} over {self.over}"
 
 
 def all_hold(margins: Sequence[Margin]) -> Verdict:

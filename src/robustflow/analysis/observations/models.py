@@ -129,9 +129,8 @@ def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
         for smaller, larger in (sizes[:2], sizes[1:])
         if names
     ]
-    message = (
-        f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; EPE differences T - B and B - H: {'; '.join(map(str, steps[:2]))}"
-    )
+    differences = "; ".join(step.in_px for step in steps[:2])
+    message = f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; EPE differences T - B and B - H: {differences}"
     return [part(claim, all_hold(steps) if steps else THIN, message)]
 
 
@@ -159,8 +158,8 @@ def unsupervised_are_stable(evidence: Evidence) -> Observation:
         part(
             "unsupervised models have a lower corrupted EPE than supervised ones",
             epe.verdict,
-            f"supervised - unsupervised {epe} px; below the supervised median of {middle:.2f} px: {named(better)} of "
-            f"{named(unsupervised)}",
+            f"supervised - unsupervised {epe.in_px}; below the supervised median of {middle:.2f} px: {named(better)} "
+            f"(out of {named(unsupervised)})",
             numbers={"supervised_median": middle},
         ),
         _lowest_of(evidence, unsupervised, "ARFlow"),
