@@ -9,7 +9,7 @@ from robustflow.random.rng import Rng, hash64
 
 
 def shuffled_by_loops(pixels, rng, reach, iterations, swap):
-    """Shuffle pixel by pixel from the bottom right, with offsets from the stream."""
+    """Shuffle pixel by pixel, starting at the bottom right, with offsets from the stream."""
     pixels = pixels.copy()
     height, width = pixels.shape[:2]
     for iteration in range(iterations):

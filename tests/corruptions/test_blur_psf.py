@@ -82,7 +82,7 @@ def test_means_of_the_channels_stay():
 @pytest.fixture
 def stacks(tmp_path, monkeypatch):
     """Return a folder with five `.pth` files, named as in the reference code; the cache is empty."""
-    torch = pytest.importorskip("torch", reason="needs the extra torch")
+    torch = pytest.importorskip("torch", reason="requires the extra torch")
     monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "psf"
     folder.mkdir()
@@ -199,11 +199,11 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
             for entry in source.namelist():
                 hostile = entry.endswith("data.pkl")
                 target.writestr(entry, pickle.dumps(_Hostile()) if hostile else source.read(entry))
-    elif kind == "bomb":  # a 64 kB file that expands to 64 MB of zeros
+    elif kind == "bomb":  # a file of 64 kB that expands to 64 MB of zeros
         with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("archive/data/1", bytes(64 << 20))
         assert path.stat().st_size < reference_stack.LARGEST
-    elif kind == "count":  # a storage that has 4 TB according to its index
+    elif kind == "count":  # the index declares a storage of 4 TB
         torch.save(good[:1, :1, :1, :1].clone(), path)
         with zipfile.ZipFile(path) as source:
             parts = {entry: source.read(entry) for entry in source.namelist()}

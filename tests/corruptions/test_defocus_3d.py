@@ -1,4 +1,4 @@
-"""Near and far focus: the thin lens, and pixels in front of and behind an edge."""
+"""Near and far focus: the thin lens, and pixels on both sides of an edge."""
 
 import numpy as np
 import pytest

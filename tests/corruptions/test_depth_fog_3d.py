@@ -124,7 +124,7 @@ def test_depth_of_other_than_two_maps_is_refused(maps):
 @pytest.mark.parametrize("depth", [np.ones((8, 9), np.float32), np.ones((8, 9)), 5.0, "maps"])
 def test_depth_that_is_no_scene_depth_is_refused_in_a_sentence(depth):
     frame = picture(8, 9)
-    with pytest.raises(UsageError, match=r"fog_3d: depth is \w+; give a robustflow\.SceneDepth"):
+    with pytest.raises(UsageError, match=r"fog_3d: depth is \w+; pass a robustflow\.SceneDepth"):
         corrupt(frame, frame, "fog_3d", 3, depth=depth)
 
 

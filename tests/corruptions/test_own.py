@@ -61,7 +61,7 @@ class NearGrey:
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A user's module, and a module that it imports, in the working folder of the command."""
+    """Create a user's module, and a module that it imports, in the working folder of the command."""
     (tmp_path / "rain_module.py").write_text(RAIN)
     (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
     monkeypatch.chdir(tmp_path)

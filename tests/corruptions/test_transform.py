@@ -47,7 +47,7 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
     assert out.min() >= 0
     assert out.max() <= (255 if image.dtype == np.uint8 else 1)
     np.testing.assert_array_equal(image, before)
-    assert not np.array_equal(out, image) or name.endswith("exposure")  # one of the two frames is exposed
+    assert not np.array_equal(out, image) or name.endswith("exposure")  # exposure changes only one of two frames
     assert not np.shares_memory(out, image)
 
 

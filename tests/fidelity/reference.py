@@ -30,7 +30,7 @@ def cases(group, every=1):
     If there is no table, a single skipped test is returned.
     """
     if table() is None:
-        reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that holds it"
+        reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that contains it"
         return [pytest.param("none", "s0", marks=pytest.mark.skip(reason=reason))]
     return [(name, key) for name, entries in table()[group].items() for key in list(entries)[::every]]
 

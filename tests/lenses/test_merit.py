@@ -72,7 +72,7 @@ def _singlet(bend: float):
 
 
 def test_thin_glass_and_short_gaps_cost():
-    """Violating a single limit adds residuals; a manufacturable lens adds none."""
+    """Violating any limit adds residuals; a manufacturable lens has none."""
     _, goal = goal_of(2)
     structure, free = _singlet(1.2)
     index = structure.indices(SAMPLES)
@@ -92,7 +92,7 @@ def test_thin_glass_and_short_gaps_cost():
 def test_a_lens_that_cannot_be_built_is_reported():
     _, goal = goal_of(2)
     structure, free = _singlet(0.0)
-    free[:2] = 0.0  # a plane plate has no focus
+    free[:2] = 0.0  # a plane-parallel plate has no focus
     index = structure.indices(SAMPLES)
     out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
     assert not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, Limits(), out)

@@ -26,7 +26,7 @@ LENSES = {
 
 def optiland_of(lens: Lens):
     """Return the same lens in optiland, with glasses from optiland's catalogue."""
-    pytest.importorskip("optiland", reason="needs the extra optics-test: pip install 'robustflow[optics-test]'")
+    pytest.importorskip("optiland", reason="requires the extra optics-test: pip install 'robustflow[optics-test]'")
     from optiland.materials import Material
     from optiland.optic import Optic
 
@@ -95,7 +95,7 @@ def test_focal_length_and_entrance_pupil_are_optilands(name):
 
 
 def test_every_glass_has_optilands_index():
-    pytest.importorskip("optiland", reason="needs the extra optics-test: pip install 'robustflow[optics-test]'")
+    pytest.importorskip("optiland", reason="requires the extra optics-test: pip install 'robustflow[optics-test]'")
     from optiland.materials import Material
 
     for glass in SELLMEIER:

@@ -1,4 +1,4 @@
-"""The blur compared with plain float64 references, and properties of any blur."""
+"""The blur compared with simple float64 references, and general properties of blurs."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
 
 
 def test_a_psf_displaced_outwards_moves_light_outwards():
-    """The stack's rows point away from the image centre in every direction."""
+    """The rows of the stack point away from the image centre in every direction."""
     field = point_field(shift_rows=6)
     rows, columns = np.mgrid[:401, :601]
     for dy, dx in ((120, 0), (-120, 0), (0, 200), (0, -200), (120, 160)):
@@ -172,7 +172,7 @@ def test_cache_over_its_limit_drops_the_least_recently_used():
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_green_is_not_moved_anywhere_in_the_field(severity):
-    """Ground truth stays valid: the centroid of the green kernel shifts by at most 0.05 px."""
+    """Ground truth remains valid: the centroid of the green kernel shifts by at most 0.05 px."""
     field, (height, width) = shipped_field(severity), (375, 1242)
     place = np.arange(-30.0, 31.0)
     for x, y in ((621, 187), (0, 0), (1241, 374), (300, 40), (900, 370), (1241, 187), (621, 0)):

@@ -30,7 +30,7 @@ def clip():
 
 
 def test_brighter_frames_give_as_much_brighter_frames(saved):
-    """The mean of each colour channel is subtracted before the network and added back after it."""
+    """The mean of each colour channel is subtracted from the input and added back to the output."""
     net, _ = saved
     shift = torch.tensor([0.1, -0.2, 0.3]).view(1, 3, 1, 1)
     (found,) = net([frame + shift for frame in clip()])

@@ -34,7 +34,7 @@ class Linear:
 
 @given(st.integers(4, 12), st.integers(2, 5))
 def test_every_frame_is_at_its_time(count, factor):
-    """Frame k of the result is at source time 1 + k / factor.
+    """Frame k of the result corresponds to source time 1 + k / factor.
 
     The first and last source frames are used only as neighbours.
     """

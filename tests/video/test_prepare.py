@@ -1,4 +1,4 @@
-"""Preparing clips: the files, which do not depend on how they are created, and rejected input."""
+"""Preparing clips: reproducible files and rejected input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rolling shutter: the source frame for each row, and the deviation from a moving scene."""
+"""Rolling shutter: source frame for each row, and deviation from a moving scene."""
 
 from __future__ import annotations
 

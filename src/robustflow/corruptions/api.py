@@ -80,7 +80,7 @@ def load_corruption(
         return kind(variant)
     if variant != "default":
         raise UsageError(
-            f"the calibrated scale exists only for the default variant, not {variant}: remove one of the two options"
+            f"the calibrated scale exists only for the default variant, not {variant}: remove one of the two"
         )
     return kind(variant, calibrated_severities(name))
 

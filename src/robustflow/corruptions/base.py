@@ -151,8 +151,8 @@ class DepthCorruption(Corruption):
         """
         if not isinstance(depth, SceneDepth | None):
             raise UsageError(
-                f"{self.name}: depth is {type(depth).__name__}; give a robustflow.SceneDepth, which has the maps of "
-                "both frames and the camera"
+                f"{self.name}: depth is {type(depth).__name__}; pass a robustflow.SceneDepth with the maps of both "
+                "frames and the camera"
             )
         if depth is not None and depth.maps[0].shape != shape:
             height, width = depth.maps[0].shape

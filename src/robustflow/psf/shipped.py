@@ -42,7 +42,7 @@ def shipped_field(severity: int) -> PsfField:
 
 
 def halved(field: PsfField) -> npt.NDArray[np.float16]:
-    """Return the half of a field that is stored in the package: columns 30 to 60, float16 (64, 3, 61, 31)."""
+    """Return the half of a field that is stored: columns 30 to 60, float16 (64, 3, 61, 31)."""
     return field.stack[..., _MIDDLE:].astype(np.float16)
 
 

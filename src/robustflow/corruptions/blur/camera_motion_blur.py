@@ -40,5 +40,5 @@ class CameraMotionBlur(Corruption):
         return line_kernel(shake.radius, shake.sigma, rng.uniform(-45.0, 45.0))
 
     def apply(self, frame: Frame, state: LineKernel, index: int) -> Frame:
-        """Smear frame `index`."""
+        """Blur one frame along the line."""
         return move_frame(frame, state)

@@ -47,7 +47,7 @@ class GlassBlur(Corruption):
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, SourceIndex]:
-        """Draw the shuffle and return sigma and the source index of each pixel."""
+        """Draw the shuffle; return sigma and the source index of each pixel."""
         glass: Glass = self.parameter(severity)
         return float(glass.sigma), draw_shuffle(rng, shape, glass.reach, glass.iterations, swap=self.variant == "paper")
 

@@ -58,7 +58,7 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     """
     path = find_stack(Path(folder), rms)
     if path.stat().st_size > LARGEST:
-        raise DataError(f"{path} has {path.stat().st_size} bytes, but a PSF stack has 2.9 million; wrong file")
+        raise DataError(f"{path} is not a PSF stack: it has {path.stat().st_size} bytes instead of 2.9 million")
     data = path.read_bytes()
     source = hashlib.sha256(data).hexdigest()
     kept = cache_folder("psf") / f"{source}.stack"

@@ -1,4 +1,5 @@
-"""Placeholders for clip corruptions in code that has only images: names, parameters, and an error on use."""
+"""Placeholders for clip corruptions in code that has only images: names and parameters; applying them raises an
+error."""
 
 from __future__ import annotations
 

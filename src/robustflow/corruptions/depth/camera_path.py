@@ -11,7 +11,7 @@ from ...compiled import njit
 from ...sample import Camera
 
 FRAME_INTERVAL = 0.1
-"""Time between the two frames of a pair, in seconds; as in KITTI (10 Hz)."""
+"""Time between the two frames of a pair, in seconds (10 Hz, as in KITTI)."""
 
 
 class Motion(NamedTuple):

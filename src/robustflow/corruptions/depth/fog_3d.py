@@ -1,4 +1,4 @@
-"""Fog that hides more of the scene with increasing depth."""
+"""Depth-dependent fog."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def _fixed(value: Any) -> Any:
 def _shown(
     packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest: Any
 ) -> Any:
-    """Return the sum and number of a pixel's views that show a nearer surface, then of those that show its own surface.
+    """Return the sum and number of a pixel's views of a nearer surface, followed by those of its own surface.
 
     `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface.
     """

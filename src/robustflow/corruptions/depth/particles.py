@@ -30,9 +30,9 @@ NEAREST = 0.3
 _LENS_DIAMETER, _FOCUS = 0.002, 10.0
 """Aperture diameter and focus distance of the camera in metres; they only affect the blur of near particles."""
 _PIXEL = 1.0
-"""Radius in pixels to which the lens and the pixel spread a point that is in focus."""
+"""Blur radius in pixels of a point in focus, caused by the lens and the pixel."""
 _SMALLEST = 6e-4
-"""Particles with a diameter below this fraction of the image's longer side form the veil; 0.75 px of 1242 px."""
+"""Particles with a diameter below this fraction of the image's longer side form the veil (0.75 px of 1242 px)."""
 _MARGIN = 0.05
 """Margin around the image, as a fraction of the longer side, in which particles are sampled because their streaks may
 extend into the image.
@@ -159,7 +159,7 @@ def _uniform(key: Any, place: int) -> Any:
 
 @njit(cache=True, nogil=True)
 def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
-    """Return whether a position lies in the region in which particles are sampled for one camera."""
+    """Return whether a position is within the region in which particles are sampled for one camera."""
     if z < NEAREST or z > box[4] * diameter:
         return False
     column, row = lens[0] * x / z + lens[2] - box[0], lens[1] * y / z + lens[3] - box[1]

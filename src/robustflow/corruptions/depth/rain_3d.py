@@ -29,7 +29,7 @@ class Rain3d(Precipitation):
     fall = Fall(slowest=0.0, spread=0.0, root=4.47213595499958, wind=4.0, flutter=0.1)
 
     def sizes(self, rate: float) -> Sizes:
-        """Return the drop size distribution by Marshall and Palmer.
+        """Return the Marshall-Palmer drop size distribution.
 
         >>> Rain3d().sizes(100.0)
         Sizes(density=8000.0, slope=1.558777, largest=6.0)

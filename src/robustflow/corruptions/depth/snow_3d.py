@@ -31,7 +31,7 @@ class Snow3d(Precipitation):
     fall = Fall(slowest=1.0, spread=1.0, root=0.0, wind=3.0, flutter=0.5)
 
     def sizes(self, rate: float) -> Sizes:
-        """Return the flake size distribution: that by Gunn and Marshall, scaled to the density of the flakes.
+        """Return the size distribution of Gunn and Marshall, scaled to the density of the flakes.
 
         >>> Snow3d().sizes(2.0)
         Sizes(density=965.254425, slope=0.84879, largest=15.0)

@@ -1,4 +1,4 @@
-"""Round real grey levels to bytes."""
+"""Round floating-point grey levels to bytes."""
 
 from __future__ import annotations
 
