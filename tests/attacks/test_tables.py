@@ -16,7 +16,7 @@ from robustflow.analysis.ranking import spearman, spearman_interval
 from robustflow.analysis.security_curves import security_curves
 from robustflow.attacks.ball import GREY_LEVELS
 from robustflow.attacks.registry import norm_of
-from robustflow.attacks.result import BESIDE_OTHERS, WARNINGS
+from robustflow.attacks.result import BESIDE_OTHERS, EXPLAINED, WARNINGS
 from robustflow.report.attack_table import attack_table, prediction_table
 
 from .small_runs import DATA, run
@@ -125,15 +125,44 @@ def test_below_five_models_no_correlation_is_given_and_the_table_says_so(five):
     assert prediction_table(five[:1]) is None
 
 
-def test_a_number_with_a_warning_is_not_correlated(five, monkeypatch):
-    doubtful = replace(attack_scores(five[0])[0], warnings={"rounding": 1})
+def test_models_are_compared_on_the_samples_that_all_of_them_have(five, tmp_path):
+    chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
+    shorter = [*five, run(tmp_path / "run", Shrunk(0.75), name="0.75", count=1, **chosen)]
+
+    noise = next(one for one in predictions(shorter) if one.attack == "random_sign")
+
+    def increase(rows):
+        rows = rows.filter(pl.col("severity") > 0, pl.col("sample") == "0")
+        return ((rows["epe_sum"] - rows["clean_epe_sum"]) / rows["n_valid"]).mean()
+
+    corrupted = [increase(one.rows) for one in shorter]
+    attacked = [increase(one.attack_rows.filter(corruption="random_sign")) for one in shorter]
+    assert len(noise.models) == 6
+    assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
+
+
+def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(five, monkeypatch):
+    doubtful = [replace(one, warnings={"still_rising": 2}) for one in attack_scores(five[0])]
+    monkeypatch.setattr(
+        "robustflow.analysis.attack_ranks.attack_scores", lambda one: doubtful if one is five[0] else attack_scores(one)
+    )
+
+    noise = next(one for one in predictions(five) if one.attack == "random_sign")
+    assert (len(noise.models), noise.lower_bounds) == (5, ("1.0",))
+    line = _line(prediction_table(five), "random_sign")
+    assert "lower bound for 1.0" in line.note
+
+
+@pytest.mark.parametrize("warning", ["gradient_zero", "answers_differ", "square_above_white_box"])
+def test_a_score_that_says_little_about_the_model_is_not_correlated(five, monkeypatch, warning):
+    doubtful = replace(attack_scores(five[0])[0], warnings={warning: 1})
     monkeypatch.setattr(
         "robustflow.analysis.attack_ranks.attack_scores",
         lambda one: [doubtful] if one is five[0] else attack_scores(one),
     )
 
     noise = next(one for one in predictions(five) if one.attack == "random_sign")
-    assert noise.left_out == {"1.0": "its score has a warning"}
+    assert noise.left_out == {"1.0": EXPLAINED[warning]}
     assert noise.rho is None
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+import polars as pl
+
+from ..attacks.result import EXPLAINED, LOWER_BOUND
+from ..metrics.rows import CLEAN
 from ..runs.aggregate import summarize
 from ..runs.comparable import common_to
 from ..runs.run import Run
@@ -29,6 +33,7 @@ class Prediction:
         metric: "cre", or "rcre" without ground truth; used for both the corruptions and the attack.
         models: names of the compared models.
         left_out: model name -> reason for leaving the model out.
+        lower_bounds: models whose attack has a warning of `LOWER_BOUND`.
         rho: Spearman's rank correlation; None with fewer than `LEAST_MODELS` models or if one variable is constant.
         interval: 95 % confidence interval of `rho`.
     """
@@ -38,6 +43,7 @@ class Prediction:
     metric: str
     models: tuple[str, ...]
     left_out: dict[str, str]
+    lower_bounds: tuple[str, ...]
     rho: float | None
     interval: tuple[float, float] | None
 
@@ -45,8 +51,8 @@ class Prediction:
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
     """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance.
 
-    A model is left out for any attack that has a warning for it, and for all attacks if it should not be ranked. Errors
-    under corruptions are computed over the cells that all runs have in common.
+    A model is left out for an attack that has a warning other than `LOWER_BOUND` for it, and for all attacks if it
+    should not be ranked. Errors are computed over the cells that all runs have in common.
 
     Raises:
         RunError: the runs have no frames in common.
@@ -57,36 +63,53 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     if len(named) < 2:
         return []
     unranked = {name: why for name, why in zip(names, exclusions(runs), strict=True) if why}
-    scores = {name: attack_scores(run) for name, run in named.items()}
+    warned = {name: _warnings(run) for name, run in named.items()}
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
-    before = _corrupted(named, metric)
+    before = common_to(named).rows
+    samples = set.intersection(*(set(rows["sample"]) for rows in before.values()))
+    increase = {name: getattr(summarize(rows, paper=()), metric) for name, rows in before.items()}
     predicted = []
-    for attack in dict.fromkeys(score.attack for of_run in scores.values() for score in of_run):
-        of_attack = {
-            name: {one.severity: one for one in of_run if one.attack == attack} for name, of_run in scores.items()
-        }
-        of_attack = {name: levels for name, levels in of_attack.items() if levels}
-        shared = sorted(set.intersection(*(set(levels) for levels in of_attack.values())))
-        if len(of_attack) < 2 or not shared:
+    for attack in dict.fromkeys(attack for run in named.values() for attack in run.attacks):
+        attacked = _common_rows(named, attack, samples)
+        if len(attacked) < 2:
             continue
-        left_out = {name: unranked[name] for name in of_attack if name in unranked}
-        for name, levels in of_attack.items():
-            if any(levels[level].warnings for level in shared):
-                left_out.setdefault(name, "its score has a warning")
+        shared = sorted(set(next(iter(attacked.values())).filter(corruption=attack)["severity"]))
+        warnings = {
+            name: {key for level in shared for key in warned[name].get((attack, level), ())} for name in attacked
+        }
+        left_out = {name: unranked[name] for name in attacked if name in unranked}
+        for name, keys in warnings.items():
+            if serious := sorted(keys - set(LOWER_BOUND)):
+                left_out.setdefault(name, "; ".join(EXPLAINED.get(key, key) for key in serious))
         after = {
-            name: math.fsum(getattr(levels[level], metric) for level in shared)
-            for name, levels in of_attack.items()
+            name: math.fsum(filter(None, summarize(rows, paper=()).corruptions[attack].by_severity[metric]))
+            for name, rows in attacked.items()
             if name not in left_out
         }
         rho = None
         if len(after) >= LEAST_MODELS:
-            rho = spearman([before[name] for name in after], list(after.values()))
+            rho = spearman([increase[name] for name in after], list(after.values()))
         ends = None if rho is None else spearman_interval(rho, len(after))
-        predicted.append(Prediction(attack, tuple(shared), metric, tuple(after), left_out, rho, ends))
+        lower = tuple(name for name in after if warnings[name])
+        predicted.append(Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends))
     return predicted
 
 
-def _corrupted(runs: Mapping[str, Run], metric: str) -> dict[str, float]:
-    """Return the mean increase in error (or mean change in flow) under corruptions, in px, by model name."""
-    rows = common_to(runs).rows
-    return {name: getattr(summarize(part, paper=()), metric) for name, part in rows.items()}
+def _warnings(run: Run) -> dict[tuple[str, int], set[str]]:
+    return {(score.attack, score.severity): set(score.warnings) for score in attack_scores(run)}
+
+
+def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:
+    """Return the rows of an attack that all runs with this attack have in common, with clean rows, by model name."""
+    rows = {
+        name: run.attack_rows.filter(pl.col("corruption") == attack, pl.col("sample").is_in(list(samples)))
+        for name, run in runs.items()
+    }
+    rows = {name: of_run for name, of_run in rows.items() if not of_run.is_empty()}
+    for other in list(rows.values()):
+        rows = {name: of_run.join(other, on=["sample", "severity"], how="semi") for name, of_run in rows.items()}
+    return {
+        name: pl.concat([runs[name].attack_rows.filter(corruption=CLEAN), of_run])
+        for name, of_run in rows.items()
+        if not of_run.is_empty()
+    }

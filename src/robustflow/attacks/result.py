@@ -20,12 +20,19 @@ WARNINGS = {
 }
 """Warnings about the result of one attack, by a short name."""
 
+LOWER_BOUND = ("nothing_gained", "still_rising", "rounding", "saturated")
+"""Warnings that only mean that a stronger attack may exist; after any other warning, the result says little about the
+model."""
+
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the steps are badly chosen",
     "square_above_white_box": "Square, which uses no gradient, is stronger",
     "transfer_above_white_box": "frames made on a different model are stronger",
 }
 """Warnings that follow from a comparison with the run's other attacks."""
+
+EXPLAINED = {**WARNINGS, **BESIDE_OTHERS}
+"""All warnings."""
 
 
 @dataclass(frozen=True, eq=False)

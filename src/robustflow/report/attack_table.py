@@ -12,10 +12,10 @@ from ..analysis.imported.flowbench_attacks import FLAGS, StoredAttack
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.run_names import run_names
 from ..analysis.security_curves import CurvePoint, security_curves
-from ..attacks.result import BESIDE_OTHERS, WARNINGS
+from ..attacks.result import EXPLAINED
 from ..errors import RunError, UsageError
 from ..runs.run import Run
-from ..text import counted, plain
+from ..text import counted, joined, plain
 from .table import DASH, Column, Line, Section, Table, number_text
 
 _COLUMNS = (
@@ -134,7 +134,7 @@ def explained(warning: str) -> str:
     >>> explained("gradient_zero")
     'the gradient was zero everywhere: the model may hide it'
     """
-    return {**WARNINGS, **BESIDE_OTHERS}.get(warning, warning)
+    return EXPLAINED.get(warning, warning)
 
 
 def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
@@ -163,7 +163,9 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
     label = METRIC_LABELS[predicted[0].metric]
     remarks = [
         f"Spearman's rank correlation over models between the mean {label} over corruptions and the one under the "
-        "attack; interval by Fisher's z. Values with a warning and models that are not ranked are left out."
+        "attack; interval by Fisher's z. All models are compared on the samples that they have in common. Left out: "
+        "models that are not ranked, and values whose warnings indicate a masked gradient or a model that is not "
+        "deterministic."
     ]
     if any(len(one.models) < LEAST_MODELS for one in predicted):
         remarks.append(f"No correlation is computed for fewer than {LEAST_MODELS} models.")
@@ -182,7 +184,12 @@ def _prediction_line(one: Prediction) -> Line:
     low, high = one.interval or (None, None)
     texts = [", ".join(map(str, one.severities)), str(len(one.models))]
     texts += [DASH if value is None else f"{value:+.2f}" for value in (one.rho, low, high)]
-    note = "; ".join(f"without {plain(name)}: {why}" for name, why in one.left_out.items())
+    notes = [f"without {plain(name)}: {why}" for name, why in one.left_out.items()]
+    if one.lower_bounds:
+        notes.append(
+            f"only a lower bound for {joined(list(map(plain, one.lower_bounds)))}: see the warnings of each run"
+        )
+    note = "; ".join(notes)
     if len(one.models) < LEAST_MODELS:
         note = "; ".join(filter(None, (f"{counted(len(one.models), 'model')}: too few for a correlation", note)))
     return Line.of(one.attack, texts, note)
