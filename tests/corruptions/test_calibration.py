@@ -65,7 +65,8 @@ def test_the_papers_severities_lie_on_the_path(name):
 @pytest.mark.parametrize("name", calibratable())
 def test_the_shipped_levels_get_stronger_along_the_path(name):
     """The position of a level on the path (approximated by the nearest of many points) must not decrease with
-    severity."""
+    severity.
+    """
     points = [segment.at(share) for segment in path(name) for share in np.linspace(0, 1, 257)]
     table = np.array([[float(v) for v in flat(p)] for p in points])
     scale = np.ptp(table, axis=0) + 1e-9

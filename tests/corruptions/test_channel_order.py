@@ -13,7 +13,8 @@ FRAME = np.random.default_rng(3).integers(0, 256, (40, 56, 3), dtype=np.uint8)
 
 def test_jpeg_is_what_pillow_writes_of_a_bgr_frame(tmp_path):
     """Return the reference result: Image.fromarray(cv2.imread(...)), saved as JPEG, read, and written by
-    cv2.imwrite."""
+    cv2.imwrite.
+    """
     bgr = np.ascontiguousarray(FRAME[..., ::-1])
     for severity, quality in enumerate((25, 18, 15, 10, 7), 1):
         Image.fromarray(bgr).save(tmp_path / "x.jpg", quality=quality)

@@ -174,7 +174,8 @@ def test_every_name_of_the_paper_is_registered():
 
 def test_the_paper_has_seven_temporal_corruptions():
     """The temporal corruptions in section 3 of the paper: object motion blur, exposure, snow and the three video
-    ones."""
+    ones.
+    """
     temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
     assert temporal == [
         "over_exposure", "under_exposure", "snow", "object_motion_blur", "h264_crf", "h264_abr", "bit_error"

@@ -42,7 +42,8 @@ main()
 @pytest.fixture
 def no_photographs(monkeypatch, tmp_path):
     """Simulate a machine without the photographs: every request for one fails, even if they were used in other
-    tests."""
+    tests.
+    """
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     photograph.cache_clear()
 

@@ -1,5 +1,6 @@
 """The values in the paper's appendix "Corruption Details", copied by hand so that errors in the classes are
-detected."""
+detected.
+"""
 
 import io
 

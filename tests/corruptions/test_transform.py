@@ -53,7 +53,8 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
 
 def test_it_is_the_corruption_of_that_name_and_severity():
     """The transform gives the same result as the corruption with the random stream described in the module's
-    docstring."""
+    docstring.
+    """
     image, corruption = picture(), load_corruption("fog")
     stream = Rng.of("robustflow transform", 7, "key", "a").spawn("draw")
     expected = corruption.apply(image, corruption.draw(stream, 2, image.shape[:2]), 0)

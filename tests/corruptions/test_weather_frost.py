@@ -20,7 +20,8 @@ from robustflow.random.rng import Rng
 @pytest.fixture
 def invented(monkeypatch, tmp_path):
     """Create five fake textures and replace the real hashes with theirs; neither an installed package nor pip is
-    used."""
+    used.
+    """
     folder = tmp_path / "textures"
     folder.mkdir()
     hashes = {}

@@ -53,7 +53,8 @@ def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
 
 def thin_lens(shape: float, focal_length: float, wavelength: float) -> Lens:
     """Return a very thin N-BK7 lens with shape factor q = (r2 + r1) / (r2 - r1) and the stop in contact with the
-    lens."""
+    lens.
+    """
     n = refractive_index("N-BK7", wavelength)
     strength = 1.0 / (2.0 * focal_length * (n - 1.0))
     first, second = strength * (shape + 1.0), strength * (shape - 1.0)

@@ -35,7 +35,8 @@ def blurred_pixel(frame, stack, x: int, y: int):
 
 def blended_blur(frame, stack):
     """Convolve the image with the kernel of each node, and sum the results weighted by the nodes' triangular
-    windows."""
+    windows.
+    """
     height, width = frame.shape[:2]
     padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
     total = np.zeros(frame.shape)

@@ -34,7 +34,8 @@ def test_transform_with_parts_exchanged_is_the_inverse():
 @pytest.mark.parametrize("length", LENGTHS)
 def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(length):
     """Errors of ten units in the last place of a double, more than in any math library, do not change any float32
-    value."""
+    value.
+    """
     for k, pair in enumerate(twiddles(length)):
         angle = 2.0 * math.pi * k / length
         for value, exact in zip(pair, (math.cos(angle), -math.sin(angle)), strict=True):

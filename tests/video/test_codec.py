@@ -42,7 +42,8 @@ def test_equal_pictures_make_equal_files(tmp_path):
 @pytest.mark.parametrize("encoding", [crf(30), abr(200_000)])
 def test_encoding_in_memory_is_encoding_to_a_file(tmp_path, encoding):
     """The transcoded stream is never written to a file; its frames are identical to those of a file written by
-    FFmpeg."""
+    FFmpeg.
+    """
     count = 40
     pictures = clips.pictures(count)
     encoder = Encoder(48, 64, Fraction(960), encoding)

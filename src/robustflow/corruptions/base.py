@@ -64,7 +64,8 @@ class Corruption(ABC):
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
         """Return the five parameters for a variant; override this method if the reference code uses different
-        values."""
+        values.
+        """
         return self.paper_severities
 
     def parameter(self, severity: int) -> Any:

@@ -183,7 +183,8 @@ def draw_spots(axes: Axes, lens: Lens, place: float) -> None:
 
 def draw_modulation(axes: Axes, field: PsfField) -> None:
     """Plot the modulation transfer for green at four field points: tangential as solid lines, sagittal as dashed
-    lines."""
+    lines.
+    """
     frequencies = np.linspace(0.0, 0.5, 101)
     tangential, sagittal = modulation(field, frequencies)
     for number, place in enumerate(_FIELD_POINTS):
@@ -199,7 +200,8 @@ def draw_modulation(axes: Axes, field: PsfField) -> None:
 
 def draw_row(row: Sequence[Axes], field: PsfField, titles: bool) -> None:
     """Draw the PSFs at evenly spaced field points as colour images with a gamma of 1/2.2, each scaled to its own
-    peak."""
+    peak.
+    """
     for axes, place in zip(row, np.linspace(0.0, 1.0, len(row)), strict=True):
         psf = field.stack[round(place * (FIELDS - 1))].transpose(1, 2, 0)
         axes.imshow((np.clip(psf, 0.0, None) / psf.max()) ** (1 / 2.2), interpolation="nearest")

@@ -86,7 +86,8 @@ class Limits(NamedTuple):
 @njit(cache=True, error_model="numpy", inline="always")
 def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
     """Return cosine and sine of 2 pi `turns` to within 1e-9, from a polynomial at a quarter of the angle, doubled
-    twice."""
+    twice.
+    """
     a = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
     q = a * a
     s = a * (1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110)))))
@@ -98,7 +99,8 @@ def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
 @njit(cache=True, error_model="numpy")
 def _launch(x: Any, y: Any, tangent: Any) -> Any:
     """Return rays that start at x and y (R,) in the vertex plane of the first surface, with one field tangent per
-    ray."""
+    ray.
+    """
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     return (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
 

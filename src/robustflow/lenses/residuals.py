@@ -81,7 +81,8 @@ def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, 
 @njit(cache=True, error_model="numpy")
 def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
     """Compute the residuals of a lens; return False if it is infeasible or cannot be traced. `index` is (3 n + 1, K +
-    1)."""
+    1).
+    """
     focal_length, f_number, field_tangent, tangential, in_phase, sagittal, wanted_rms, lateral, nominal = goal
     curvature, thickness, radius, pupil, magnification = build_lens(free, index, stop, focal_length, f_number)
     if radius <= 0.0:
@@ -211,7 +212,8 @@ def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: An
 @njit(cache=True, error_model="numpy")
 def solve_damped(normal: Any, gradient: Any, damping: float) -> Any:
     """Solve (normal + damping diag(normal)) x = gradient by Cholesky decomposition, with operations in a fixed
-    order."""
+    order.
+    """
     size = gradient.size
     lower, x = np.zeros((size, size)), np.zeros(size)
     for a in range(size):

@@ -50,7 +50,8 @@ class Kernels(NamedTuple):
 
 class KernelCache:
     """A cache of kernels by (field, height, width); above a limit in bytes, the least recently used ones are
-    removed."""
+    removed.
+    """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit

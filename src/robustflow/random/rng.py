@@ -38,7 +38,8 @@ def hash64(key: Any, counter: Any) -> Any:
 @njit(cache=True, nogil=True)
 def fill_bits(key: Any, start: Any, out: Any) -> None:
     """Fill `out` (uint64) with the values at positions `start`, `start` + 1, ... of stream `key`; for use in compiled
-    loops."""
+    loops.
+    """
     for i in range(out.size):
         out[i] = hash64(key, start + np.uint64(i))
 
@@ -99,7 +100,8 @@ class Rng:
 
     def normals(self, count: int) -> npt.NDArray[np.float64]:
         """Return `count` standard normal numbers, float64, one per position; they are bit-identical on every
-        machine."""
+        machine.
+        """
         out = np.empty(count, np.float64)
         normals_from_bits(self.bits(count), out)
         return out

@@ -69,7 +69,8 @@ tree, so it may use all instruction sets of the processor.
 
 def crf(value: int) -> Encoding:
     """Encode with a constant rate factor from 0 (lossless) to 51 and preset medium, the default in the reference
-    code."""
+    code.
+    """
     if not 0 <= value <= 51:
         raise UsageError(f"a CRF of {value} is out of range: must be from 0 (lossless) to 51")
     return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))

@@ -14,7 +14,8 @@ from ..sample import Frame
 
 MULTIPLE = 8
 """Height and width must be multiples of this number; other sizes are padded by repeating the border and cropped
-again."""
+again.
+"""
 
 
 class FlavrInterpolator:

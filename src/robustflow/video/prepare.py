@@ -217,7 +217,8 @@ def _with_key_frames(
     pictures: Iterator[I420], folder: Path, wanted: ClipManifest, progress: Progress
 ) -> Iterator[I420]:
     """Yield the frames unchanged and write the key frames, as decoded from the lossless yuv420p master, as PNG
-    files."""
+    files.
+    """
     keys = set(wanted.key_frames)
     for index, picture in enumerate(pictures):
         if index in keys:

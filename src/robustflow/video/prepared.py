@@ -146,6 +146,7 @@ def is_prepared(data: Path) -> bool:
 
 def slow_blur(clip: PreparedClip) -> Fraction | None:
     """Return the longest averaging time of object motion blur in seconds if it exceeds the paper's 31/960 s, else
-    None."""
+    None.
+    """
     span = (2 * REACH + 1) / clip.master.fps
     return span if span > Fraction(2 * REACH + 1, 960) else None

@@ -1,5 +1,6 @@
 """Placeholders for clip corruptions in code that has only images: names and parameters; applying them raises an
-error."""
+error.
+"""
 
 from __future__ import annotations
 

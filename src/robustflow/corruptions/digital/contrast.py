@@ -44,7 +44,8 @@ class Contrast(Corruption):
 @njit(cache=True, nogil=True)
 def _channel_sums(source: Any, sums: Any) -> None:
     """Add the sum of each channel of uint8 (H, 3 W) rows to `sums`, in lanes of 48 samples so that the loop
-    vectorises."""
+    vectorises.
+    """
     lanes = np.zeros(192, np.uint32)
     for y in range(source.shape[0]):
         s = source[y]

@@ -60,7 +60,8 @@ class ElasticTransform(Corruption):
 @njit(cache=True, nogil=True)
 def _warp(frame: Any, samples_y: Any, steps: Any, samples_x: Any, out: Any) -> None:
     """Warp in integer arithmetic with positions rounded to 1/2048 px, which changes values by at most 1/8 grey
-    level."""
+    level.
+    """
     height, width = frame.shape[:2]
     pixels = frame.reshape(-1)
     dy, dx = np.empty(width, np.float32), np.empty(width, np.float32)

@@ -13,7 +13,8 @@ from ..base import Corruption
 
 class JpegCompression(Corruption):
     """Applies baseline JPEG compression with 4:2:0 chroma subsampling; the severity parameter is the quality (paper,
-    "JPEG compression")."""
+    "JPEG compression").
+    """
 
     name = "jpeg_compression"
     family = "digital"

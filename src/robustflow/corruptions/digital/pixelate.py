@@ -10,7 +10,8 @@ from ..kernels.box_resize import pixelated
 
 class Pixelate(Corruption):
     """Shrinks frames with a box filter and enlarges them; the severity parameter is the scale factor (paper,
-    "Pixelation")."""
+    "Pixelation").
+    """
 
     name = "pixelate"
     family = "digital"

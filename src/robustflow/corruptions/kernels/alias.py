@@ -20,7 +20,8 @@ import numpy.typing as npt
 
 def height_bits(value_bits: int) -> int:
     """Return the number of bits available for the height in a 32-bit entry with two outcomes of `value_bits` bits
-    each."""
+    each.
+    """
     return 32 - 2 * value_bits
 
 

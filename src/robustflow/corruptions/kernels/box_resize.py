@@ -64,7 +64,8 @@ def pixelated(frame: Frame, factor: float) -> Frame:
 @njit(cache=True, nogil=True)
 def _shrink_columns(source: Any, picks: Any, fewest: Any, weights: Any, out: Any) -> None:
     """Compute box sums of every required width at every position in a loop that vectorises, then select the required
-    sums."""
+    sums.
+    """
     width = source.shape[1]
     sums = np.empty(width, np.uint32)
     means = np.empty((weights.size, width), np.uint8)

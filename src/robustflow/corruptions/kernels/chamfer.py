@@ -31,7 +31,8 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
 
 def mean_distance(distance: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
     """Compute the mean distance in each 3 x 3 neighbourhood in pixels, rounded down: uint8 (H, W). Borders are
-    mirrored."""
+    mirrored.
+    """
     out = np.empty(distance.shape, np.uint8)
     _mean(distance, out)
     return out

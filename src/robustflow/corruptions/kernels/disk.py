@@ -140,7 +140,8 @@ def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
 @njit(cache=True, nogil=True)
 def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, columns: Any, total: Any) -> None:
     """Compute the rim; `columns[h]` is a buffer for the running sums over rows y - h to y + h, and `columns[-1]` is
-    zero."""
+    zero.
+    """
     window = len(ring)
     row, first_sums = ring[y % window], columns[0]
     for i in range(row.size):  # slice assignment would add three seconds of compile time for its error messages
@@ -197,7 +198,8 @@ def _convolve(
     out: Any,
 ) -> None:
     """Compute a strip `out` of columns that starts at column `x0` of `source`; the rim requires `tallest` rows of
-    sums."""
+    sums.
+    """
     height, n = out.shape
     g = len(taps) - 1
     reach = len(widths) - 1 + g

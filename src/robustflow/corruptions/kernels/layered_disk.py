@@ -25,9 +25,9 @@ _ROWS, _COLUMNS = 32, 128
 _BLOCK = 16
 """Block size in pixels; the set of layers is stored per block."""
 _NONE = np.uint8(255)
-"""Layer number of a background that does not exist."""
+"""Layer index that indicates that there is no background."""
 _FIELD, _MOST = 18, 1023
-"""Bits per colour in a word, above which the remaining bits count pixels; and the largest number of pixels in a sum."""
+"""Bits per colour in a packed 64-bit value, whose highest bits count pixels, and maximum number of pixels in a sum."""
 _U = np.uint64  # unsigned indices avoid numba's check for negative indices
 
 Layers = npt.NDArray[np.uint8]
@@ -40,7 +40,7 @@ def blur_layers(frame: Frame, layers: Layers, radii: list[float]) -> Frame:
     Args:
         frame: image to blur, RGB uint8 (H, W, 3).
         layers: layer index of each pixel, uint8 (H, W).
-        radii: radius of each layer's disk, in pixels, below 500.
+        radii: radius of each layer's disk in pixels, less than 500.
 
     >>> frame = np.zeros((9, 9, 3), np.uint8)
     >>> frame[4, 4] = 250
@@ -95,7 +95,8 @@ def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
 @njit(cache=True, nogil=True)
 def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
     """Fill the pixels after the last background pixel, which has `behind` pixels before it and `ahead` pixels after
-    it."""
+    it.
+    """
     depth = pixels[edge]
     for far in range(1, ahead + 1):
         at = edge + far * step
@@ -109,10 +110,10 @@ def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int
 
 @njit(cache=True, nogil=True)
 def _pack(frame: Any, layers: Any, source: Any, packed: Any, packed_behind: Any, behind: Any, present: Any) -> None:
-    """Pack each pixel's colour and coverage, and those of the background behind it, into words.
+    """Pack the colour and coverage of each pixel, and those of the background behind it, into 64-bit values.
 
-    `behind` is set to the layer of the background, `_NONE` if there is none, and `present` to bit masks of the layers
-    in, or behind, each block of pixels.
+    `behind` is set to the layer of the background (`_NONE` if there is none), and `present` is set to bit masks of the
+    layers that occur in or behind each block of pixels.
     """
     height, width = layers.shape
     for y in range(height):
@@ -146,9 +147,9 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
 
 @njit(cache=True, nogil=True)
 def _layer_sums(words: Any, own: Any, words_behind: Any, behind: Any, layer: Any, x0: int, sums: Any) -> None:
-    """Compute the running sums of a layer's words in a row from column `x0` on; (n + 1,), starting at zero.
+    """Compute the running sums of a layer's packed values in a row, starting at column `x0`: (n + 1,).
 
-    Differences of running sums are exact, although the sums themselves overflow.
+    Differences between running sums are exact even though the sums themselves overflow.
     """
     width, n = own.size, sums.size - 1
     first, last = max(-x0, 0), min(width - x0, n)
@@ -185,14 +186,14 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, word: Any, total: Any) 
         if area > _MOST:
             _unpack(word, total)
             area = 2 * half + 1
-        if sums[y + dy, last] != 0:  # some of the layer is in this row
+        if sums[y + dy, last] != 0:  # the layer occurs in this row
             _add_segment(word, sums[y + dy], _U(reach - half), _U(reach + half + 1))
     _unpack(word, total)
 
 
 @njit(cache=True, nogil=True)
 def _unpack(word: Any, total: Any) -> None:
-    """Add the fields of the words to `total`, and clear the words."""
+    """Add the packed values to `total` and set them to zero."""
     mask = _U((1 << _FIELD) - 1)
     red, green, blue, cover = total[0], total[1], total[2], total[3]
     for i in range(word.size):
@@ -205,7 +206,7 @@ def _unpack(word: Any, total: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
-    """Add a layer behind the previous ones; return whether any pixel is still partly uncovered."""
+    """Add a layer behind the previous ones; return whether any pixel is not yet fully covered."""
     covers, open_ = total[3], np.float32(0)
     for channel in range(3):
         line, colour = total[channel], colours[channel]
@@ -221,7 +222,7 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 def _put_sharp_behind(
     packed: Any, layers: Any, packed_behind: Any, behind: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """Add a layer like `_put_behind`, but without blur."""
+    """Add a layer without blur behind the previous ones, like `_put_behind`."""
     mask, left = _U((1 << _FIELD) - 1), False
     for j in range(free.shape[0]):
         for i in range(free.shape[1]):
@@ -244,7 +245,7 @@ def _put_sharp_behind(
 
 @njit(cache=True, nogil=True)
 def _write(free: Any, colours: Any, levels: Any, out: Any) -> None:
-    """Divide the colours of a row by their coverage, and round them."""
+    """Divide the colours in a row by their coverage and round them."""
     for channel in range(3):
         colour, level = colours[channel], levels[channel]
         for i in range(free.size):
@@ -293,7 +294,7 @@ def _blur(
                     if _is_near(present, k, y, y + 1, x0 - r, x0 + columns + r, height, width):
                         _layer_sums(packed[y], layers[y], packed_behind[y], behind[y], k, x0 - r, sums[j])
                     else:
-                        sums[j, n - 1] = 0  # which `_sum_row` leaves out
+                        sums[j, n - 1] = 0  # tells `_sum_row` that the row is empty
                 left = False
                 for j in range(rows):
                     _sum_row(sums, j + r, r, widths[k], word, total)

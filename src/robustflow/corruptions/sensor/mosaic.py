@@ -24,7 +24,7 @@ KNEE = 0.9
 _PAD = 4
 """Padding in pixels: 2 for denoising and 2 for demosaicing; even, so that the Bayer pattern is preserved."""
 _RING = 8
-"""Number of rows of each step that are kept."""
+"""Number of rows kept in memory per step."""
 _WIDTH = 12.0
 """Squared difference at which a neighbour's weight reaches zero, in units of the noise variance of one pixel."""
 
@@ -37,7 +37,7 @@ _GREEN_AT_COLOUR = _eighths(4, 2, 2, 0, -1, -1)
 _OTHER_AT_COLOUR = _eighths(6, 0, 0, 2, -1.5, -1.5)
 _OWN_AT_GREEN = _eighths(5, 4, 0, -1, -1, 0.5)
 _OTHER_AT_GREEN = _eighths(5, 0, 4, -1, 0.5, -1)
-"""Weights of Malvar, He and Cutler for `_filter`; "own" is the colour that shares the row with the green pixels."""
+"""Weights of Malvar, He and Cutler for `_filter`; "own" is the colour in the same row as the green pixels."""
 
 
 def light_on_sensor(frame: Frame, camera: CameraColours) -> Light:
@@ -89,9 +89,9 @@ def _mosaic(frame: Any, light: Any, matrix: Any, gains: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _develop(raw: Any, shot: Any, read: Any, gains: Any, matrix: Any, shown: Any, out: Any) -> None:
-    """Develop a RAW image row by row; without denoising if `read` is zero.
+    """Develop a RAW image row by row; it is not denoised if `read` is zero.
 
-    The last rows of each step are kept in a ring, with even columns separated from odd ones: (row, parity, column).
+    The last rows of each step are kept in a ring buffer with separate even and odd columns: (row, parity, column).
     """
     height, width = raw.shape
     noisy = np.empty((_RING, 2, width // 2 + 1 + _PAD), np.float32)
@@ -112,7 +112,7 @@ def _develop(raw: Any, shot: Any, read: Any, gains: Any, matrix: Any, shown: Any
 
 @njit(cache=True, nogil=True)
 def _pad(row: Any, out: Any) -> None:
-    """Convert a row of a RAW image to light, separate its even and odd columns, and pad both."""
+    """Convert a row of a RAW image to light, separate the even and odd columns, and pad both."""
     black, scale, width = np.float32(BLACK), np.float32(1.0 / (WHITE - BLACK)), row.size
     for parity in range(2):
         target, first = out[parity, _PAD // 2 :], np.uint64(parity)
@@ -127,8 +127,9 @@ def _pad(row: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _denoise(noisy: Any, y: int, shot: Any, read: Any, out: Any) -> None:
-    """Denoise row `y` of the ring, except for the outermost columns; `shot` and `read` are in units of squared
-    difference.
+    """Denoise row `y` of the ring buffer, except for the outermost columns.
+
+    `shot` and `read` are in units of squared difference.
     """
     last = out.shape[1] - 1
     for parity in range(2):
@@ -157,11 +158,11 @@ def _denoise(noisy: Any, y: int, shot: Any, read: Any, out: Any) -> None:
 def _average_alike(
     here: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, shot: Any, read: Any, out: Any
 ) -> None:
-    """Compute the mean of pixels and their eight neighbours, weighted by similarity."""
+    """Compute the mean of each pixel and its eight neighbours, weighted by similarity."""
     for i in range(here.size):
         v = here[i]
         mean = (((a[i] + b[i]) + (c[i] + d[i])) + ((e[i] + f[i]) + (g[i] + h[i])) + v) * np.float32(1.0 / 9.0)
-        width = shot * max(mean, np.float32(0.0)) + read  # the weights are in units of its square
+        width = shot * max(mean, np.float32(0.0)) + read  # the weights are scaled by its square
         da, db, dc, dd, de, df, dg, dh = a[i] - v, b[i] - v, c[i] - v, d[i] - v, e[i] - v, f[i] - v, g[i] - v, h[i] - v
         wa, wb, wc, wd = _alike(da, width), _alike(db, width), _alike(dc, width), _alike(dd, width)
         we, wf, wg, wh = _alike(de, width), _alike(df, width), _alike(dg, width), _alike(dh, width)
@@ -171,14 +172,14 @@ def _average_alike(
 
 @njit(cache=True, nogil=True, inline="always")
 def _alike(difference: Any, width: Any) -> Any:
-    """Return the weight of a neighbour."""
+    """Return the weight for a difference between neighbours."""
     rest = max(width - difference * difference, np.float32(0.0))
     return rest * rest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _balance(row: Any, gain: Any) -> None:
-    """Invert a gain of `_mosaic`, in place."""
+    """Undo a gain applied by `_mosaic`, in place."""
     one, knee = np.float32(1.0), np.float32(KNEE)
     slope = np.float32(1.0 / (1.0 - KNEE))
     limit, inverse = gain * knee, one / gain
@@ -190,7 +191,7 @@ def _balance(row: Any, gain: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places: Any, out: Any) -> None:
-    """Interpolate the colours of row `y` of the ring, and convert them to bytes."""
+    """Interpolate the colours in row `y` of the ring buffer and convert them to bytes."""
     width = out.shape[0]
     levels, last = np.float32(shown.size), np.int32(shown.size - 1)
     for parity in range(2):
@@ -219,10 +220,10 @@ def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places
 
 @njit(cache=True, nogil=True)
 def _filter(linear: Any, y: int, parity: int, weights: Any, out: Any) -> None:
-    """Filter the pixels of row `y` in columns of one parity with 5x5 weights.
+    """Filter the pixels in row `y` and columns of one parity with 5x5 weights.
 
-    `weights` are those of the pixel, of its neighbours in the row and in the column, of its diagonal neighbours, and of
-    the pixels at distance two in the row and in the column.
+    `weights` has the weights of the pixel, its horizontal, vertical and diagonal neighbours, and the pixels at a
+    distance of two horizontally and vertically.
     """
     centre, along, across, diagonal, far_along, far_across = weights
     here, upper, lower = linear[y % _RING], linear[(y - 1) % _RING], linear[(y + 1) % _RING]

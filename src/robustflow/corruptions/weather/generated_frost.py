@@ -77,7 +77,8 @@ class GeneratedFrost(Frost):
 
 def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
     """Compute the shading of all crystals, float64 (H, W); each has six stems with branches at 60 degrees on both
-    sides."""
+    sides.
+    """
     count = style.crystals
     height, width = SHAPE
     y0, x0 = height * rng.uniforms(count), width * rng.uniforms(count)
@@ -106,7 +107,8 @@ def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
 
 def _directions(rng: Rng, count: int) -> npt.NDArray[np.float64]:
     """Return random unit vectors (x, y), float64 (count, 2), using only square roots, which are identical on every
-    machine."""
+    machine.
+    """
     across = np.stack([rng.uniforms(count) - 0.5, rng.uniforms(count) - 0.5], axis=1)
     across[:, 0] += np.where(across[:, 0] < 0, -0.01, 0.01)
     return across / np.sqrt(across[:, :1] * across[:, :1] + across[:, 1:] * across[:, 1:])

@@ -98,7 +98,8 @@ class Snow(Corruption):
 
 def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
     """Locate `long` points among `short` points that span the same range: (left index, weight of the right
-    neighbour)."""
+    neighbour).
+    """
     at = np.arange(long) * ((short - 1) / max(long - 1, 1))
     left = np.minimum(at.astype(np.int64), max(short - 2, 0))
     return left.astype(np.uint32), (at - left).astype(np.float32)

@@ -93,7 +93,8 @@ class Spatter(Corruption):
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
     """Compute the opacity of drops with bright rims, like the reference code, but in integers except for the last
-    step."""
+    step.
+    """
     near = mean_distance(chamfer_distance(cv2.Canny(liquid, 50, 150), limit=20))
     emboss = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]])
     relief = cv2.blur(cv2.filter2D(cv2.equalizeHist(near), cv2.CV_8U, emboss), (3, 3))
