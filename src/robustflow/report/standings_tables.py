@@ -46,7 +46,7 @@ def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = ""
         "contribution of the source to the standard error of the mean over all images and seeds. Severities are fixed "
         "by the protocol, not sampled."
     )
-    title = f"Where the {METRIC_LABELS[metric]} of {plain(name)} varies"
+    title = f"Sources of variance in the {METRIC_LABELS[metric]} of {plain(name)}"
     return Table(
         "variance", title, columns, (Section(METRIC_LABELS[metric], lines),), _remarks(about, remark), "Source"
     )
