@@ -90,8 +90,8 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
         key = model_key({line.name: styles[line] for line in drawn})
     figure.explain(key, looks.legend)
     figure.caption = (
-        "Corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with one point per model, Pearson's r and "
-        "Spearman's rho."
+        "Corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with one point per model, Pearson's r "
+        "and Spearman's rho."
     ) + (f" {WITH_INTERVALS}" if any(ends.values()) else "")
     return figure
 
