@@ -95,7 +95,7 @@ def warnings_of(record: dict[str, Any]) -> list[str]:
         ]
     if record["frames_lost"]:
         return [
-            f"{where}: {record['frames_lost']} of {record['frames']} frames were lost and repeat their predecessors"
+            f"{where}: {record['frames_lost']} of {record['frames']} frames were lost and replaced by the previous ones"
         ]
     return []
 

@@ -144,7 +144,7 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
     """
     window = len(ring)
     row, first_sums = ring[y % window], columns[0]
-    for i in range(row.size):  # slice assignment would add three seconds of compile time for its error messages
+    for i in range(row.size):  # slice assignment would take three seconds longer to compile
         first_sums[i] = row[i]
     for h in range(1, len(columns) - 1):
         _add_three(columns[h - 1], ring[(y - h) % window], ring[(y + h) % window], columns[h])
