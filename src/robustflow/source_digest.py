@@ -28,7 +28,7 @@ def source_digest(made: Any) -> str:
     If an object overrides `source` (see `Corruption`), the value of `source` is hashed instead of the attributes.
 
     Raises:
-        UsageError: the text of an attribute's value does not identify the value.
+        UsageError: an attribute's value has no text representation that identifies it.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)

@@ -53,7 +53,7 @@ def test_folder_of_folders(tmp_path: Path) -> None:
 
 def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
-    refused(tmp_path, "1 frame, but pairs at a step of 1 need 2 or more")
+    refused(tmp_path, "1 frame, but pairs with a step of 1 need 2 or more")
     picture(tmp_path / "b.png", height=9)
     refused(tmp_path, r"a\.png is 8x6, .*b\.png is 8x9")
     picture(tmp_path / "b.png")
@@ -209,7 +209,7 @@ def test_a_part_of_a_video(tmp_path: Path) -> None:
     for wrong in ("x", -1, "1:2:3:4", 2.5, True):
         with pytest.raises(UsageError, match="a frame number such as 120, or a time"):
             load_dataset("folder", path, start=wrong)
-    refused(path, "0 frames, but pairs at a step of 1 need 2 or more", start="9s")
+    refused(path, "0 frames, but pairs with a step of 1 need 2 or more", start="9s")
 
 
 def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:

@@ -286,7 +286,7 @@ def test_gopro(tmp_path: Path) -> None:
     assert len(load_dataset("gopro", tmp_path).keys()) == 8
     assert load_dataset("gopro", tmp_path, images="blur").files(f"{group}/000047")[0].parent.name == "blur"
     refused("gopro", tmp_path, r"no folder blur_gamma/", images="blur_gamma")
-    refused("gopro", tmp_path, "5 frames, but pairs at a step of 5 need 6 or more", step=5)
+    refused("gopro", tmp_path, "5 frames, but pairs with a step of 5 need 6 or more", step=5)
     shots[0].unlink()
     refused("gopro", tmp_path, r"with a stride of 1, the frame after 000047\.png is missing")
 

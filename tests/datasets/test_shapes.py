@@ -30,7 +30,7 @@ def scene(number):
 
 
 def row_times(which, readout, points):
-    """Times at which the rows of points are read out."""
+    """Times at which the rows that contain the points are read out."""
     return which + readout * ((points[:, 1] + 0.5) / SHAPE[0] - 0.5)
 
 

@@ -55,7 +55,7 @@ class Models:
         ]
 
     def check(self, name: str, checkpoint: str = "") -> None:
-        """Raise for an unknown name before anything is loaded or imported for it.
+        """Raise for an unknown name, before any model is imported or loaded.
 
         Raises:
             UsageError: the name is unknown, or a checkpoint was given for a model without weights.

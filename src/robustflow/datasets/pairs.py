@@ -158,7 +158,7 @@ def pairs_at_step(frames: Sequence[Path], step: int, where: Path) -> list[tuple[
 
 def too_few_frames(count: int, step: int, where: Path) -> DataError:
     """Return the error for a sequence without a single pair."""
-    return DataError(f"{where}: {counted(count, 'frame')}, but pairs at a step of {step} need {step + 1} or more")
+    return DataError(f"{where}: {counted(count, 'frame')}, but pairs with a step of {step} need {step + 1} or more")
 
 
 def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:

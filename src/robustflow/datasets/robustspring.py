@@ -111,7 +111,7 @@ class RobustSpring(Samples):
         return read_frames((self.files(key)[0], self._under(corruption, severity, clean)))[1]
 
     def _of(self, key: str) -> Condition:
-        """Return the clean pairs of a key's direction."""
+        """Return the clean pairs in the direction that a key names."""
         return self._condition_of.get(key, self._clean["FW"])  # raises the error for an unknown key
 
     def _under(self, corruption: str, severity: int, clean: Path) -> Path:

@@ -35,8 +35,8 @@ _DIGITS = 6
 
 
 def sample_set(run: Run) -> str:
-    """Return a name for what a run measured, independent of its model: the means of runs with the same name may be
-    compared.
+    """Return a name that identifies what a run measured, independent of its model: the means of runs with the same name
+    may be compared.
 
     The name depends on all parts of the identity that determine the frames, on every row with a pixel to measure (pair,
     corruption, severity, digests of frames and ground truth), and on the missing rows.
@@ -51,7 +51,8 @@ def sample_set(run: Run) -> str:
 
 
 def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence[Any] = ()) -> str:
-    """Return a name for measured cells: (sample, corruption, severity, digest of the frames, digest of the truth).
+    """Return a name that identifies measured cells: (sample, corruption, severity, digest of frames, digest of ground
+    truth).
 
     >>> sample_set_of("", [("a", "fog", 1, "00", None)]) == sample_set_of("", [("a", "fog", 1, "01", None)])
     False
@@ -141,7 +142,7 @@ class CommonRows:
 
 
 def common_to(runs: Mapping[str, Run]) -> CommonRows:
-    """Return the comparable rows of several runs, by name, with every difference in words.
+    """Return the comparable rows of several runs, by name, and a description of all differences.
 
     Raises:
         RunError: no rows may be compared; the message describes how the runs differ.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DISPLACEMENT = "displacement.json"
 GROUND_TRUTH = "ground truth"
-"""The source of a histogram of ground truth."""
+"""Value of `source` for a histogram of the ground truth."""
 _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 

@@ -203,7 +203,7 @@ def _refuse_contradictions(rows: pl.DataFrame, paths: list[Path], parts: list[pl
     key = dict(zip(ROW_KEY, twice.select(ROW_KEY).row(0), strict=True))
     files = [str(path) for path, part in zip(paths, parts, strict=True) if not part.filter(**key).is_empty()]
     raise RunError(
-        f"{' and '.join(files)} contain different rows of sample '{key['sample']}', {key['corruption']} severity "
+        f"{' and '.join(files)} contain different rows for sample '{key['sample']}', {key['corruption']} severity "
         f"{key['severity']}: the shards of two runs were mixed; delete the one that does not belong here"
     )
 
