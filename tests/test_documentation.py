@@ -178,7 +178,7 @@ def test_a_notebook_runs_and_shows_what_it_shows(notebook, tmp_path, monkeypatch
 
 
 def _value_of(source, names):
-    """Run a cell; returns the value of its last line if that is an expression."""
+    """Run a cell; return the value of its last line if that is an expression."""
     *before, last = ast.parse(source).body
     exec(compile(ast.Module(before, []), "cell", "exec"), names)
     if isinstance(last, ast.Expr):

@@ -1,4 +1,4 @@
-"""bench/gpu.py on the CPU: every section as far as a CPU can compute it, and the report of a failing section."""
+"""Run bench/gpu.py on the CPU: every section that a CPU can compute, and the report of a failing section."""
 
 from __future__ import annotations
 

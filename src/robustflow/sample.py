@@ -167,7 +167,7 @@ class Sample:
             if array is not None and array.shape[:2] != self.shape:
                 raise DataError(
                     f"sample '{self.key}': the {name} is {array.shape[1]}x{array.shape[0]}, "
-                    f"the frames are {self.shape[1]}x{self.shape[0]}"
+                    f"but the frames are {self.shape[1]}x{self.shape[0]}"
                 )
         if not self.group:
             object.__setattr__(self, "group", self.key)

@@ -51,8 +51,8 @@ def gallery(
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    For a clip, the page plays or steps through frames from --start, or from the middle of the clip. It includes H.264
-    compression and bit errors, which need more than two frames.
+    For a clip, the page plays or steps through frames from --start, or from the middle of the clip. The page then also
+    shows H.264 compression and bit errors, which need more than two frames.
 
     With --attacks and a model, attacks.webp shows the attacked frame, the perturbation, and the flow before and after.
 

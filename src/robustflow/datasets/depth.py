@@ -58,7 +58,7 @@ def check_size(values: npt.NDArray[Any], shape: tuple[int, int], what: str) -> N
     """Raise a DataError unless a map has the size of the frames."""
     if values.shape != shape:
         size = "x".join(map(str, values.shape[::-1]))
-        raise DataError(f"{what} is {size}, the frames are {shape[1]}x{shape[0]}; give a map of the same size")
+        raise DataError(f"{what} is {size}, but the frames are {shape[1]}x{shape[0]}; give a map of the same size")
 
 
 def depth_of(disparity: npt.NDArray[Any], scale: float) -> npt.NDArray[np.float64]:

@@ -28,7 +28,7 @@ from .pairs import PairDataset, PairFiles
 CLEAN = "clean"
 
 CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.dataset_name, ROBUSTSPRING.names)))
-"""RobustSpring's names of its corruptions; each has a single strength."""
+"""RobustSpring's names for its corruptions; each corruption has a single strength."""
 
 SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}
 """Number of frames of each test sequence."""

@@ -3,7 +3,7 @@ use.
 
 A hidden file in the folder contains, for each file, its digest and a digest of everything it depends on: the bytes of
 the shards, the manifest, the other files of the folder, and the code. If any of these differs, or the file was edited,
-it is made again. An unchanged run can be shown without decoding a row.
+it is regenerated. An unchanged run can be shown without decoding a row.
 """
 
 from __future__ import annotations
