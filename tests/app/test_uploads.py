@@ -81,8 +81,8 @@ def _claims(width: int, height: int) -> bytes:
     ("files", "says"),
     [
         ({"frame1": ("a.png", b"only text\n")}, "a.png: cannot be read as an image"),
-        ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: not a picture"),
-        ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: not a picture"),
+        ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: not an image"),
+        ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: not an image"),
         ({"frame1": ("a.png", _png(FRAME)[:-100])}, "a.png: "),
         ({"frame1": ("a.png", b"")}, "a.png: "),
         ({"frame1": ("a.png", _png(np.zeros((2161, 3840, 3), np.uint8)))}, "more than 8.3 megapixels"),

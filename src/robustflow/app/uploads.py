@@ -84,7 +84,7 @@ def source_of(form: FormData, folder: Path) -> PairSource:
 def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     paths = []
     for field in ("frame1", "frame2"):
-        path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "a picture")
+        path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "an image")
         height, width = stored_size(path)
         if height * width > MAX_PIXELS:
             raise DataError(f"{path}: {width}x{height} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")

@@ -12,7 +12,7 @@ from .base import Benchmark
 from .facts import BenchmarkFacts
 
 DEMO_CLASSES = {"frost": GeneratedFrost}
-"""The corruptions that need a replacement on the demo pair to avoid a download."""
+"""Corruptions that are replaced on the demo pair to avoid a download."""
 
 
 class Demo:
