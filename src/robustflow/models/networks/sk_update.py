@@ -24,8 +24,7 @@ class Depthwise(nn.Conv2d):
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, channels, H, W) to the same shape."""
         if self.kernel_size == (1, 1):
-            # An equivalent formulation: in torch, the depthwise convolution would take a third of the network's run
-            # time.
+            # Equivalent to a depthwise convolution, which would take a third of the network's run time in torch.
             return x * self.weight.view(-1, 1, 1) + self.bias.view(-1, 1, 1)
         return super().forward(x)
 

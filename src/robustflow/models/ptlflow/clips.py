@@ -71,7 +71,7 @@ def ptlflow_clip_model(
     sha256: str | None = None,
     execution: Execution,
 ) -> TorchClipModel:
-    """Build a multi-frame ptlflow model, which keeps no state between clips.
+    """Build a multi-frame ptlflow model, which does not keep state between clips.
 
     Args:
         name: name of the model.

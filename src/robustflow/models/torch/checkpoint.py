@@ -102,7 +102,7 @@ def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
 
 def _check_archive(path: Path, file: BinaryIO) -> None:
     if file.read(2) != b"PK":
-        return  # before PyTorch 1.6; for this format, torch compares declared sizes and file size while reading
+        return  # the format before PyTorch 1.6, for which torch itself checks the declared sizes
     size = file.seek(0, 2)
     try:
         with zipfile.ZipFile(file) as archive:
