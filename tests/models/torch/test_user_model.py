@@ -157,7 +157,8 @@ def test_a_network_of_torchvision_needs_no_declaration():
 def test_the_order_of_a_trained_network_is_found_and_reported():
     net = trained_matcher()
     with pytest.warns(
-        ConventionWarning, match=r"Matcher: the model does not declare .*; scaling=-1-1, order=bgr, layout=pair is used"
+        ConventionWarning,
+        match=r"Matcher: the model does not declare .*; scaling=-1-1, order=bgr, layout=pair, output=-1 is used",
     ):
         model = rf.TorchModel(net, scaling="-1-1", device="cpu")
     assert model.identity()["input"]["order"] == "bgr"
