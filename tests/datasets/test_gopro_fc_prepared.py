@@ -86,7 +86,7 @@ def test_a_record_of_a_variant_with_a_flipped_bit_is_refused(prepared, tmp_path)
     dataset.corrupted("scene/000032", "h264_crf", 1)
     (path,) = (tmp_path / ".records").iterdir()
     path.write_bytes(path.read_bytes().replace(b'"frames_lost": 0', b'"frames_lost": 1'))
-    with pytest.raises(DataError, match=r"\.json is damaged; delete it and the folder .*: both will be recreated"):
+    with pytest.raises(DataError, match=r"\.json is damaged; delete it and the folder .*; both will be recreated"):
         dataset.clip_records()
 
 

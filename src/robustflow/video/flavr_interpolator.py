@@ -13,7 +13,7 @@ from ..errors import UsageError
 from ..sample import Frame
 
 MULTIPLE = 8
-"""Height and width must be multiples of this number; other sizes are padded by repeating the border and cropped
+"""Height and width must be multiples of this number; other sizes are padded by repeating the border, and cropped
 again.
 """
 
