@@ -258,7 +258,7 @@ def test_checkpoints_by_name(library, tmp_path, monkeypatch):
     with pytest.raises(ModelError, match=r"no file /nowhere/raft\.pth"):
         load_model("raft", checkpoint="/nowhere/raft.pth")
     torch.save(adapter("raft").net.model.state_dict(), place)
-    with pytest.raises(ModelError, match="expected 802bbcfd"):
+    with pytest.raises(ModelError, match="instead of 802bbcfd"):
         load_model("raft", checkpoint="things")
     digits = hashlib.sha256(place.read_bytes()).hexdigest()[:8]
     place.rename(place.with_name(f"mine-{digits}.ckpt"))
