@@ -135,5 +135,5 @@ def test_a_prediction_is_timed():
     assert measured.seconds > 0
     assert measured.peak_bytes > 2**20
     assert measured.device == "cpu"
-    with pytest.raises(UsageError, match="0 repetitions"):
+    with pytest.raises(UsageError, match="repetitions must be at least 1, not 0"):
         measure_prediction(model, 64, 64, repeat=0)
