@@ -337,8 +337,11 @@ class _Corrupted:
 
 
 def attacks(bench: Bench) -> None:
-    """Run PGD and PCFA on RAFT at KITTI's frame size; report seconds and the number of flow computations."""
+    """Run PGD and PCFA on RAFT at KITTI's frame size, and PGD on a batch; report seconds and numbers of flows."""
     import robustflow as rf
+    from robustflow.attacks import load_attack
+    from robustflow.attacks.api import attack_pairs
+    from robustflow.attacks.problem import Pair
 
     ((first, second),) = bench.frames()
     small = {"pgd": {"steps": 2}, "pcfa": {"steps": 1}} if bench.quick else {"pgd": {}, "pcfa": {}}
@@ -350,6 +353,18 @@ def attacks(bench: Bench) -> None:
             figures["flows"] = attacked.evaluations
             figures["ms a flow"] = round(1e3 * figures["s"] / attacked.evaluations, 1)
             bench.add(name, figures, None)
+    with bench.row("pgd in a batch"):
+        model, attack = (
+            _network("raft_small" if bench.quick else "raft", bench.device),
+            load_attack("pgd", **small["pgd"]),
+        )
+        clean = model.predict(first, second)
+        pairs = [(Pair((first, second), attack.budget(3), key=str(number), severity=3), clean) for number in range(4)]
+        with _watched(bench.device) as figures:
+            attacked = attack_pairs(attack, model, pairs)
+        figures["flows"] = sum(one.evaluations for one in attacked)
+        figures["ms a flow"] = round(1e3 * figures["s"] / figures["flows"], 1)
+        bench.add("pgd in a batch of 4", figures, None)
 
 
 SECTIONS: dict[str, tuple[Callable[[Bench], None], int]] = {
