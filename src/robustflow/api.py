@@ -175,7 +175,7 @@ def evaluate(
             `timeout` by default.
         address: address of the Ray cluster: "auto", "host:port" or "ray://host:port"; None starts a local cluster.
         timeout: time limit for a single prediction or batch, in seconds.
-        allow_invalid: True to leave out and count predicted pixels that are NaN or infinite instead of failing.
+        allow_invalid: True to omit and count predicted pixels that are NaN or infinite instead of failing.
         confidence: the source of confidence estimates to evaluate (docs/confidence.md): "forward-backward" consistency,
             which needs one more prediction per cell, or the "model" itself (`predict_with_confidence`).
         draws: number of random draws of each corruption, with `seed` and the seeds that follow it. With 2 or more, rows

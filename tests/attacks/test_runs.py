@@ -107,7 +107,7 @@ def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
 
     engine = choose_engine(None, None, None, None, named, attacks=True)
     assert engine.describe([]) == "serial (attacks need the model in this process)"
-    with pytest.raises(UsageError, match="leave out --engine, --workers and --timeout"):
+    with pytest.raises(UsageError, match="omit --engine, --workers and --timeout"):
         choose_engine("processes", None, None, None, named, attacks=True)
 
 

@@ -213,7 +213,7 @@ def test_a_model_of_both_kinds_gets_clips_where_there_are_some(clip_folder, tmp_
 
 
 def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path, models_on_path):
-    with pytest.raises(UsageError, match="one clip at a time; leave out --batch-size"):
+    with pytest.raises(UsageError, match="one clip at a time; omit --batch-size"):
         run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="cannot predict in tiles"):
         load_model(MODEL, tile="64x64")

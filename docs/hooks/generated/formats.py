@@ -122,7 +122,7 @@ def _manifest() -> str:
     parts = [
         "# manifest.json",
         "What ran. A record holds it as below; a run's folder also has the command line and the machine's name and "
-        "system, which `robustflow pack` leaves out.",
+        "system, which `robustflow pack` omits.",
     ]
     for model in (contents.Manifest, *_used_by(contents.Manifest)):
         parts += _model(model)

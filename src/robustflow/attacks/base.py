@@ -219,7 +219,7 @@ class Attack(ABC):
             if self.reference == "truth":
                 raise UsageError(
                     f"attack {self.name} moves the flow away from the ground truth, and there is none; give the flow, "
-                    "or leave out reference=truth"
+                    "or omit reference=truth"
                 )
             return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
         if self.masked:

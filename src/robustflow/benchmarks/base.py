@@ -70,7 +70,7 @@ class Benchmark:
         wanting = next((name for name in self.corruptions if needs_depth(name)), None)
         if wanting is None:
             if self.own_depth is not None:
-                raise UsageError("none of the corruptions needs depth: choose one that does, or leave out --depth")
+                raise UsageError("none of the corruptions needs depth: choose one that does, or omit --depth")
             return None
         if self.depths is None:
             raise no_depth(wanting, self.dataset.name)

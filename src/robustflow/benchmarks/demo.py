@@ -32,6 +32,6 @@ class Demo:
     def open(data: Path | None, split: Path | None) -> Benchmark:
         """See `Definition.open`."""
         if data is not None or split is not None:
-            raise UsageError("the demo benchmark has its own pair: leave out --split, or give --data and --benchmark")
+            raise UsageError("the demo benchmark has its own pair: omit --split, or give --data and --benchmark")
         dataset = load_dataset("motorcycle", None)
         return Benchmark("demo", dataset, tuple(dataset.keys()), IMAGE_PAIR, classes=DEMO_CLASSES, facts=Demo.facts)

@@ -46,7 +46,7 @@ class GoProFC:
         if data is None:
             raise UsageError(f"gopro-fc needs data: give --data PATH ({GoProFC.facts.data})")
         if split is not None:
-            raise UsageError("gopro-fc has no split: leave out --split")
+            raise UsageError("gopro-fc has no split: omit --split")
         if data.is_file():
             return _prepared(GoProFCPrepared(prepare_video(data)))
         if is_prepared(data):

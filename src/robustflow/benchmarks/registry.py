@@ -92,14 +92,14 @@ def _loaded(name: str, data: str | Path | None, split: str | Path | None, option
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
-            raise UsageError(f"{data} is a custom dataset; leave out --benchmark, or give the folder of {name}")
+            raise UsageError(f"{data} is a custom dataset; omit --benchmark, or give the folder of {name}")
         return own_dataset_benchmark(str(data), chosen, options, reserved)
     root = user_path(data) if data is not None else None
     if name == DEFAULT and root is not None:
         name = _benchmark_of(root)
     if is_target(name):
         if options:
-            raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
+            raise UsageError(f"the benchmark {name} has no data options; omit {', '.join(options)}")
         return own_benchmark(name, root, chosen, reserved)
     try:
         return _opened(name, root, chosen, options, reserved)
@@ -135,7 +135,7 @@ def _opened(
             return from_dataset(name, root, split, options)
         raise unknown_name("benchmark", name, reserved)
     if options:
-        raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
+        raise UsageError(f"the benchmark {name} has no data options; omit {', '.join(options)}")
     return BENCHMARKS.get(name).open(root, split)
 
 

@@ -72,13 +72,11 @@ def gallery(
     if clip is None and not (start is None and stop is None and length is None):
         raise UsageError("--start, --stop and --length require --clip")
     if clip is not None and model is not None:
-        raise UsageError("--model draws the flow of two frames; leave out --clip, or use `robustflow predict`")
+        raise UsageError("--model draws the flow of two frames; omit --clip, or use `robustflow predict`")
     if attacks is not None and model is None:
         raise UsageError("--attacks needs a model: give it with --model")
     if still and (model is None or attacks is not None):
-        raise UsageError(
-            "--still shows a model's phantom motion under corruptions: give --model, and leave out --attacks"
-        )
+        raise UsageError("--still shows a model's phantom motion under corruptions: give --model, and omit --attacks")
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)

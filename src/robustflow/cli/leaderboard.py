@@ -81,7 +81,7 @@ def leaderboard(
     sources = [path for source in sources or [] for path in (collected(source) if is_collection(source) else [source])]
     output = output or Path("leaderboard")
     if not sources and not published:
-        raise UsageError("nothing to show: give a run's folder or a results file, or leave out --no-published")
+        raise UsageError("nothing to show: give a run's folder or a results file, or omit --no-published")
     if only_own and not sources:
         raise UsageError("--only-own needs a source: give a run's folder or a results file")
     files = [path for path in sources if path.suffix.lower() == ".csv"]

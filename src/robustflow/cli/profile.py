@@ -60,10 +60,10 @@ def profile(
     require("torch", "profiling")
     if paper and into is not None:
         raise UsageError(
-            "--paper profiles many models, but --into stores the cost of a single one; leave out one of the options"
+            "--paper profiles many models, but --into stores the cost of a single one; omit one of the options"
         )
     if paper and models:
-        raise UsageError("--paper profiles the paper's models; leave out the model")
+        raise UsageError("--paper profiles the paper's models; omit the model")
     if paper:
         _print_paper()
         return

@@ -78,10 +78,10 @@ def report(
         raise UsageError("--only-own needs a run: give its folder or record")
     row_alone = names(table) == [ROW]
     if ROW in (names(table) or ()) and not (row_alone and format in ("terminal", "latex")):
-        raise UsageError(f"--table {ROW} prints a line of LaTeX per run: leave out other tables and formats")
+        raise UsageError(f"--table {ROW} prints a line of LaTeX per run: omit other tables and formats")
     stored = [path for path in runs or [] if path.suffix.lower() == ".json"]
     if stored and (format == PAGE or table is not None):
-        raise UsageError("FlowBench's files provide only a table of attacks; leave out --table and --format page")
+        raise UsageError("FlowBench's files provide only a table of attacks; omit --table and --format page")
     loaded = [load_any_run(run) for run in with_runs_inside([path for path in runs or [] if path not in stored])]
     if format == PAGE:
         text = _page(loaded, published, only_own, table)
@@ -106,5 +106,5 @@ def _page(runs: "list[Run]", published: bool, only_own: bool, table: str | None)
     from ..report.site import render_site, whole_content
 
     if table is not None:
-        raise UsageError("a page always has all tables; leave out --table, or choose another --format")
+        raise UsageError("a page always has all tables; omit --table, or choose another --format")
     return render_site(whole_content(runs, published=published, only_own=only_own))

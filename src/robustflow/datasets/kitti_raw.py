@@ -27,7 +27,7 @@ class KittiRaw(PairDataset):
 
     Args:
         camera: camera to read: "left", "right" or "both".
-        drives: "apart" to leave out the known drives of KITTI 2015's and 2012's training pairs, or "all" to keep them.
+        drives: "apart" to omit the known drives of KITTI 2015's and 2012's training pairs, or "all" to keep them.
         listing: path of a text file that lists the pairs, two frame names per line, relative to the root. ARFlow's
             authors publish such a list.
 

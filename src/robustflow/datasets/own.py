@@ -32,7 +32,7 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     if inspect.isclass(made) or inspect.isroutine(made):
         made = _opened(target, made, options)
     elif options:
-        raise UsageError(f"{target} is a dataset object, which does not accept options; leave out {', '.join(options)}")
+        raise UsageError(f"{target} is a dataset object, which does not accept options; omit {', '.join(options)}")
     check_members(made, target)
     return made
 

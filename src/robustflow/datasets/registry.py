@@ -64,7 +64,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     if takes_root and root is None:
         raise UsageError(f"dataset '{name}' is read from a folder: give it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
-        raise UsageError(f"dataset '{name}' needs no folder; leave out --data (root=... in Python)")
+        raise UsageError(f"dataset '{name}' needs no folder; omit --data (root=... in Python)")
     for option in options:
         if option == "root" or option not in parameters:
             raise unknown_name(f"option of dataset '{name}'", option, [p for p in parameters if p != "root"])

@@ -102,7 +102,7 @@ class Reader:
         self._check_extent()
         if self.plan.shareable().record() != content:
             raise DataError(
-                "manifest.json has fields that a record must leave out (environment.command, places, the version of "
+                "manifest.json has fields that a record must omit (environment.command, places, the version of "
                 "the operating system, fields with their default values); pack the run again"
             )
         measuring, digest = self.plan.identity.measuring, self.plan.identity_digest

@@ -103,7 +103,7 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
     """
     names = benchmark.attacks
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
-        raise UsageError("attacks require a two-frame model; leave out --attacks")
+        raise UsageError("attacks require a two-frame model; omit --attacks")
     attacks = attacks_in_run(names, variant)
     if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
         raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run support it")

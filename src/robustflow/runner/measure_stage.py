@@ -125,6 +125,6 @@ def _spread(answer: Answer, clean_flow: Flow, cell: Cell) -> dict[str, Any]:
     if not np.isfinite(spread[usable]).all():
         raise ModelError(
             f"the model returned pixels that are NaN or infinite on {describe_cell(*cell)}, in an additional draw; fix "
-            "the model, or leave out --seeds"
+            "the model, or omit --seeds"
         )
     return {"spread_sum": error_sum(spread, usable).total}

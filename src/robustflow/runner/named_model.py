@@ -41,10 +41,10 @@ class NamedModel:
         if size < 1:
             raise UsageError(f"the batch size must be at least 1; got {size}")
         if size > 1 and isinstance(self.model, ClipModel):
-            raise UsageError("a multi-frame model predicts one clip at a time; leave out --batch-size")
+            raise UsageError("a multi-frame model predicts one clip at a time; omit --batch-size")
         if size > 1 and not isinstance(self.model, BatchedFlowModel):
             raise UsageError(
-                "this model predicts one pair at a time (it has no method predict_batch); leave out --batch-size"
+                "this model predicts one pair at a time (it has no method predict_batch); omit --batch-size"
             )
 
 

@@ -82,12 +82,12 @@ def set_up(
             load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
         raise UsageError(
-            "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
+            "these frames were corrupted beforehand, at the paper's severities; omit --severity-scale, "
             "or use the uncorrupted data"
         )
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
-        raise UsageError("flow files cannot be used with --still; leave out --still, or choose a model that predicts")
+        raise UsageError("flow files cannot be used with --still; omit --still, or choose a model that predicts")
     check_confidence(confidence, named.model)
     _check_draws(draws, benchmark, confidence)
     attack_sources = check_attacks(benchmark, seed, variant, named.model)
@@ -132,9 +132,9 @@ def _check_draws(draws: int, benchmark: Benchmark, confidence: str | None) -> No
     if type(draws) is not int or draws < 1:
         raise UsageError(f"the number of draws must be at least 1; got {draws}")
     if draws > 1 and benchmark.closed:
-        raise UsageError("these frames were corrupted beforehand, with one draw; leave out --seeds")
+        raise UsageError("these frames were corrupted beforehand, with one draw; omit --seeds")
     if draws > 1 and confidence is not None:
-        raise UsageError("a run measures either a confidence or the spread over seeds; leave out one of the two")
+        raise UsageError("a run measures either a confidence or the spread over seeds; omit one of the two")
 
 
 def restore_setup(run: Run, source: RunSource) -> Setup:

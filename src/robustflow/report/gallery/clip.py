@@ -105,7 +105,7 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
                     f"'{name}' cannot be shown: corruptions of entire clips cannot be stacked in the gallery"
                 )
             if scale != "paper" and set(parts) & set(CLIP):
-                raise UsageError(f"{name} has no {scale} severities; leave out --severity-scale")
+                raise UsageError(f"{name} has no {scale} severities; omit --severity-scale")
         return list(names), []
     if scale != "paper":
         return list(IMAGE_PAIR), [f"{', '.join(CLIP)} are left out: they do not have {scale} severities."]

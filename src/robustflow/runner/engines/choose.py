@@ -64,12 +64,12 @@ def choose_engine(
         raise UsageError(f"the timeout must be positive; got {timeout:g} s")
     devices = devices_of(model.spec, model.model)
     if address is not None and name != "ray":
-        raise UsageError("--address applies only to the ray engine; add --engine ray, or leave out --address")
+        raise UsageError("--address applies only to the ray engine; add --engine ray, or omit --address")
     if devices and attacks and name in (None, "processes"):
         if name == "processes" or workers is not None or timeout is not None:
             raise UsageError(
-                "attacks on an accelerator run in this process; leave out --engine, --workers and --timeout, "
-                "or leave out --attacks"
+                "attacks on an accelerator run in this process; omit --engine, --workers and --timeout, "
+                "or omit --attacks"
             )
         return _serial(" (attacks need the model in this process)")
     why = ""

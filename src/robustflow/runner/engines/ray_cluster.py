@@ -65,8 +65,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     if ray.is_initialized():
         if address not in (None, "auto"):
             raise UsageError(
-                "this process is already connected to a Ray cluster: leave out the address, or call ray.shutdown() "
-                "first"
+                "this process is already connected to a Ray cluster: omit the address, or call ray.shutdown() first"
             )
         yield ray
         return
