@@ -73,7 +73,7 @@ def test_plan_has_the_standard_error_of_the_difference_of_the_pairs():
 
 def test_plan_without_a_variance_says_so():
     one = rows_of(np.ones(1), np.ones((1, 3)), np.ones((1, 3)))
-    with pytest.raises(RunError, match="1 pair from only one sequence in common"):
+    with pytest.raises(RunError, match="share 1 pair, all from one sequence"):
         plan_pairs({"a": one, "b": one}, 0.1)
     for wrong in (
         {"effect": 0.0},

@@ -15,7 +15,8 @@ _MOMENTUM = 0.75
 _IMPROVED = 0.75
 """The step is halved if a smaller share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
-"""Fractions of all steps: before the first check, by which the interval between checks shrinks, and its minimum."""
+"""Interval before the first check, decrease of the interval after each check, and minimum interval, as fractions of the
+number of steps."""
 
 
 @dataclass(frozen=True, kw_only=True)

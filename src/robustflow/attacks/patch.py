@@ -56,7 +56,7 @@ class Patch(Trained):
         return paste(problem, stripes(problem), disc) if pattern is None else paste(problem, pattern, disc.turned())
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """See `Trained.first`: at random, in the size of the largest frame's disc."""
+        """See `Trained.first`: a random pattern as large as the largest disc."""
         size = max(diameter(problem) for problem in problems)
         return rng.uniforms(3 * size * size).astype(np.float32).reshape(3, size, size)
 

@@ -138,8 +138,8 @@ def plan_pairs(
         count = len(first.clusters)
         if count < 2:
             raise RunError(
-                f"{names[0]} and {names[1]} have {counted(first.images, 'pair')} from only one sequence in common, so "
-                "there is no variance between sequences: run both on pairs from at least two sequences"
+                f"{names[0]} and {names[1]} share {counted(first.images, 'pair')}, all from one sequence, so the "
+                "variance between sequences cannot be estimated: run both on pairs from at least two sequences"
             )
         for metric in PLANNED_METRICS:
             if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):

@@ -30,7 +30,7 @@ def run_facts(run: Run) -> Facts:
         ("Setting", run.setting),
         ("Trained on", _trained_on(run.setting, provenance.trained_on)),
         ("Evidence for the training data", provenance.basis),
-        ("Note on the training", provenance.note),
+        ("Note on training", provenance.note),
         ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
         ("Samples", str(len(manifest.samples))),
         ("Difference from the paper" if published else "Measured on", comparison_note(run)),

@@ -92,10 +92,10 @@ class Batch:
 
 @dataclass(frozen=True)
 class Share:
-    """The pairs of each batch that a process computes: every process has the same number of consecutive pairs.
+    """The share of each batch that one process computes; all processes have the same number of consecutive pairs.
 
     Attributes:
-        batch: number of pairs of a step over all processes, a multiple of `world`.
+        batch: number of pairs per step across all processes, a multiple of `world`.
         rank: rank of this process.
         world: number of processes.
     """
