@@ -11,6 +11,7 @@ from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Camera, DepthMap, Frame, SceneDepth
 from ..base import DepthCorruption
+from ..kernels.packed_colours import EIGHTHS, FRACTION, between, divide, mean, pack, reciprocals, until
 from .camera_path import Motion, motion_of
 
 _DRAWN = 0.03
@@ -20,14 +21,19 @@ _EVERY = 16
 """Stride in pixels for estimating the median depth."""
 _MOST = 40
 """Maximum number of views; on longer paths, the views are more than one pixel apart."""
-_FEW, _EIGHTHS = 6, 8
-"""Maximum number of views for which colours are interpolated between pixels, and the number of steps per pixel."""
-_BITS = 16
-_ROUND = 1 << (_BITS - 4)
+_FEW = 6
+"""Maximum number of views for which colours are interpolated between pixels."""
 _FARTHEST = 2.0**14
-"""Fractional bits of fixed-point positions, rounding offset for 1/8 px, and maximum displacement in pixels."""
+"""Maximum displacement in pixels."""
 _NEAREST = np.float32(1e-6)
 """Smallest depth in metres; closer points are treated as if they were at this depth."""
+_FINE, _COARSE = 6, 3
+"""Fractional bits of the ends of a horizontal path: short ones, and longer ones."""
+_SHORT, _LONG = 60 << FRACTION, 500 << FRACTION
+"""Path lengths in fixed point below which the ends are fine, and below which a sum along the path fits in a word."""
+_CELL_BITS = 2
+_CELL = 1 << _CELL_BITS
+"""Side of the cells, in pixels, in which a path is searched for nearer surfaces."""
 _TILE = 16
 """Tile size in pixels; the nearest surface is stored per tile."""
 _SAME = np.float32(0.9)
@@ -58,8 +64,9 @@ class MotionBlur3d(DepthCorruption):
 
     The number of views is the path length in pixels plus one, at most 40. In each view, a pixel shows either the
     nearest surface that moves over it or its own surface; the colour is looked up in the frame (interpolated if the
-    path is short). Where the uncovered background is not visible in the frame, the mean of the pixel's known views is
-    used or, if there are none, the pixel's own colour. Outside the image, edge pixels are repeated.
+    path is short). Where no nearer surface is close to a horizontal path, its exact integral replaces the views. Where
+    the uncovered background is not visible in the frame, the mean of the pixel's known views is used or, if there are
+    none, the pixel's own colour. Outside the image, edge pixels are repeated.
     """
 
     name = "motion_blur_3d"
@@ -99,15 +106,6 @@ def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
     scale = float(ordered[ordered.size // 2]) * _DRAWN * width / float(np.sqrt(squared))
     along, down = depth.camera.focal
     return Motion(np.eye(3), np.array([scale * x / along, scale * y / down, scale * z * 4.0 / width]))
-
-
-@njit(cache=True, nogil=True)
-def _pack(frame: Any, out: Any) -> None:
-    """Pack three channels into one 64-bit integer, in which sums of up to 4096 values per channel do not overflow."""
-    pixels = frame.reshape(-1)
-    for i in range(out.size):
-        red, green, blue = np.uint64(pixels[3 * i]), np.uint64(pixels[3 * i + 1]), np.uint64(pixels[3 * i + 2])
-        out[i] = red | (green << np.uint64(20)) | (blue << np.uint64(40))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -171,7 +169,7 @@ def _row_of_paths(
     b0, b1, b2 = f(turn[1, 1] * py + turn[1, 2]), f(turn[1, 0]), f(translation[1])
     c0, c1, c2 = f(turn[2, 1] * py + turn[2, 2]), f(turn[2, 0]), f(translation[2])
     across, down, counts = out[0], out[1], out[2]
-    wide, high, row, scale, most = f(share * lens[0]), f(share * lens[1]), f(py), f(1 << _BITS), f(_MOST - 1)
+    wide, high, row, scale, most = f(share * lens[0]), f(share * lens[1]), f(py), f(1 << FRACTION), f(_MOST - 1)
     far = f(_FARTHEST)
     for x in range(inverse.size):
         c = c1 * px[x] + c0 + c2 * inverse[x]
@@ -186,84 +184,120 @@ def _row_of_paths(
 @njit(cache=True, nogil=True, inline="always")
 def _place(x: Any, y: Any, width: int, height: int) -> Any:
     """Return the index of the pixel at fixed-point coordinates, clamped to the image."""
-    return min(max(y >> _BITS, 0), height - 1) * width + min(max(x >> _BITS, 0), width - 1)
+    return min(max(y >> FRACTION, 0), height - 1) * width + min(max(x >> FRACTION, 0), width - 1)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _fixed(value: Any) -> Any:
     """Convert a distance in pixels to fixed point."""
-    return np.int64(np.rint(min(max(value, -_FARTHEST), _FARTHEST) * (1 << _BITS)))
+    return np.int64(np.rint(min(max(value, -_FARTHEST), _FARTHEST) * (1 << FRACTION)))
+
+
+@njit(cache=True, nogil=True)
+def _cells(inverse: Any, out: Any) -> None:
+    """Compute the largest inverse depth in each cell and its eight neighbours."""
+    height, width = inverse.shape
+    largest = np.zeros(out.shape, np.float32)
+    for y in range(height):
+        row, line = inverse[y], largest[y // _CELL]
+        for i in range(line.size):
+            for x in range(i * _CELL, min((i + 1) * _CELL, width)):
+                line[i] = max(line[i], row[x])
+    rows, columns = out.shape
+    for j in range(rows):
+        above, here, below = largest[max(j - 1, 0)], largest[j], largest[min(j + 1, rows - 1)]
+        for i in range(columns):
+            left, right = max(i - 1, 0), min(i + 1, columns - 1)
+            first, last = (
+                max(above[left], max(here[left], below[left])),
+                max(above[right], max(here[right], below[right])),
+            )
+            out[j, i] = max(max(first, last), max(above[i], max(here[i], below[i])))
+
+
+@njit(cache=True, nogil=True)
+def _is_clear(cells: Any, limit: Any, x: Any, y: Any, dx: Any, dy: Any) -> Any:
+    """Return whether no inverse depth within `_CELL` pixels of the path (dx, dy) centred on (x, y) exceeds `limit`."""
+    height, width = cells.shape
+    flat = cells.reshape(-1)
+    count = (max(abs(dx), abs(dy)) >> (FRACTION + _CELL_BITS + 1)) + 1  # steps of less than two cells
+    part = 1.0 / np.float64(count)
+    sx, sy = np.int64(np.float64(dx) * part), np.int64(np.float64(dy) * part)
+    x, y = x - (dx >> 1), y - (dy >> 1)
+    for _ in range(count + 1):
+        if flat[np.uint64(_place(x >> _CELL_BITS, y >> _CELL_BITS, width, height))] > limit:
+            return False
+        x, y = x + sx, y + sy
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _nearer(
+    depths: Any, limit: Any, width: int, height: int, x: Any, y: Any, dx: Any, dy: Any, count: int, found: Any
+) -> Any:
+    """Write the indices of the steps (dx, dy) from (x, y) whose inverse depth exceeds `limit`; return their number."""
+    size, ex, ey = 0, x + (count - 1) * dx, y + (count - 1) * dy
+    if min(x, ex) >= 0 and max(x, ex) >> FRACTION < width and min(y, ey) >= 0 and max(y, ey) >> FRACTION < height:
+        for k in range(count):
+            found[np.uint64(size)] = k
+            size += int(depths[np.uint64((y >> FRACTION) * width + (x >> FRACTION))] > limit)
+            x, y = x + dx, y + dy
+    else:
+        for k in range(count):
+            found[np.uint64(size)] = k
+            size += int(depths[np.uint64(_place(x, y, width, height))] > limit)
+            x, y = x + dx, y + dy
+    return size
 
 
 @njit(cache=True, nogil=True)
 def _shown(
-    packed: Any, depths: Any, width: int, height: int, x: int, y: int, path: Any, near: Any, count: int, nearest: Any
+    packed: Any,
+    depths: Any,
+    width: int,
+    height: int,
+    x: int,
+    y: int,
+    path: Any,
+    near: Any,
+    count: int,
+    nearest: Any,
+    found: Any,
 ) -> Any:
     """Return the sum and number of a pixel's views of a nearer surface, followed by those of its own surface.
 
-    `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface.
+    `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface;
+    `found` is memory for `count` numbers.
     """
     own = depths[y * width + x]
-    limit = own / _SAME
-    front, back = np.uint64(0), np.uint64(0)
-    fronts = backs = 0
-    half = np.int64(1 << (_BITS - 1))
-    cx, cy = (np.int64(x) << _BITS) + half, (np.int64(y) << _BITS) + half
+    limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)
+    front, back, covered = np.uint64(0), np.uint64(0), np.uint64(0)
+    fronts, backs, last = np.uint64(0), np.uint64(0), count - 1
+    half = np.int64(1 << (FRACTION - 1))
+    cx, cy = (np.int64(x) << FRACTION) + half, (np.int64(y) << FRACTION) + half
+    nx, ny = cx - ((last * near[0]) >> 1), cy - ((last * near[1]) >> 1)
+    for i in range(_nearer(depths, limit, width, height, nx, ny, near[0], near[1], count, found)):
+        view = np.int64(found[i])
+        depth = depths[np.uint64(_place(nx + view * near[0], ny + view * near[1], width, height))]
+        # the origin of a surface between the two is between theirs
+        more = 1.0 if depth >= solid else np.float64(depth - own) * gain
+        sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
+        sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)
+        part = last - 2 * view  # in steps of half a view
+        at = np.uint64(_place(cx - ((part * sx) >> 1), cy - ((part * sy) >> 1), width, height))
+        seen = np.uint64(depths[at] > limit) & np.uint64(depths[at] >= _SAME * min(depth, solid))
+        front += packed[at] * seen
+        fronts += seen
+        covered |= seen << np.uint64(view)
+    px, py = cx - ((last * path[0]) >> 1), cy - ((last * path[1]) >> 1)
     for k in range(count):
-        part = count - 1 - 2 * k  # in steps of half a view, from the last to the first
-        at = _place(cx - ((part * near[0]) >> 1), cy - ((part * near[1]) >> 1), width, height)
-        found = depths[at]
-        if limit < found < _SAME * nearest:  # a surface between the two: follow its own path
-            more = (found - own) / (nearest - own)
-            sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
-            sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)
-            at = _place(cx - ((part * sx) >> 1), cy - ((part * sy) >> 1), width, height)
-            found = depths[at] if depths[at] >= _SAME * found else own
-        if found > limit:
-            front += packed[at]
-            fronts += 1
-            continue
-        at = _place(cx - ((part * path[0]) >> 1), cy - ((part * path[1]) >> 1), width, height)
-        if depths[at] <= limit:
-            back += packed[at]
-            backs += 1
-    if backs == 0:  # use the pixel's own colour
-        return front, fronts, packed[y * width + x], 1
-    return front, fronts, back, backs
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, place: Any) -> Any:
-    """Compute one channel of the mean; views whose background is unknown count as the mean of the known background."""
-    mask = np.uint64((1 << 20) - 1)
-    first, second = np.int64((front >> place) & mask), np.int64((back >> place) & mask)
-    return np.uint8((first * backs + second * (count - fronts) + (count * backs) // 2) // (count * backs))
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
-    """Interpolate the colour between four pixels in steps of 1/8 px, and return it multiplied by 64."""
-    x, y = (x + _ROUND) >> (_BITS - 3), (y + _ROUND) >> (_BITS - 3)
-    right, down = np.uint64(1), np.uint64(width)
-    if not (0 <= x < _EIGHTHS * (width - 1) and 0 <= y < _EIGHTHS * (height - 1)):
-        x, y = min(max(x, 0), _EIGHTHS * (width - 1)), min(max(y, 0), _EIGHTHS * (height - 1))
-        right = np.uint64(x < _EIGHTHS * (width - 1))
-        down = np.uint64(width) * np.uint64(y < _EIGHTHS * (height - 1))
-    wx, wy = np.uint64(x & 7), np.uint64(y & 7)
-    at = np.uint64((y >> 3) * width + (x >> 3))
-    upper = packed[at] * (np.uint64(8) - wx) + packed[at + right] * wx
-    at += down
-    lower = packed[at] * (np.uint64(8) - wx) + packed[at + right] * wx
-    return upper * (np.uint64(8) - wy) + lower * wy
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _divide(total: Any, count: Any, parts: Any, out: Any, at: Any) -> None:
-    """Divide the three channels of a sum by `count`, with rounding; `parts` has reciprocals with 32 fractional bits."""
-    mask, half, factor = np.uint64((1 << 20) - 1), np.uint64(count // 2), parts[count]
-    out[at] = np.uint8((((total & mask) + half) * factor) >> np.uint64(32))
-    out[at + 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half) * factor) >> np.uint64(32))
-    out[at + 2] = np.uint8((((total >> np.uint64(40)) + half) * factor) >> np.uint64(32))
+        at = np.uint64(_place(px + k * path[0], py + k * path[1], width, height))
+        seen = np.uint64(depths[at] <= limit) & ~(covered >> np.uint64(k))
+        back += packed[at] * seen
+        backs += seen
+    if backs == 0:  # only the frame's own content is known here
+        return front, np.int64(fronts), packed[y * width + x], 1
+    return front, np.int64(fronts), back, np.int64(backs)
 
 
 @njit(cache=True, nogil=True)
@@ -272,51 +306,66 @@ def _average(
 ) -> None:
     height, width = inverse.shape
     packed, depths, bytes_ = np.empty(height * width, np.uint64), inverse.reshape(-1), out.reshape(-1)
-    _pack(frame, packed)
-    half = np.int64(1 << (_BITS - 1))
-    parts = np.empty(_EIGHTHS * _EIGHTHS * _FEW + 1, np.uint64)  # division is exact for sums of up to this many bytes
-    for k in range(1, parts.size):
-        parts[k] = np.uint64((2**32 + k - 1) // k)
+    pack(frame, packed)
+    sums = np.empty(width, np.uint64)
+    cells = np.empty((-(-height // _CELL), -(-width // _CELL)), np.float32)
+    if near.any():
+        _cells(inverse, cells)
+    half = np.int64(1 << (FRACTION - 1))
+    parts = reciprocals()
     paths, rays = np.empty((3, width), np.int32), np.empty(width, np.float32)
+    found = np.empty(_MOST + 1, np.uint8)
+    shares, turned = 1.0 / np.arange(_MOST + 1), (turn != 0).any()
+    wide, high = share * lens[0], share * lens[1]
     for x in range(width):
         rays[x] = (x - lens[2]) / lens[0]
     for y in range(height):
-        _row_of_paths(inverse[y], rays, (y - lens[3]) / lens[1], lens, turn, translation, share, paths)
-        tiles = near[y // _TILE]
+        ray = (y - lens[3]) / lens[1]
+        _row_of_paths(inverse[y], rays, ray, lens, turn, translation, share, paths)
+        tiles, row, so_far = near[y // _TILE], packed[y * width : (y + 1) * width], np.uint64(0)
+        for x in range(width):
+            sums[x] = so_far
+            so_far += row[x]
         for x in range(width):
             dx, dy, count = np.int64(paths[0, x]), np.int64(paths[1, x]), np.int64(paths[2, x])
             own, nearest = inverse[y, x], tiles[x // _TILE]
+            cx, cy = (np.int64(x) << FRACTION) + half, (np.int64(y) << FRACTION) + half
             if own < _SAME * nearest:
-                u, v = _step(lens, turn, translation, float(x), float(y), float(nearest))
-                u, v = u * share, v * share
-                views = max(count, 1 + np.int64(min(np.ceil(max(abs(u), abs(v))), _MOST - 1.0)))
-                dx, dy = dx * count // views, dy * count // views
-                other = _fixed(u / views), _fixed(v / views)
-                front, fronts, back, backs = _shown(
-                    packed, depths, width, height, x, y, (dx, dy), other, views, nearest
-                )
-                for channel in range(3):
-                    out[y, x, channel] = _mean(front, fronts, back, backs, views, np.uint64(20 * channel))
-            elif count <= _FEW:
-                sx = (np.int64(x) << _BITS) - (((count - 1) * dx) >> 1)
-                sy = (np.int64(y) << _BITS) - (((count - 1) * dy) >> 1)
-                total = np.uint64(0)
+                fx = count * dx + _fixed(np.float64(nearest - own) * wide * (translation[0] - rays[x] * translation[2]))
+                fy = count * dy + _fixed(np.float64(nearest - own) * high * (translation[1] - ray * translation[2]))
+                limit = own / _SAME
+                # without rotation the pixel's own path is a part of the nearest surface's
+                if not _is_clear(cells, limit, cx, cy, fx, fy) or (
+                    turned and not _is_clear(cells, limit, cx, cy, count * dx, count * dy)
+                ):
+                    views = max(count, min(((max(abs(fx), abs(fy)) - 1) >> FRACTION) + 2, _MOST))
+                    if views != count:
+                        dx, dy = dx * count // views, dy * count // views
+                    other = np.int64(np.float64(fx) * shares[views]), np.int64(np.float64(fy) * shares[views])
+                    front, fronts, back, backs = _shown(
+                        packed, depths, width, height, x, y, (dx, dy), other, views, nearest, found
+                    )
+                    mean(front, fronts, back, backs, views, out[y, x])
+                    continue
+            total = np.uint64(0)
+            fx, fy = count * dx, count * dy
+            if count <= _FEW:
+                sx = (np.int64(x) << FRACTION) - (((count - 1) * dx) >> 1)
+                sy = (np.int64(y) << FRACTION) - (((count - 1) * dy) >> 1)
                 for _ in range(count):
-                    total += _between(packed, width, height, sx, sy)
+                    total += between(packed, width, height, sx, sy)
                     sx, sy = sx + dx, sy + dy
-                _divide(total, _EIGHTHS * _EIGHTHS * count, parts, bytes_, 3 * (y * width + x))
+                count *= EIGHTHS * EIGHTHS
+            elif abs(fy) < 1 << FRACTION and abs(fx) < _LONG:
+                fx, drop = abs(fx) >> 1, FRACTION - _FINE if abs(fx) < _SHORT else FRACTION - _COARSE
+                start, end = (cx - fx) >> drop, (cx + fx) >> drop
+                total, count = (
+                    until(sums, row, end, FRACTION - drop) - until(sums, row, start, FRACTION - drop),
+                    end - start,
+                )
             else:
-                sx = (np.int64(x) << _BITS) + half - (((count - 1) * dx) >> 1)
-                sy = (np.int64(y) << _BITS) + half - (((count - 1) * dy) >> 1)
-                ex, ey = sx + (count - 1) * dx, sy + (count - 1) * dy
-                total = np.uint64(0)
-                inside = min(sx, ex) >= 0 and max(sx, ex) >> _BITS < width
-                if inside and min(sy, ey) >= 0 and max(sy, ey) >> _BITS < height:
-                    for _ in range(count):
-                        total += packed[np.uint64((sy >> _BITS) * width + (sx >> _BITS))]
-                        sx, sy = sx + dx, sy + dy
-                else:
-                    for _ in range(count):
-                        total += packed[_place(sx, sy, width, height)]
-                        sx, sy = sx + dx, sy + dy
-                _divide(total, count, parts, bytes_, 3 * (y * width + x))
+                sx, sy = cx - (((count - 1) * dx) >> 1), cy - (((count - 1) * dy) >> 1)
+                for _ in range(count):
+                    total += packed[np.uint64(_place(sx, sy, width, height))]
+                    sx, sy = sx + dx, sy + dy
+            divide(total, count, parts, bytes_, 3 * (y * width + x))
