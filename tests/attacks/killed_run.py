@@ -1,8 +1,9 @@
-"""A run with attacks whose model ends the process without warning, for `test_runs`.
+"""A run with attacks whose model kills its own process, for `test_runs`.
 
     python killed_run.py FOLDER [PREDICTIONS...]
 
-The script starts one child process for each number of predictions after which it is killed, and one that is not killed.
+For each number of predictions, the script starts a child process that is killed after that prediction; the last child
+is not killed.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Every attack with few steps, on a small pair and a smooth network."""
+"""All attacks with few steps, on a small pair and a smooth network."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd":
 """Options that make an attack fast."""
 
 ON_SMALL_PAIRS = [name for name in SHIPPED if name not in ("random_patch", "patch", "universal")]
-"""The attacks that need neither training samples nor frames of a particular size."""
+"""Attacks that need no training samples and work on very small frames."""
 
 
 def attacked_pair(name: str, model=None, severity: int = 4, seed: int = 0, **options):

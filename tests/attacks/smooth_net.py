@@ -1,4 +1,4 @@
-"""The smooth network of the attack packs, and models whose gradient is known."""
+"""The smooth network of the parity packs, and models with a known gradient."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SmoothNet(nn.Module):
 
 
 class Given:
-    """A two-frame model defined by a function of images in 0..1, with its gradient."""
+    """A differentiable two-frame model defined by a function of images in 0..1."""
 
     def __init__(self, function) -> None:
         self.function = function
@@ -53,7 +53,7 @@ def linear_model(seed: int = 0) -> Given:
 
 
 def smooth_model() -> Given:
-    """The network with seeded weights as large as those of the packs."""
+    """The network with seeded weights of the same scale as in the packs."""
     net, rng = SmoothNet().requires_grad_(False), np.random.default_rng(3)
     for name, value in net.named_parameters():
         scale = 1.4 / np.sqrt(np.prod(value.shape[1:])) if name.endswith("weight") else 0.03
@@ -62,6 +62,6 @@ def smooth_model() -> Given:
 
 
 def random_pair(height: int = 8, width: int = 10, seed: int = 0):
-    """Two frames of noise, RGB uint8, with a few black and white values."""
+    """Return two frames of noise, RGB uint8, with a few black and white values."""
     rng = np.random.default_rng(seed)
     return tuple(np.clip(rng.integers(-4, 260, (2, height, width, 3)), 0, 255).astype(np.uint8))

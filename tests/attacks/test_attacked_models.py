@@ -1,4 +1,4 @@
-"""Requirements of attacks on a model, and problems with its flow and gradient that they detect."""
+"""What attacks require of a model, and the problems with its flow and gradient that they detect."""
 
 from __future__ import annotations
 

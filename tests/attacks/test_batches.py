@@ -26,7 +26,7 @@ TRUTH = np.zeros((8, 10, 2), np.float32)
 
 
 class Noted(Given):
-    """A model that notes how many pairs each call of `differentiable` has."""
+    """A model that records the number of pairs in each call of `differentiable`."""
 
     def __init__(self, function, batched: bool) -> None:
         super().__init__(function)
@@ -40,7 +40,7 @@ class Noted(Given):
 
 
 def pixelwise(images1, images2):
-    """A flow that each pixel's values determine, so that batches compute the bytes of single pairs."""
+    """Compute each pixel's flow from that pixel only, so that batches are byte-identical to single pairs."""
     return 9 * torch.tanh(3 * images1 - 2 * images2.flip(1))[:, :2]
 
 
@@ -73,7 +73,7 @@ def test_attacks_in_a_batch_give_the_bytes_of_each_alone(name):
 
     for one, other in zip(together, alone, strict=True):
         _same(one, other)
-    if name in ("fgsm", "bim", "pgd", "cospgd", "apgd"):  # as many steps for every pair
+    if name in ("fgsm", "bim", "pgd", "cospgd", "apgd"):  # the same number of steps for every pair
         assert set(model.sizes[:shared]) == {3}
         assert 3 * shared == len(model.sizes) - shared
 
@@ -185,7 +185,7 @@ def test_functions_in_lockstep_run_one_at_a_time_and_in_their_context():
 
 
 class Textured:
-    """A model whose batches compute the bytes of single pairs, for runs."""
+    """A model for runs whose batches are byte-identical to single pairs."""
 
     def __init__(self) -> None:
         self.model = Noted(pixelwise, True)
@@ -212,7 +212,7 @@ def test_a_run_in_batches_has_the_rows_of_a_run_of_single_pairs(tmp_path):
 
     assert every(several).equals(every(one))
     assert set(single.model.sizes) == {1}
-    # both samples in one call, of gradients and of queries; the second of worst_of's parts begins when both are done
+    # both samples share every call, for gradients (2) and for queries (-2)
     assert set(batched.model.sizes) == {2, -2}
 
 

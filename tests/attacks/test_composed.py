@@ -1,4 +1,4 @@
-"""Attacks composed of other attacks, and the names of attacks with options."""
+"""Composite attacks, and the names of attacks with options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The losses of attacks: their gradients, and the pixels that they include."""
+"""Losses of attacks: their gradients, and the pixels that they include."""
 
 from __future__ import annotations
 

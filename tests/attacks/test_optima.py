@@ -1,4 +1,4 @@
-"""Attacks reach known optima, return the best pair that they saw, and beat noise of the same norm."""
+"""Attacks reach known optima, return the best evaluated pair, and outperform noise of the same norm."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_where_every_change_helps_the_model_the_clean_pair_is_the_best(name):
 
 
 def test_an_attack_whose_gain_is_lost_in_rounding_returns_the_clean_pair():
-    """The flow grows up to a change of 0.6 grey levels, and is smaller at a change of 1."""
+    """The flow grows up to a change of 0.6 grey levels and is smaller at a change of 1 grey level."""
     clean = torch.from_numpy(images_of(*random_pair()))
 
     def ridge(images1, images2):
@@ -121,7 +121,7 @@ def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
 
 
 def test_an_attack_that_has_not_converged_says_so():
-    def bowl(images1, images2):  # the gradient grows, so each step adds more
+    def bowl(images1, images2):  # the gradient grows, so later steps gain more
         return (torch.exp(8 * images1) * torch.exp(8 * images2))[:, :2]
 
     grey = np.full((2, 8, 10, 3), 100, np.uint8)
@@ -133,7 +133,7 @@ def test_an_attack_that_has_not_converged_says_so():
     assert "still_rising" not in done.warnings
 
 
-@pytest.mark.slow  # 200 flows of a real pair
+@pytest.mark.slow  # predicts 200 flows of a real pair
 @pytest.mark.parametrize("name", ["dis", "farneback"])
 def test_square_on_a_classical_method_beats_random_noise_on_a_real_pair(shared, name):
     data = rf.load_dataset("middlebury", shared("data/middlebury"))

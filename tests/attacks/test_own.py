@@ -1,4 +1,4 @@
-"""A user's own attack: its contract, its part in a run's identity, and the findings of the checker."""
+"""The user's own attacks: their contract, their effect on a run's identity, and the problems that the checker reports."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _model(frame1, frame2):
 
 @pytest.fixture
 def source(tmp_path, monkeypatch):
-    """Write `my_noise.py` with the attack class `Mine`, and unload the module as if in a new process."""
+    """Write `my_noise.py` with the attack class `Mine`, and unload the module to imitate a new process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -125,7 +125,7 @@ def test_a_subclass_of_attack_has_options_as_fields_and_a_source():
     [
         (lambda problem: None, "has no method run, so it is not an attack"),
         (type("Any", (), {"run": lambda *_: 0, "name": "two words"}), "cannot be called 'two words'"),
-        (type("Any", (), {"run": lambda *_: 0, "name": "pgd"}), "has the name of the attack 'pgd'"),
+        (type("Any", (), {"run": lambda *_: 0, "name": "pgd"}), "has the same name as the attack 'pgd'"),
         (type("Bad", (), {"run": lambda *_: 0, "__init__": lambda self, size: None}), "'bad' cannot be built"),
     ],
 )

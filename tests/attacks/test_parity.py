@@ -1,4 +1,4 @@
-"""Compare attacks with outputs of FlowBench's and PCFA's code, at the tolerances of the packs' READMEs."""
+"""Compare attacks with the outputs of FlowBench's and PCFA's code, to the tolerances in the READMEs of the parity packs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..shared_data import shared_root
 from .smooth_net import SmoothNet
 
 pytestmark = pytest.mark.filterwarnings("ignore::robustflow.models.torch.user_model.ConventionWarning")
-"""The networks have untrained weights, which the input check detects."""
+"""Ignore the warning of the input check, which detects that the networks have untrained weights."""
 SIGN, PCFA = "attack_fgsm_bim_pgd_cospgd", "attack_pcfa"
 
 
@@ -43,7 +43,7 @@ def _smooth(pack: Pack) -> TorchModel:
 
 
 def _raft_small(pack: Pack):
-    """ptlflow's network, which receives RGB from the adapter; FlowBench's pack had no adapter, so it received BGR."""
+    """Return ptlflow's network, to which the adapter passes RGB; in FlowBench's pack there was no adapter, so it received BGR."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=6, device="cpu")
     pack.fill(model.net.model, "keys_raft_small.json")
@@ -79,7 +79,7 @@ def _expected(pack: Pack, net: str, name: str) -> dict[str, np.ndarray]:
 
 
 def _run(problem: Problem, case: dict, start, losses: list[float]):
-    """Run the attack as FlowBench does; appends the loss with CosPGD's weight before each step to `losses`."""
+    """Run the attack as FlowBench does; the loss before each step, with CosPGD's weight, is appended to `losses`."""
     asked = problem.loss_and_gradient
 
     def noted(images):
@@ -156,7 +156,7 @@ def test_sign_attacks_on_raft_small_take_flowbench_first_step(shared, case):
 
 
 def _start_under_l2(problem: Problem, length: float) -> np.ndarray:
-    """FlowBench's random start with norm `length` for each frame, with the pack's channel order."""
+    """Return FlowBench's random start, with norm `length` for each frame, in the channel order of the pack."""
     import torch
 
     torch.manual_seed(2024)

@@ -1,4 +1,4 @@
-"""Attacks that cannot be computed are refused in one line."""
+"""Attacks that cannot be run are refused with a one-line message."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
     pair = random_pair(40, 48)
     dis = rf.load_model("dis")
 
-    with pytest.raises(ModelError, match=r"^model 'dis' offers no gradient .* choose square") as refused:
+    with pytest.raises(ModelError, match=r"^model 'dis' provides no gradient .* use square") as refused:
         rf.attack(*pair, dis, "pgd")
     assert "\n" not in str(refused.value)
     assert rf.attack(*pair, dis, "square", 3, queries=5).linf == 4
@@ -35,12 +35,12 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
         ({"name": "pcfa", "moved": "joint"}, UsageError, "box=clipping"),
         ({"reference": "truth"}, UsageError, "there is none; give the flow"),
         ({"name": "pgd:steps=many"}, UsageError, "steps of attack pgd must be an integer of at least 1, not 'many'"),
-        ({"name": "pgd:20"}, UsageError, "attack pgd takes options as option=value, not '20'"),
-        ({"name": "transfer:dis"}, ModelError, "model 'dis' offers no gradient of its flow, which the attack apgd"),
+        ({"name": "pgd:20"}, UsageError, "options of attack pgd are written option=value, not '20'"),
+        ({"name": "transfer:dis"}, ModelError, "model 'dis' provides no gradient of its flow, which the attack apgd"),
         ({"name": "transfer:tny"}, UsageError, "unknown model 'tny'"),
         ({"name": "transfer:tiny:attack=transfer"}, UsageError, "another transfer; name only the inner model"),
         ({"name": "transfer:tiny:attack=pdg"}, UsageError, "unknown attack 'pdg'"),
-        ({"name": "worst_of:pgd+pcfa"}, UsageError, "pgd has norm linf, pcfa has norm rms; .* attacks of one norm"),
+        ({"name": "worst_of:pgd+pcfa"}, UsageError, "pgd has norm linf, pcfa has norm rms; .* must have the same norm"),
         ({"name": "worst_of:pgd:queries=3"}, UsageError, "unknown option of the attacks in worst_of 'queries'"),
         ({"name": "worst_of:worst_of:pgd"}, UsageError, "cannot contain another worst_of; name all parts: worst_of:A"),
         ({"name": "transfer:tiny:attack=worst_of"}, UsageError, "worst_of:transfer"),
@@ -49,8 +49,8 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
         ({"budget": float("nan")}, UsageError, "at most 255 grey levels, not nan"),
         ({"severity": 2.5}, UsageError, "severity 2.5 does not exist"),
         ({"flow": [[1, 2]]}, DataError, r"ground truth is list; expected float32 \(8, 10, 2\)"),
-        ({"flow": np.full((8, 10, 2), np.nan, np.float32)}, DataError, "NaN or infinite at pixels that are valid"),
-        ({"name": "pgd:steps=3:steps=4"}, UsageError, "'pgd:steps=3:steps=4' sets option steps twice"),
+        ({"flow": np.full((8, 10, 2), np.nan, np.float32)}, DataError, "NaN or infinite at valid pixels"),
+        ({"name": "pgd:steps=3:steps=4"}, UsageError, "'pgd:steps=3:steps=4' sets the option steps twice"),
         (
             {"name": "worst_of", "parts": []},
             UsageError,
@@ -65,7 +65,7 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
         ({"budget": 3, "severity": 2}, UsageError, "not both"),
         ({"valid": np.ones((8, 10), bool)}, UsageError, "give the flow, too"),
         ({"flow": np.zeros((3, 4, 2), np.float32)}, DataError, r"ground truth is float32 \(3, 4, 2\)"),
-        ({"flow": np.zeros((8, 10, 2), np.float32), "valid": np.zeros((8, 10), bool)}, UsageError, "no pixel as valid"),
+        ({"flow": np.zeros((8, 10, 2), np.float32), "valid": np.zeros((8, 10), bool)}, UsageError, "no valid pixels"),
     ],
 )
 def test_what_cannot_be_attacked_is_refused_in_one_line(change, error, message):
@@ -77,7 +77,7 @@ def test_what_cannot_be_attacked_is_refused_in_one_line(change, error, message):
 
 
 class Failing(torch.autograd.Function):
-    """A copy whose gradient cannot be computed."""
+    """A copy operation whose gradient cannot be computed."""
 
     @staticmethod
     def forward(ctx, images):

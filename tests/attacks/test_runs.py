@@ -1,4 +1,4 @@
-"""An attack as a condition of a cell: rows, resuming and engines."""
+"""Attacks as conditions of a run: rows, resuming and engines."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_processes_and_this_process_give_the_same_rows(both, tmp_path):
 
 
 def test_a_model_without_gradients_is_refused_before_anything_is_computed(tmp_path):
-    with pytest.raises(ModelError, match="model 'dis' offers no gradient"):
+    with pytest.raises(ModelError, match="model 'dis' provides no gradient"):
         run(tmp_path / "run", ModelSpec("dis"))
     assert not (tmp_path / "run").exists()
 
@@ -138,7 +138,9 @@ def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tm
     assert list(sources) == [names[2]]
     fgsm = run(tmp_path / "fgsm", attacks="fgsm", severities=3, count=1)
     same = fgsm.attack_rows.filter(corruption="fgsm")["frames_digest"][0]
-    assert rows[names[2]]["frames_digest"] == same  # on the source model itself, a transferred attack equals the attack
+    assert (
+        rows[names[2]]["frames_digest"] == same
+    )  # the surrogate is the model itself, so the transferred attack equals the attack
     with pytest.raises(RunError, match="also started with the attack transfer:tiny:attack=fgsm:device=cpu"):
         run(tmp_path / "run", attacks="fgsm", severities=3, count=1)
     assert {line.label for section in attack_table(done).sections for line in section.lines} >= {f"{names[0]} 3"}
@@ -209,7 +211,7 @@ def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
 
 
 def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
-    """SIGKILL arrives during an attack on the first pair, then on the second; the last run is undisturbed."""
+    """SIGKILL arrives during an attack on the first pair, then during one on the second; the last run is not interrupted."""
     script = Path(__file__).with_name("killed_run.py")
     subprocess.run([sys.executable, str(script), str(tmp_path / "killed"), "20", "45"], check=True, timeout=300)
     subprocess.run([sys.executable, str(script), str(tmp_path / "whole")], check=True, timeout=300)

@@ -85,7 +85,7 @@ def test_security_curves_are_a_csv_and_a_figure_of_the_page(both, tmp_path, real
 
 
 class Shrunk:
-    """DIS with its flow scaled down, which changes its sensitivity to corruptions and noise."""
+    """DIS with a scaled flow, which changes its sensitivity to corruptions and noise."""
 
     def __init__(self, share: float) -> None:
         self.share, self.dis = share, rf.load_model("dis")
@@ -168,7 +168,7 @@ def test_a_score_that_says_little_about_the_model_is_not_correlated(five, monkey
 
 def test_the_interval_of_a_rank_correlation_covers_the_true_one():
     rng = np.random.default_rng(0)
-    true = 6 / np.pi * np.arcsin(0.6 / 2)  # of a bivariate normal pair with correlation 0.6
+    true = 6 / np.pi * np.arcsin(0.6 / 2)  # for a bivariate normal distribution with correlation 0.6
     covered = 0
     for _ in range(400):
         first, noise = rng.normal(size=(2, 12))

@@ -1,4 +1,4 @@
-"""Perturbations that are trained on some samples or read from files, and tested on other samples; patches."""
+"""Trained perturbations, perturbations from files, and patches."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ GREY = np.full((2, 8, 10, 3), 128, np.uint8)
 
 
 def still(frame1, frame2):
-    """A flow that depends on both frames but has no gradient."""
+    """Predict a flow that depends on both frames, without a gradient."""
     return (frame1.astype(np.float32) - frame2)[..., :2] / 20
 
 
@@ -130,17 +130,17 @@ BOMB = _npy(np.zeros((3, 8, 10), np.float32)).replace(b"(3, 8, 10)", b"(3, 8, 99
     ("content", "message"),
     [
         (None, "is not a file"),
-        (b"", r"is no NumPy array \(.npy\)"),
-        (_zip(), r"is no NumPy array \(.npy\)"),
-        (pickle.dumps(partial(print, "run")), r"is no NumPy array \(.npy\)"),
-        (_npy(np.array([print, 1], object)), "is damaged, or no array of numbers"),
-        (BOMB, "is damaged, or no array of numbers"),
-        (b"\x93NUMPY\x01\x00\x10\x00{'descr': [[[[[[[", "is damaged, or no array of numbers"),
+        (b"", r"is not a NumPy array \(.npy\)"),
+        (_zip(), r"is not a NumPy array \(.npy\)"),
+        (pickle.dumps(partial(print, "run")), r"is not a NumPy array \(.npy\)"),
+        (_npy(np.array([print, 1], object)), "is damaged, or not an array of numbers"),
+        (BOMB, "is damaged, or not an array of numbers"),
+        (b"\x93NUMPY\x01\x00\x10\x00{'descr': [[[[[[[", "is damaged, or not an array of numbers"),
         (_npy(np.zeros((3, 8, 10), int)), "an array int64"),
         (_npy(np.zeros((8, 10))), r"an array float64 \(8, 10\)"),
         (_npy(np.zeros((2, 2, 8, 10))), r"an array \(2, 2, 8, 10\)"),
         (_npy(np.full((3, 8, 10), np.nan)), "NaN or infinite"),
-        (_npy(np.zeros((3, 9, 10))), "is for frames of 10x9 pixels, and those of sample '' have 10x8"),
+        (_npy(np.zeros((3, 9, 10))), "is for frames of 10x9 pixels, but those of sample '' have 10x8"),
     ],
 )
 def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, content, message):
@@ -156,18 +156,18 @@ def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, 
 @pytest.mark.parametrize(
     ("name", "error", "message"),
     [
-        ("universal", UsageError, "needs samples to train on, universal:train=8"),
-        ("universal:train=2", ModelError, "offers no gradient"),
-        ("patch:train=2:file=a.npy", UsageError, "samples to train on or a file, not both"),
+        ("universal", UsageError, "needs training samples .universal:train=8"),
+        ("universal:train=2", ModelError, "provides no gradient"),
+        ("patch:train=2:file=a.npy", UsageError, "training samples or a file, not both"),
         ("patch:train=0", UsageError, "leaves nothing to train on"),
         ("patch:moved=joint", UsageError, "moved of attack patch 'joint'"),
         ("worst_of:patch+universal:train=3", UsageError, "patch has norm area, universal has norm linf"),
-        ("worst_of:patch:train=3", ModelError, "offers no gradient .* the attack patch needs"),
-        ("transfer:dis:attack=universal:train=3", ModelError, "model 'dis' offers no gradient"),
+        ("worst_of:patch:train=3", ModelError, "provides no gradient .* the attack patch needs"),
+        ("transfer:dis:attack=universal:train=3", ModelError, "model 'dis' provides no gradient"),
         (
             "transfer:tiny:attack=universal:train=3",
             UsageError,
-            "is trained in a run .robustflow run",
+            "can only be trained by a run .robustflow run",
         ),
     ],
 )
@@ -390,7 +390,9 @@ def _digests(run, name):
 
 def test_a_trained_attack_inside_a_transfer_is_trained_on_the_surrogate(composed, trained):
     assert _digests(composed, INSIDE) == _digests(trained, "universal:train=2:steps=2")  # the surrogate is the model
-    assert len(list((composed.path / "attacks").glob("*.npy"))) == 2  # of the surrogate and of worst_of's part
+    assert (
+        len(list((composed.path / "attacks").glob("*.npy"))) == 2
+    )  # one for the transfer and one for the part of worst_of
     assert set(composed.manifest.identity.frames.attack_sources) == {INSIDE, WORST}
 
 

@@ -1,4 +1,4 @@
-"""Adversarial attacks: small changes of the frames that make a model's flow as wrong as possible."""
+"""Adversarial attacks: small changes to the frames that make a model's flow as wrong as possible."""
 
 from __future__ import annotations
 

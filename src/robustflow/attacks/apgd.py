@@ -1,4 +1,4 @@
-"""APGD: PGD with momentum that halves its own step (Croce and Hein 2020, the rule of AutoAttack)."""
+"""APGD: PGD with momentum and automatic step halving (Croce and Hein 2020, as in AutoAttack)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .images import Images
 from .problem import Problem
 
 _MOMENTUM = 0.75
-"""Weight of the projected step; the rest is the weight of the previous step."""
+"""Weight of the projected step; the previous step has the remaining weight."""
 _IMPROVED = 0.75
-"""The step is halved if a smaller share of the steps since the last check raised the score."""
+"""The step size is halved if fewer than this share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
 """Interval before the first check, decrease of the interval after each check, and minimum interval, as fractions of the
 number of steps."""
@@ -21,12 +21,13 @@ number of steps."""
 
 @dataclass(frozen=True, kw_only=True)
 class Apgd(Attack):
-    """Projected gradient ascent whose step begins at twice the budget and is halved, from the best pair so far,
-    whenever too few steps improved or nothing was gained since the last check.
+    """Projected gradient ascent with a step size of initially twice the budget. If too few steps since the last check
+    raised the score, or the best score did not improve, the step size is halved and the search resumes at the best
+    pair.
 
     Args:
-        steps: gradients for each start, in addition to the first one.
-        starts: random starts; the best pair of all is kept.
+        steps: number of gradients per start, in addition to the first one.
+        starts: number of random starts; the best pair of all starts is returned.
     """
 
     name: ClassVar[str] = "apgd"

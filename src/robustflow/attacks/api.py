@@ -24,14 +24,14 @@ from .registry import ATTACKS, CONTROLS, PATCH_CONTROL, control_of, split_name
 from .result import Attacked, norms_of
 
 AnyAttack = str | Attack | Any
-"""An attack's name, one from `load_attack`, or the user's own as an object or a class."""
+"""The name of an attack, an attack from `load_attack`, or the user's own attack as an object or class."""
 
 _LAST_QUARTER = 0.02
 _ROUNDING = 0.05
 
 
 def list_attacks() -> list[str]:
-    """Return the names that `load_attack` knows, the controls first, those of installed packages last.
+    """Return all names that `load_attack` accepts: controls first, attacks of installed packages last.
 
     >>> list_attacks()[:3]
     ['random_sign', 'random_gauss', 'random_patch']
@@ -43,10 +43,10 @@ def load_attack(name: AnyAttack, **options: Any) -> Attack:
     """Build an attack from its name and options.
 
     Args:
-        name: the name that `robustflow list attacks` prints, with options if there are any: `pgd:steps=40:loss=cosine`,
-            `transfer:tiny:attack=pgd`, `worst_of:apgd+square`; or an attack of your own, as a class or an object
-            (docs/add-your-attack.md), which can be used by its name from then on.
-        options: the same options as keywords.
+        name: a name listed by `robustflow list attacks`, optionally with options: `pgd:steps=40:loss=cosine`,
+            `transfer:tiny:attack=pgd`, `worst_of:apgd+square`; or your own attack, as a class or object
+            (docs/add-your-attack.md), which is then also registered under its name.
+        options: options as keyword arguments.
 
     Raises:
         UsageError: unknown name or option.
@@ -60,7 +60,9 @@ target, loss, reference, moved, steps, starts
     """
     if isinstance(name, Attack):
         if options:
-            raise UsageError(f"the attack {name.name} is already built, so it takes no options: {', '.join(options)}")
+            raise UsageError(
+                f"the attack {name.name} is already built and does not accept options: {', '.join(options)}"
+            )
         return name
     if not isinstance(name, str):
         return OwnAttack.of(register_attack(name), **options)
@@ -69,13 +71,13 @@ target, loss, reference, moved, steps, starts
         return OwnAttack.of(head, **given, **options)
     kind: type[Attack] = ATTACKS.get(head)
     if argument and not kind.argument:
-        raise UsageError(f"'{name}': attack {head} takes options as option=value, not '{argument}'")
+        raise UsageError(f"'{name}': options of attack {head} are written option=value, not '{argument}'")
     return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Return the names under which a run stores the attacks (`Attack.label`), without duplicates, after both kinds of
-    random noise, and after random patches if there are patches. Only for what the user requests:
+    """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise controls
+    come first, then random patches if there are any patches. Call this only with names that the user entered, because
     `module.path:Attribute` is imported.
 
     Raises:
@@ -107,24 +109,24 @@ def attack(
     """Attack one pair of frames.
 
     Args:
-        frame1, frame2: RGB uint8 (H, W, 3) of one size.
-        model: a name as of `load_model`, or an object as `evaluate` takes it.
+        frame1, frame2: RGB uint8 frames (H, W, 3) of equal size.
+        model: a name for `load_model`, or any model object that `evaluate` accepts.
         name: name of the attack, or your own attack; see `load_attack`.
         severity: 1 (mild) to 5 (severe); 3 by default.
         budget: largest change in grey levels (of 255), instead of a severity.
-        flow: ground truth, float32 (H, W, 2), pixels, which an attack without a target moves the flow away from; the
-            model's own flow of the clean frames if it is not given.
-        valid: bool (H, W), where the ground truth is known; everywhere by default.
-        seed: seed of the random choices, which also depend on `key`, the name of the pair, and on the severity.
+        flow: ground truth, float32 (H, W, 2), pixels, from which an untargeted attack moves the flow away; by default
+            the model's flow of the clean frames.
+        valid: bool (H, W), True where the ground truth is known; everywhere by default.
+        seed: random seed; the random numbers also depend on the severity and on `key`, the name of the pair.
         options: options of the attack.
 
     Returns:
         The attacked frames, rounded to 8 bits, with flows, norms and costs.
 
     Raises:
-        UsageError: unknown attack or option, severity and budget together, or a mask without flow.
-        ModelError: the model offers no gradient and the attack needs one.
-        DataError: frames that are not RGB uint8 of one size, or ground truth that does not fit them.
+        UsageError: unknown attack or option, both a severity and a budget, or a mask without flow.
+        ModelError: the attack needs gradients, which the model does not provide.
+        DataError: the frames are not RGB uint8 of equal size, or the ground truth does not fit them.
 
     >>> import robustflow as rf
     >>> frame = (np.arange(64 * 96 * 3) % 251).astype(np.uint8).reshape(64, 96, 3)
@@ -154,10 +156,10 @@ def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> 
 
 
 def first_warnings(model: FlowModel, frames: tuple[Frame, Frame], key: str, first: Flow) -> frozenset[str]:
-    """Check whether a model is deterministic: whether it predicts the same flow twice for the same pair.
+    """Check whether a model is deterministic, that is, predicts the same flow twice for the same pair.
 
     Raises:
-        ModelError: the model raised, or returned no flow.
+        ModelError: the model raised an exception, or did not return a flow.
     """
     again = predict_checked(model, frames, key, "clean", 0)
     return frozenset() if np.array_equal(first, again, equal_nan=True) else frozenset({"answers_differ"})
@@ -199,7 +201,7 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
     warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
-        if images is problem.best:  # the clean pair is inside every budget, and is no worse than this
+        if images is problem.best:  # the clean pair is within every budget and scores at least as high
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
             float_loss = None if float_loss is None else clean_loss
     linf, rms, changed = norms_of(frames, pair.frames)
@@ -226,7 +228,8 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
 
 
 def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
-    """Share of the way from the clean flow to the target, in mean end-point distance; None without a target."""
+    """Compute the progress from the clean flow to the target, as a share of the mean end-point distance; None without a
+    target."""
     if not loss.towards:
         return None
     distance = Loss(loss.reference)
@@ -235,7 +238,7 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
 
 
 def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
-    """Return the warnings that follow from how the attack went."""
+    """Return the warnings that follow from the course of the attack."""
     warnings = set()
     trace = [problem.loss.score(value) for value in problem.trace]
     last = len(trace) - len(trace) // 4
@@ -250,18 +253,18 @@ def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) 
     for frame in (frame1, frame2):
         is_frame = isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.ndim == 3
         if not is_frame or frame.shape[2] != 3 or frame.shape != frame1.shape:
-            raise DataError("an attack takes two RGB uint8 frames (H, W, 3) of one size")
+            raise DataError("an attack needs two RGB uint8 frames (H, W, 3) of equal size")
     if valid is not None and flow is None:
-        raise UsageError("a mask of valid pixels needs a ground truth; give the flow, too")
+        raise UsageError("a mask of valid pixels needs ground truth; give the flow, too")
     expected = (*frame1.shape[:2], 2)
     if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
-        raise DataError(f"the ground truth is {_described(flow)}; expected float32 {expected}, as the frames")
+        raise DataError(f"the ground truth is {_described(flow)}; expected float32 {expected}, the size of the frames")
     if valid is not None and (
         not isinstance(valid, np.ndarray) or valid.shape != frame1.shape[:2] or valid.dtype != bool
     ):
         raise DataError(f"the mask is {_described(valid)}; expected bool {frame1.shape[:2]}")
     if flow is not None and not np.isfinite(flow if valid is None else flow[valid]).all():
-        raise DataError("the ground truth is NaN or infinite at pixels that are valid; leave them out of the mask")
+        raise DataError("the ground truth is NaN or infinite at valid pixels; exclude them from the mask")
 
 
 def _described(array: Any) -> str:

@@ -1,4 +1,4 @@
-"""The perturbations that an attack may use: balls around the clean pair, in grey levels of the 8-bit frames."""
+"""The allowed perturbations of an attack: balls around the clean pair, in grey levels of the 8-bit frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..sample import Frame
 from .images import WHITE, Images, grey_levels_of, images_of
 
 NORMS = ("linf", "rms", "area")
-"""`linf`: the largest change of a value; `rms`: the root mean square of the change over the values that may move;
+"""`linf`: the largest change of any value; `rms`: the root mean square of the change over all perturbed frames;
 `area`: the share of a frame's pixels that change, by any amount."""
 
 GREY_LEVELS: dict[str, tuple[float, ...]] = {
@@ -26,7 +26,7 @@ GREY_LEVELS: dict[str, tuple[float, ...]] = {
 0.005 is 1.275 grey levels."""
 
 MOVED = ("both", "first", "second", "joint")
-"""Which frames are perturbed: both, separately; one of them; or both by the same change."""
+"""Which frames are perturbed: both, independently; only one; or both by the same change."""
 
 _SLACK = 1e-6
 """Relative tolerance for float images that lie on the surface of a ball."""
@@ -40,13 +40,13 @@ class Ball:
 
     Args:
         frame1, frame2: the clean pair, RGB uint8 (H, W, 3).
-        budget: size of the ball in grey levels of 255, or for "area" in % of the pixels.
+        budget: radius of the ball in grey levels of 255, or for "area" in % of the pixels.
         norm: one of `NORMS`.
         moved: one of `MOVED`.
         per_frame: whether the "rms" bound applies to each frame separately instead of to both together.
 
     Raises:
-        UsageError: an unknown norm or choice of frames, or a budget that is not positive.
+        UsageError: an unknown norm or choice of frames, or a budget out of range.
 
     >>> black = np.zeros((4, 6, 3), np.uint8)
     >>> ball = Ball(black, black, 8)
@@ -68,7 +68,7 @@ class Ball:
         most, unit = (100, "% of the pixels") if self.norm == "area" else (WHITE, "grey levels")
         number = isinstance(self.budget, int | float | np.number) and not isinstance(self.budget, bool)
         if not number or not 0 < self.budget <= most:
-            raise UsageError(f"a budget is more than 0 and at most {most} {unit}, not {self.budget!r}")
+            raise UsageError(f"a budget must be more than 0 and at most {most} {unit}, not {self.budget!r}")
 
     @cached_property
     def clean(self) -> Images:
@@ -77,7 +77,7 @@ class Ball:
 
     @property
     def radius(self) -> np.float32:
-        """The budget on the scale of `Images` (0..1), or for "area" in %."""
+        """The radius on the scale of `Images` (0..1), or for "area" in %."""
         return np.float32(self.budget if self.norm == "area" else self.budget / WHITE)
 
     @property
@@ -86,7 +86,7 @@ class Ball:
         return {"first": slice(0, 1), "second": slice(1, 2)}.get(self.moved, slice(0, 2))
 
     def size_of(self, change: npt.NDArray[np.float32]) -> float:
-        """Compute the norm of a change of shape (2, 3, H, W), in the units of the change."""
+        """Compute the norm of a change, float32 (2, 3, H, W), in the units of the change."""
         moved = change[self._kept].astype(np.float64)
         if self.norm == "linf":
             return float(np.abs(moved).max())
@@ -96,14 +96,14 @@ class Ball:
         return float(np.sqrt(means.max() if self.per_frame else means.mean()))
 
     def holds(self, images: Images) -> bool:
-        """Whether images are inside the ball, apart from float32 rounding errors."""
+        """Whether images are inside the ball, up to float32 rounding errors."""
         change = images - self.clean
         inside = images.min() >= 0 and images.max() <= 1
         together = self.moved != "joint" or np.abs(change[0] - change[1]).max() <= _SLACK
         return bool(inside and together and self.size_of(change) <= float(self.radius) * (1 + _SLACK) + 1e-7)
 
     def project(self, images: Images) -> Images:
-        """Project images: first cut the change to the ball, then the values to 0..1."""
+        """Project images: clip the change to the ball, then the values to 0..1."""
         change = np.zeros_like(images)
         change[self._kept] = (images - self.clean)[self._kept]
         if self.moved == "joint":
@@ -126,7 +126,7 @@ class Ball:
         return change
 
     def _largest(self, change: Images) -> Images:
-        """Keep the largest changes, on as many pixels of each frame as the budget allows."""
+        """Keep only the pixels with the largest changes, as many per frame as the budget allows."""
         sizes = np.abs(change).max(axis=1).reshape(2, -1)
         order = np.argsort(-sizes, axis=1, kind="stable")[:, : int(self.budget * sizes.shape[1] / 100)]
         kept = np.zeros_like(sizes, bool)
@@ -139,8 +139,8 @@ class Ball:
         Args:
             images: the starting point.
             gradient: gradient of the score with respect to the images.
-            size: step size in grey levels: along the sign of the gradient for "linf", or along the gradient, as its
-                root mean square, for "rms".
+            size: step size in grey levels; for "linf" the step follows the sign of the gradient, for "rms" it follows
+                the gradient and the size is its root mean square.
         """
         if self.moved == "joint":
             gradient = np.broadcast_to(gradient.sum(axis=0), gradient.shape)
@@ -155,7 +155,8 @@ class Ball:
         return self.project(images + length * direction)
 
     def random(self, rng: Rng) -> Images:
-        """Draw a random start inside the ball: uniform values, or for "rms" a uniform direction of full length."""
+        """Draw a random start inside the ball: uniform values, or for "rms" a random direction scaled to the full
+        radius."""
         shape = self.clean.shape
         count = self.clean.size
         if self.norm != "rms":
@@ -166,7 +167,7 @@ class Ball:
         return self.project(self._whole_length(images))
 
     def _whole_length(self, images: Images) -> Images:
-        """With "rms", scale the change to the ball's surface, before values are cut to 0..1."""
+        """For "rms", scale the change to the ball's surface, before values are clipped to 0..1."""
         size = self.size_of(images - self.clean)
         if self.norm != "rms" or size == 0:
             return images
@@ -175,8 +176,8 @@ class Ball:
     def to_8_bits(self, images: Images) -> npt.NDArray[np.int16]:
         """Round images to 8 bits inside the budget, int16 (2, 3, H, W).
 
-        Rounding can leave the ball. For "linf" the change is then truncated to whole grey levels; for "rms" it is
-        scaled by the largest factor that brings the rounded frames inside.
+        Rounded images can lie outside the ball. For "linf", the change is therefore limited to the budget, rounded
+        down; for "rms", it is scaled by the largest factor for which the rounded frames are inside.
         """
         clean = grey_levels_of(self.clean)
         if self.norm == "linf":
@@ -196,8 +197,7 @@ class Ball:
         return (clean + self._rounded(images, clean, low)).astype(np.int16)
 
     def _rounded(self, images: Images, clean: npt.NDArray[np.int16], factor: float) -> npt.NDArray[np.int16]:
-        """Scale the change by `factor` and round it to whole grey levels, equally in both frames if they move
-        together."""
+        """Scale the change by `factor` and round it to integers, identically in both frames if they move together."""
         change, low, high = (images - self.clean).astype(np.float64), clean, clean
         if self.moved == "joint":
             change[:] = change.mean(axis=0)

@@ -1,7 +1,8 @@
-"""The base class of attacks: each moves a pair of frames inside a ball to increase a loss of the model's flow.
+"""The base class of attacks. An attack searches inside a ball around a pair of frames for a high loss of the model's
+flow.
 
-An attack has options but no state: evaluations and results are kept in the `Problem`, and random numbers come from
-a stream that is passed in, so the same pair, model, options and seed give the same frames.
+An attack has options but no state: the `Problem` records evaluations and results, and random numbers come from a stream
+that is passed in, so the same pair, model, options and seed give the same frames.
 """
 
 from __future__ import annotations
@@ -29,23 +30,24 @@ from .registry import norm_of
 _PACKAGE = __name__.partition(".")[0] + "."
 
 Pattern = npt.NDArray[np.float32]
-"""A trained array: the perturbation of all pairs, or a patch."""
+"""A trained array: a perturbation for all pairs, or a patch."""
 
 Learned = Mapping[str, Mapping[int, Pattern]]
-"""Trained arrays by the labels of `Attack.training` and by severity."""
+"""Trained arrays by label (see `Attack.training`) and severity."""
 
 FAMILY = "adversarial"
 """The family of all attacks, which is never part of the paper's means."""
 
 VARIANTS = ("default", "flowbench", "original")
-"""`default`: as docs/attacks.md defines it; `flowbench`: what FlowBench's code does where that differs; `original`:
-what the code of an attack's authors does."""
+"""`default`: as defined in docs/attacks.md; `flowbench`: as in FlowBench's code; `original`: as in the code of the
+attack's authors."""
 
 TARGETS = ("none", "zero", "negative")
-"""The flow that the attack aims for: any flow far from the reference, zero everywhere, or minus the clean flow."""
+"""The target flow: none (any flow far from the reference), zero everywhere, or the negated clean flow."""
 
 REFERENCES = ("auto", "truth", "clean")
-"""The flow that an untargeted attack moves away from; `auto` is the ground truth if there is one."""
+"""The flow from which an untargeted attack moves away; `auto` is the ground truth if available, otherwise the clean
+flow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +60,7 @@ class Attack(ABC):
         variant: one of `VARIANTS`.
         target: one of `TARGETS`.
         loss: one of `loss.LOSSES`.
-        reference: one of `REFERENCES`, for an attack without a target.
+        reference: one of `REFERENCES`, for untargeted attacks.
         moved: one of `ball.MOVED`.
 
     Raises:
@@ -68,14 +70,14 @@ class Attack(ABC):
     name: ClassVar[str]
     needs_gradients: ClassVar[bool] = True
     control: ClassVar[bool] = False
-    """Whether it is random noise that does not query the model, with which attacks are compared."""
+    """Whether the attack is a control: random noise that does not query the model, to which attacks are compared."""
     agreeing: ClassVar[bool] = False
-    """Whether pixels are weighted as in CosPGD."""
+    """Whether the loss weights pixels as in CosPGD."""
     variants: ClassVar[tuple[str, ...]] = ("default",)
     norms: ClassVar[tuple[str, ...]] = ("linf", "rms")
     targets: ClassVar[tuple[str, ...]] = TARGETS
     argument: ClassVar[str] = ""
-    """The option that follows the attack's name without a key: `transfer:tiny` is `transfer` with `model="tiny"`."""
+    """The option that can follow the attack's name without a key: `transfer:tiny` is `transfer` with `on="tiny"`."""
 
     variant: str = "default"
     norm: str = "linf"
@@ -99,33 +101,33 @@ class Attack(ABC):
         for each in fields(self):
             value = getattr(self, each.name)
             if isinstance(each.default, int) and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
-                raise UsageError(f"{each.name} of attack {self.name} must be a whole number from 1, not {value!r}")
+                raise UsageError(f"{each.name} of attack {self.name} must be an integer of at least 1, not {value!r}")
 
     @property
     def masked(self) -> bool:
-        """Whether only pixels with valid ground truth count; FlowBench's code counts all pixels, with flow 0 where
-        there is no truth."""
+        """Whether the loss includes only pixels with valid ground truth. FlowBench's code includes all pixels, with
+        flow 0 where there is no ground truth."""
         return self.variant != "flowbench"
 
     @property
     def per_frame(self) -> bool:
-        """Whether a budget of the norm "rms" applies to each frame separately, as in FlowBench's code."""
+        """Whether an "rms" budget applies to each frame separately, as in FlowBench's code."""
         return self.variant == "flowbench"
 
     def budget(self, severity: int) -> float:
-        """Return the budget of a severity in grey levels.
+        """Return the budget of a severity, in grey levels or in % of the pixels.
 
         Raises:
-            UsageError: the severity is not 1 to 5.
+            UsageError: the severity is not an integer from 1 to 5.
         """
         return GREY_LEVELS[self.norm][check_severity(severity) - 1]
 
     @classmethod
     def made(cls, **options: Any) -> Self:
-        """Build the attack with options; strings are converted where an option is a number.
+        """Build the attack with options; strings are converted if the option is an integer.
 
         Raises:
-            UsageError: an option that there is not.
+            UsageError: an unknown option.
         """
         known = {each.name: each.default for each in fields(cls) if each.compare}
         for option, value in options.items():
@@ -136,7 +138,8 @@ class Attack(ABC):
         return cls(**options)
 
     def with_variant(self, variant: str) -> Self:
-        """Return the attack in a variant, or unchanged if it lacks that variant or already has one."""
+        """Return the attack in a variant, or unchanged if the attack does not support the variant or already has
+        one."""
         chosen = self.variant == "default" and variant in self.variants
         return replace(self, variant=variant) if chosen else self
 
@@ -145,58 +148,56 @@ class Attack(ABC):
         return {each.name for each in fields(self) if each.compare}
 
     def options(self) -> dict[str, Any]:
-        """The options that are not the default ones."""
+        """The options that differ from their defaults."""
         values = ((each, getattr(self, each.name)) for each in fields(self) if each.compare)
         return {each.name: value for each, value in values if value != each.default}
 
     @property
     def label(self) -> str:
-        """The name with the options that are not the defaults, as `load_attack` accepts it and tables print it:
-        `pgd:steps=40`."""
+        """The name with all options that differ from their defaults, as accepted by `load_attack` and printed in
+        tables: `pgd:steps=40`."""
         text = ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
         return text if norm_of(text) == self.norm else f"{text}:norm={self.norm}"
 
     @property
     def source(self) -> str:
-        """A digest of everything besides the label that affects the frames, such as a second model or a user's source
+        """A digest of everything except the label that affects the frames, such as a second model or the user's source
         code; empty for most attacks."""
         return "" if type(self).__module__.startswith(_PACKAGE) else source_digest(type(self))
 
     @property
     def trains(self) -> str:
-        """The training samples: their number, or a file that lists them; empty for most attacks, which are not
-        trained."""
+        """The training samples: their number, or a file that lists them; empty for attacks without training."""
         return ""
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
-        """Return what a run has to train for this attack on a model.
+        """Return the attacks that a run has to train in order to use this attack on a model.
 
         Returns:
-            For each trained attack, including those inside a composite one, its label, the attack, and the model on
-            which it is trained.
+            Each trained attack, including parts of a composite attack, with the model on which it is trained, by label.
         """
         return {}
 
     def with_learned(self, learned: Learned) -> Self:
-        """Return the attack with the perturbations that a run has trained."""
+        """Return the attack with perturbations that were trained by a run."""
         return self
 
     @property
     def needs(self) -> str:
-        """What the attack needs from a model: "gradients", "flows" or "nothing"."""
+        """What the attack needs from a model: "gradients", "any model" (only flows) or "nothing"."""
         return "gradients" if self.needs_gradients else "nothing" if self.control else "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Check that a model can be attacked in this way.
+        """Check that the attack works with a model.
 
         Raises:
-            ModelError: the model cannot.
+            ModelError: it does not.
         """
         if self.needs_gradients:
             refuse_without_gradient(model, self.name)
 
     def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
-        """Build the optimisation problem of this attack on a pair.
+        """Build the optimisation problem of this attack for a pair.
 
         Args:
             model: the attacked model.
@@ -211,15 +212,14 @@ class Attack(ABC):
         return Problem(model, ball, loss, pair, clean_flow, from_clean)
 
     def _loss(self, clean_flow: Flow, pair: Pair) -> tuple[Loss, bool]:
-        """Return the loss, and whether it is the distance to the clean flow."""
+        """Return the loss, and whether the loss is the distance to the clean flow."""
         if self.target != "none":
             target = -clean_flow if self.target == "negative" else np.zeros_like(clean_flow)
             return Loss(target, None, self.loss, towards=True, agreeing=self.agreeing), False
         if pair.truth is None or self.reference == "clean":
             if self.reference == "truth":
                 raise UsageError(
-                    f"attack {self.name} moves the flow away from the ground truth, and there is none; give the flow, "
-                    "or omit reference=truth"
+                    f"attack {self.name} needs ground truth, and there is none; give the flow, or omit reference=truth"
                 )
             return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
         if self.masked:
@@ -229,11 +229,11 @@ class Attack(ABC):
 
     @abstractmethod
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """Return the attacked pair, inside the ball.
+        """Run the attack and return the attacked pair, which lies inside the ball.
 
         Args:
             problem: the model, the ball and the loss.
-            rng: the source of all randomness; each of several random starts spawns its own generator.
+            rng: the source of all random numbers; each random start spawns a separate generator.
 
         Returns:
             float32 (2, 3, H, W).
@@ -242,7 +242,7 @@ class Attack(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Control(Attack):
-    """Random noise that does not query the model: the control for attacks of the same norm."""
+    """Random noise that does not query the model, as a control for attacks with the same norm."""
 
     needs_gradients: ClassVar[bool] = False
     control: ClassVar[bool] = True

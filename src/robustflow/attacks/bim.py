@@ -10,9 +10,9 @@ from .pgd import Pgd
 
 @dataclass(frozen=True, kw_only=True)
 class Bim(Pgd):
-    """Projected gradient ascent that begins at the clean pair.
+    """Projected gradient ascent from the clean pair.
 
-    In the variant "flowbench" every step is the whole budget, because FlowBench's code overwrites the step size.
+    In the variant "flowbench", the step size equals the budget, because FlowBench's code overwrites the step size.
     """
 
     name: ClassVar[str] = "bim"

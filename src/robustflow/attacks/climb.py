@@ -8,10 +8,10 @@ from .problem import Problem
 
 
 def start_of(problem: Problem, rng: Rng, at_random: bool) -> Images:
-    """The pair from which an attack begins: the clean one, or a random one in the ball.
+    """Return the pair from which an attack starts: the clean pair, or a random pair in the ball.
 
-    At the clean frames the distance to the clean flow is zero and has no gradient, so an attack on that distance
-    always begins at a random pair.
+    At the clean pair, the distance to the clean flow is zero and has no gradient, so attacks with this loss always
+    start at a random pair.
     """
     return problem.ball.random(rng) if at_random or problem.from_clean else problem.ball.clean
 
@@ -24,7 +24,7 @@ def climb(problem: Problem, images: Images, steps: int, size: float, keep_best: 
         images: the starting point, inside the ball.
         steps: number of steps.
         size: step size, in grey levels of the ball's norm.
-        keep_best: return the best images so far instead of the last ones.
+        keep_best: whether to return the best images so far instead of the last ones.
     """
     for _ in range(steps):
         _, gradient = problem.slope(images)

@@ -1,9 +1,9 @@
 """Evaluate a model for attacks, and run several attacks in lockstep so that their evaluations share calls of the model.
 
-An attack computes one pair and knows nothing of other attacks. In lockstep each attack has a thread, but only one
-thread runs at a time: it pauses when it needs the model, and continues with the answer. What an attack computes depends
-only on the answers. A model on the CPU evaluates each pair separately, so attacks in lockstep give the same bytes as
-attacks in sequence; a model with `batched_gradients` evaluates pairs of equal size in one call.
+The code of an attack handles a single pair. In lockstep, each attack has its own thread, but only one thread runs at a
+time: it pauses when it needs the model, and continues with the answer. A model on the CPU evaluates each pair
+separately, so lockstep does not change any bytes. A model with `batched_gradients` evaluates pairs of equal size in one
+call.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .loss import Loss
 _Result = TypeVar("_Result")
 
 _PATIENCE = 5.0
-"""Seconds to wait for a thread that is interrupted while it runs."""
+"""Maximum time to wait for an interrupted thread, in seconds."""
 
 _RETURNED = "the model's method differentiable returned"
 _EXPECTED = "expected a tensor (N, 2, H, W) computed from the images inside PyTorch's graph"
@@ -44,14 +44,14 @@ _EXPECTED = "expected a tensor (N, 2, H, W) computed from the images inside PyTo
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A flow that an attack needs: of 8-bit frames, or of images with or without the gradient of a loss.
+    """A request for a flow: for 8-bit frames, or for images, optionally with the gradient of a loss.
 
     Args:
         model: the model.
         key: name of the sample, for error messages.
         frames: 8-bit frames, RGB uint8 (H, W, 3) each, for `predict`; None for images.
         images: images for `differentiable`.
-        loss: the loss whose gradient is computed; None for no gradient.
+        loss: the loss whose gradient is requested; None for no gradient.
     """
 
     model: AnyModel
@@ -62,12 +62,12 @@ class Evaluation:
 
     @property
     def cell(self) -> tuple[str, str, int]:
-        """The cell in error messages."""
+        """The cell named in error messages."""
         return self.key, "an attacked pair", 0
 
     @property
     def group(self) -> tuple[Any, ...]:
-        """Evaluations of the same group may share a call of the model."""
+        """A key that is equal for evaluations that can share a call of the model."""
         alone = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
         shapes = [each.shape for each in (*(self.frames or ()), self.images) if each is not None]
         return id(self.model), self.images is None, self.loss is None, *shapes, *alone
@@ -89,15 +89,15 @@ class Answer:
 
 
 def evaluate(asked: Evaluation) -> Answer:
-    """Evaluate a model: immediately, or inside `in_lockstep` together with the other attacks."""
+    """Evaluate a model: immediately, or together with the other attacks when called inside `in_lockstep`."""
     thread = threading.current_thread()
     return thread.ask(asked) if isinstance(thread, _Lane) else _answers([asked])[0]
 
 
 def in_lockstep(tasks: Sequence[Callable[[], _Result]]) -> list[_Result]:
-    """Call functions that use `evaluate`, all at the same time, and return their results in order.
+    """Run functions that call `evaluate` in lockstep, and return their results in order.
 
-    An exception in a function, or in an evaluation that it does not handle, ends all functions and is raised.
+    The first exception that a function does not handle stops all functions and is raised here.
     """
     if len(tasks) == 1:
         return [tasks[0]()]
@@ -121,15 +121,15 @@ def in_lockstep(tasks: Sequence[Callable[[], _Result]]) -> list[_Result]:
 def _answer(group: Sequence[_Lane[Any]]) -> None:
     try:
         answers: Sequence[Answer | Exception] = _answers([lane.asked for lane in group if lane.asked is not None])
-    except Exception as error:  # raised where the attack asked, as without lockstep
+    except Exception as error:  # raised inside the attack, as without lockstep
         answers = [error] * len(group)
     for lane, answer in zip(group, answers, strict=True):
         lane.resume(answer)
 
 
 def _settings() -> Any:
-    """A context with PyTorch's settings for all evaluations, because an attack in lockstep that changes and restores
-    settings must not affect the others."""
+    """Return a context with reproducible PyTorch settings. Attacks that change and restore settings then restore these,
+    and do not affect each other."""
     if "torch" not in sys.modules:
         return nullcontext()
     from ..models.torch.reproducible import reproducible
@@ -138,15 +138,15 @@ def _settings() -> Any:
 
 
 class _Stopped(BaseException):
-    """Ends the thread of an attack whose result is no longer needed."""
+    """Raised inside an attack to end its thread when its result is no longer needed."""
 
 
 class _Lane(threading.Thread, Generic[_Result]):
     """The thread of one attack.
 
     Attributes:
-        asked: the evaluation for which it waits; None if it has ended.
-        result: what the function returned.
+        asked: the evaluation that it is waiting for; None if it has ended.
+        result: return value of the function.
     """
 
     result: _Result
@@ -162,7 +162,7 @@ class _Lane(threading.Thread, Generic[_Result]):
         self.start()
 
     def run(self) -> None:
-        """Run the function when `resume` is first called."""
+        """Wait for the first call of `resume`, then run the function."""
         self._go.acquire()
         try:
             if not self._stopped:
@@ -172,7 +172,7 @@ class _Lane(threading.Thread, Generic[_Result]):
         self._paused.release()
 
     def ask(self, evaluation: Evaluation) -> Answer:
-        """Pause until the evaluation is answered; called by the thread itself."""
+        """Pause until the evaluation is answered; called from this thread."""
         self.asked = evaluation
         self._paused.release()
         self._go.acquire()
@@ -199,7 +199,7 @@ class _Lane(threading.Thread, Generic[_Result]):
 
 
 def _answers(asked: Sequence[Evaluation]) -> list[Answer]:
-    """Answer evaluations of one group in one call of the model."""
+    """Answer the evaluations of one group."""
     model = asked[0].model
     if asked[0].frames is None:
         return _differentiated(asked)

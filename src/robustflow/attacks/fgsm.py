@@ -1,4 +1,4 @@
-"""FGSM: one step of the whole budget along the sign of the gradient (Goodfellow et al. 2015)."""
+"""FGSM: a single step of the full budget along the sign of the gradient (Goodfellow et al. 2015)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Fgsm(Attack):
     """A single gradient step. If the loss is the distance to the clean flow, which has no gradient at the clean frames,
     the attack starts at a random pair.
 
-    The variant "flowbench" uses the sign of the gradient under "rms", too, scaled to the length of the budget.
+    The variant "flowbench" also uses the sign of the gradient for "rms", scaled to the budget.
     """
 
     name: ClassVar[str] = "fgsm"

@@ -1,4 +1,4 @@
-"""The losses of attacks: distances between the flow and a reference over the valid pixels."""
+"""The losses of attacks: distances between a flow and a reference over the valid pixels."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _Map = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """The mean distance of a flow to a reference over the pixels of a mask.
+    """The mean distance between a flow and a reference over the valid pixels.
 
     Args:
         reference: float32 (H, W, 2), pixels: the ground truth, the clean flow, or a target.
-        valid: bool (H, W), the pixels that count; None for all.
+        valid: bool (H, W), the pixels to include; None for all.
         kind: one of `LOSSES`.
-        towards: whether the reference is a target, which the flow should approach.
-        agreeing: whether pixels have CosPGD's weight, the cosine between the softmax of (u, v) and of the reference,
-            or 1 minus the cosine if `towards`; the weight has no gradient.
+        towards: whether the reference is a target that the flow should approach.
+        agreeing: whether pixels are weighted as in CosPGD, by the cosine between the softmax of (u, v) and that of the
+            reference, or by 1 minus the cosine if `towards`; the weight has no gradient.
 
     Raises:
-        UsageError: an unknown kind, or a mask without valid pixels.
+        UsageError: an unknown kind, or a mask with no valid pixels.
 
     >>> flow = np.full((2, 3, 2), (3, 4), np.float32)
     >>> Loss(np.zeros_like(flow)).of(flow)
@@ -49,10 +49,10 @@ class Loss:
         if self.kind not in LOSSES:
             raise UsageError(f"unknown loss '{self.kind}' of an attack: choose from {', '.join(LOSSES)}")
         if self.valid is not None and not self.valid.any():
-            raise UsageError("the ground truth marks no pixel as valid, so there is nothing to attack")
+            raise UsageError("the ground truth has no valid pixels, so there is nothing to attack")
 
     def of(self, flow: Flow, weighted: bool = True) -> float:
-        """Compute the loss of a flow, float32 (H, W, 2); unless `weighted`, without CosPGD's weight."""
+        """Compute the loss of a flow, float32 (H, W, 2), including CosPGD's weight unless `weighted` is False."""
         values, _ = self._parts(flow, weighted)
         return float(values[self._counted].mean())
 
@@ -64,7 +64,7 @@ class Loss:
         return float(values[counted].mean()), slopes.astype(np.float32)
 
     def score(self, loss: float) -> float:
-        """Compute the score, which attacks maximise: the loss, or minus the loss if `towards` a target."""
+        """Compute the score, which attacks maximise: the loss, or its negative if `towards` a target."""
         return -loss if self.towards else loss
 
     @property
@@ -72,8 +72,8 @@ class Loss:
         return np.ones(self.reference.shape[:2], bool) if self.valid is None else self.valid
 
     def _parts(self, flow: Flow, weighted: bool) -> tuple[_Map, _Map]:
-        """The loss of each pixel (H, W) and its derivative (H, W, 2)."""
-        with np.errstate(invalid="ignore", over="ignore"):  # a flow may be infinite
+        """Return the loss of each pixel (H, W) and its derivative (H, W, 2)."""
+        with np.errstate(invalid="ignore", over="ignore"):  # the flow can be infinite
             values, slopes = _DISTANCES[self.kind](flow.astype(np.float64), self.reference.astype(np.float64))
             if not (self.agreeing and weighted):
                 return values, slopes
@@ -112,7 +112,7 @@ _DISTANCES = {"epe": _epe, "mse": _mse, "cosine": _cosine, "capped": _capped}
 
 
 def _divided(above: _Map, below: _Map) -> _Map:
-    """Divide, with 0 where the divisor is 0."""
+    """Divide; the result is 0 where the divisor is 0."""
     out: _Map = np.divide(above, below, out=np.zeros_like(above), where=below > 0)
     return out
 

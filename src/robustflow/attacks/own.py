@@ -1,6 +1,6 @@
-"""A user's own attack: an object, a class or `module:Attribute`, checked and registered under its name.
+"""The user's own attacks: objects, classes or `module:Attribute`, checked and registered by name.
 
-`robustflow.testing.check_attack` has further checks (budget, determinism, the best pair).
+`robustflow.testing.check_attack` runs further checks (budget, determinism, the best pair).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .problem import Pair, Problem
 from .registry import ATTACKS, split_name
 
 Made = Any
-"""An attack class or object."""
+"""The user's attack, as a class or object."""
 
 _own: dict[str, Made] = {}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -36,7 +36,7 @@ class OwnAttack(Attack):
 
     Args:
         made_by_user: any object with `run(problem, rng)`; see `Attack.run`.
-        given: the options that its class was built with.
+        given: the options with which the class was instantiated.
     """
 
     made_by_user: Any
@@ -47,7 +47,7 @@ class OwnAttack(Attack):
         """Build a registered attack with options of the user's class and of `Attack`.
 
         Raises:
-            UsageError: an unknown option, or a class that cannot be built.
+            UsageError: an unknown option, or a class that cannot be instantiated.
         """
         made = _own[registered]
         if inspect.isclass(made) and issubclass(made, Attack):
@@ -70,7 +70,7 @@ class OwnAttack(Attack):
 
     @property
     def needs_gradients(self) -> bool:  # type: ignore[override]
-        """What the attack needs: gradients, unless its attribute `needs_gradients` is False."""
+        """Whether the attack needs gradients: True unless its attribute `needs_gradients` is False."""
         return bool(getattr(self.made_by_user, "needs_gradients", True))
 
     def known_options(self) -> set[str]:
@@ -114,15 +114,15 @@ def register_attack(made: Made) -> str:
     """Register a class or an object under its name, and return that name; a later registration replaces an earlier one.
 
     Raises:
-        UsageError: it has no `run`, or its name is unusable or taken by this package.
+        UsageError: it has no `run`, or its name is invalid or already used by this package.
     """
     if not callable(getattr(made, "run", None)):
         raise UsageError(f"{described(made)} has no method run, so it is not an attack; {_GUIDE}")
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
-        raise UsageError(f"an attack cannot be called '{name}': give it a name of letters, digits and '_'")
+        raise UsageError(f"an attack cannot be called '{name}': the name must consist of letters, digits and '_'")
     if name in ATTACKS:
-        raise UsageError(f"{described(made)} has the name of the attack '{name}': give it another `name`")
+        raise UsageError(f"{described(made)} has the same name as the attack '{name}': give it a different `name`")
     _own[name] = made
     return name
 
@@ -145,19 +145,19 @@ def with_target_registered(name: str) -> str:
 
 
 def is_own(name: str) -> bool:
-    """Whether a user's attack is registered under a name."""
+    """Whether the user has registered an attack under this name."""
     return name in _own
 
 
 def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the users' attacks among some names, including parts of composite attacks, for `register_attack` in
+    """Return the user's attacks among some names, including parts of composite attacks, for `register_attack` in
     workers."""
     parts = {part for name in names for part in re.split(r"[:=+]", name)}
     return tuple(made for name, made in _own.items() if name in parts)
 
 
 def _parameters(made: Made) -> dict[str, Any]:
-    """Return the options of a class with their defaults; an object has none."""
+    """Return the options of a class with their defaults; an object has no options."""
     if not inspect.isclass(made):
         return {}
     return {name: one.default for name, one in inspect.signature(made).parameters.items()}
@@ -172,6 +172,6 @@ def _build(made: Made, name: str, options: dict[str, Any]) -> Any:
         raise
     except Exception as error:
         raise UsageError(
-            f"attack '{name}' cannot be built: {type(error).__name__}: {error}; give every argument a default, or pass "
-            "the object itself"
+            f"attack '{name}' cannot be built: {type(error).__name__}: {error}; give every argument a default value, "
+            "or pass an object"
         ) from error

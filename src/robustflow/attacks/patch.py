@@ -1,4 +1,4 @@
-"""Patch: a disc pasted at one place into both frames (Ranjan et al. 2019; stripes: Schrodi et al. 2022)."""
+"""Patch: a disc pasted into both frames at the same position (Ranjan et al. 2019; stripes: Schrodi et al. 2022)."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from .trained import Trained
 _STRIPE = 4
 """Width of a stripe, pixels."""
 _ANGLE, _SCALE = 10.0, 0.05
-"""Largest rotation of a trained pattern, in degrees, and largest relative change of its scale (Ranjan et al.)."""
+"""Maximum rotation of a trained pattern, in degrees, and maximum relative change of its scale (Ranjan et al.)."""
 _REACH = 5.0
-"""Sum of all training steps, for values in 0..1."""
+"""Sum of all training step sizes, for values in 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Patch(Trained):
-    """Paste a disc at a random place, the same in both frames.
+    """Paste a disc into both frames at the same random position.
 
-    The disc has black and white vertical stripes, which need no training, or a trained pattern, resized to the budget,
-    rotated by up to 10 degrees and scaled by up to 5 % at random, in training as well.
+    The disc shows black and white vertical stripes, which need no training, or a trained pattern, which is resized to
+    the budget and, during training as well, randomly rotated by up to 10 degrees and scaled by up to 5 %.
 
     Args:
         steps: number of training steps, each with a gradient for every sample.
@@ -46,7 +46,7 @@ class Patch(Trained):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.moved == "joint":  # pasting the same colours into two frames changes each frame differently
+        if self.moved == "joint":  # pasting the same colours changes each frame differently
             raise unknown_name("moved of attack patch", self.moved, ("both", "first", "second"))
 
     def run(self, problem: Problem, rng: Rng) -> Images:
@@ -85,19 +85,19 @@ class Patch(Trained):
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
         """See `Trained.checked_pattern`."""
         if not self.fits(array):
-            raise DataError(f"{self.file} is an array {array.shape}; a patch is (3, N, N) with values in 0..1")
+            raise DataError(f"{self.file} is an array {array.shape}; expected (3, N, N) with values in 0..1")
         return np.clip(array, 0, 1)
 
 
 @dataclass(frozen=True)
 class Disc:
-    """The position of a disc in a pair, and of a pattern in the disc.
+    """The position of a disc in a pair, and the orientation of the pattern in the disc.
 
     Attributes:
         frames: slice of the frames with the disc.
         where: rows and columns of the square around the disc.
         mask: bool, True inside the disc.
-        rng: the generator of the rotation and the scale.
+        rng: the random generator for the rotation and the scale.
         angle: rotation of the pattern, degrees.
         scale: scale factor of the pattern.
     """
@@ -111,7 +111,7 @@ class Disc:
 
     @classmethod
     def of(cls, problem: Problem, rng: Rng) -> Disc:
-        """Place a disc with the area of the budget at random.
+        """Place a disc with the area of the budget at a random position.
 
         Raises:
             DataError: the disc is larger than the frames, or smaller than a pixel.
@@ -128,7 +128,7 @@ class Disc:
         return replace(self, angle=angle, scale=scale)
 
     def taken_from(self, pattern: Pattern) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Return the row and column of the nearest pixel of a pattern for each pixel of the square."""
+        """Return the row and column of the nearest pattern pixel for each pixel of the square."""
         size, side = len(self.mask), pattern.shape[1]
         down, right = np.indices(self.mask.shape) - (size - 1) / 2
         along, across = (turn(np.deg2rad(self.angle)) * side / (size * self.scale) for turn in (np.cos, np.sin))
@@ -138,7 +138,7 @@ class Disc:
 
 
 def diameter(problem: Problem) -> int:
-    """Compute the diameter of the largest disc inside the budget, in pixels.
+    """Compute the diameter of the largest disc within the budget, in pixels.
 
     Raises:
         DataError: the disc is larger than the frames, or smaller than a pixel.
@@ -150,13 +150,13 @@ def diameter(problem: Problem) -> int:
         size -= 1
     if not size:
         raise DataError(
-            f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels is smaller than one pixel; give a larger "
-            "severity or budget, or larger frames"
+            f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels is smaller than one pixel; choose a "
+            "higher severity, a larger budget or larger frames"
         )
     if size > min(height, width):
         raise DataError(
             f"a patch of {problem.ball.budget:g} % of {width}x{height} pixels has a diameter of {size}, which does not "
-            "fit into the frame; give a smaller severity or budget, or larger frames"
+            "fit into the frame; choose a lower severity, a smaller budget or larger frames"
         )
     return size
 

@@ -1,4 +1,4 @@
-"""PCFA: LBFGS moves the flow to a target, with a penalty for exceeding the budget (Schmalfuss et al. 2022)."""
+"""PCFA: move the flow to a target with LBFGS and a penalty for exceeding the budget (Schmalfuss et al. 2022)."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
 
 BOXES = ("change", "clipping")
 _INSIDE = 1e-7
-"""Margin that the change of variables keeps from 0 and 1."""
+"""Margin of the change of variables at 0 and 1."""
 _WEIGHT = 2500.0
-"""Weight of the penalty, to be divided by the bound; 1.5 times this unless the target is zero."""
+"""Weight of the penalty times the bound; multiplied by 1.5 unless the target is zero."""
 _SATURATED = 0.05
 _ITERATIONS = 10
-"""Iterations of LBFGS in each step."""
+"""Number of LBFGS iterations per step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pcfa(Attack):
-    """Minimise the distance to the target plus a penalty on the mean square of the change above the squared budget.
+    """Minimise the distance to the target, plus a penalty if the mean square of the change exceeds the squared budget.
 
-    After every step, a pair outside the budget is projected into the ball and evaluated there; the pair whose flow is
-    nearest to the target is returned. The variant "original" projects only the pair that is returned: the nearest to
-    the target among the pairs inside the budget, or the pair with the smallest change if there is none.
+    After every step, a pair outside the budget is projected into the ball and evaluated again; the pair whose flow is
+    nearest to the target is returned. The variant "original" projects only the returned pair: of the pairs within the
+    budget, the one whose flow is nearest to the target, or if there are none, the pair with the smallest change.
 
     Args:
-        steps: number of LBFGS steps, each with ten evaluations.
-        box: how values stay in 0..1: "change" of variables (tanh, in which values of 0 and 255 cannot move), or
+        steps: number of LBFGS steps with about ten evaluations each.
+        box: method that keeps values in 0..1: "change" of variables (tanh, where values of 0 and 255 cannot change) or
             "clipping".
     """
 
@@ -57,10 +57,10 @@ class Pcfa(Attack):
         if self.box not in BOXES:
             raise unknown_name("box of attack pcfa", self.box, BOXES)
         if self.moved == "joint" and self.box != "clipping":
-            raise UsageError("pcfa moves both frames by the same change only with box=clipping; give that")
+            raise UsageError("pcfa with moved=joint requires box=clipping")
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; nothing is random."""
+        """See `Attack.run`; deterministic."""
         with problem.reproducible():  # the sums in LBFGS depend on the number of threads
             return self._run(problem)
 
@@ -73,7 +73,7 @@ class Pcfa(Attack):
 
 
 class _Search:
-    """The variables, their objective, and the best pair so far."""
+    """The optimisation variables, their objective, and the best pair so far."""
 
     def __init__(self, attack: Pcfa, problem: Problem) -> None:
         import torch
@@ -110,8 +110,8 @@ class _Search:
         self.objective(keep=True)
 
     def objective(self, keep: bool = False) -> float:
-        """Compute the distance plus the penalty and store the gradient in the variables; `keep` compares with the best
-        pair."""
+        """Compute the distance plus the penalty and store the gradient in the variables; with `keep`, also update the
+        best pair."""
         import torch
 
         for variable in self.variables:
@@ -143,7 +143,7 @@ class _Search:
             self.kept, self._kept_size, self._kept_loss = images, size, loss
 
     def _changed(self) -> tuple[Tensor, Tensor]:
-        """Compute the pair and its change from the transformed variables."""
+        """Compute the pair and its change from the tanh variables."""
         import torch
 
         kept = 1 - _INSIDE
@@ -168,7 +168,7 @@ class _Search:
         return images, torch.stack([change, change])
 
     def _whole(self, frames: list[Any]) -> Tensor:
-        """Return both frames, with unperturbed frames unchanged."""
+        """Stack both frames; frames that are not perturbed stay clean."""
         import torch
 
         every = dict(zip(self._moved, frames, strict=True))

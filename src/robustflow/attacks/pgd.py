@@ -23,8 +23,8 @@ class Pgd(Attack):
     0.01 of the full range and returns the last pair instead of the best.
 
     Args:
-        steps: gradients for each start.
-        starts: random starts; the best pair of all is kept.
+        steps: number of gradients per start.
+        starts: number of random starts; the best pair of all starts is returned.
     """
 
     name: ClassVar[str] = "pgd"
@@ -34,7 +34,7 @@ class Pgd(Attack):
     starts: int = 1
 
     at_random: ClassVar[bool] = True
-    """Whether the attack begins at a random pair in the ball."""
+    """Whether the attack starts at a random pair in the ball."""
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""

@@ -1,4 +1,4 @@
-"""The optimisation problem that an attack solves: the loss of a pair, its gradient, and the cost so far."""
+"""The optimisation problem of an attack: the loss of a pair, its gradient, and the cost so far."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Pair:
 
     Args:
         frames: RGB uint8 (H, W, 3) each.
-        budget: size of the ball in the units of the attack's norm.
+        budget: radius of the ball in the units of the attack's norm.
         truth: ground truth, float32 (H, W, 2), pixels; None if there is none.
         valid: valid pixels of the ground truth, bool (H, W); None if all are valid.
         key: name of the sample.
-        seed: seed of the random choices.
-        severity: severity 1 to 5; 0 if the budget was given instead.
+        seed: random seed.
+        severity: severity 1 to 5; 0 if a budget was given instead.
     """
 
     frames: tuple[Frame, Frame]
@@ -40,7 +40,7 @@ class Pair:
     severity: int = 0
 
     def stream(self, attack: str) -> Rng:
-        """Return the random stream of an attack on this pair; the stream is the same inside a composite attack."""
+        """Return the random stream of an attack on this pair; inside a composite attack, the stream is the same."""
         return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 
@@ -54,13 +54,13 @@ class Problem:
         loss: the loss to maximise.
         pair: the clean pair.
         clean_flow: the model's flow of the clean pair, float32 (H, W, 2), pixels.
-        from_clean: the loss is the distance to the clean flow, which has no gradient at the clean pair.
+        from_clean: whether the loss is the distance to the clean flow, which has no gradient at the clean pair.
 
     Attributes:
-        evaluations: number of flows computed for the attack, including those with a gradient.
+        evaluations: number of flows computed for the attack, with and without gradient.
         gradients: number of evaluations with a gradient.
         trace: the loss of each evaluation, without CosPGD's weight.
-        best: the images inside the ball with the highest score so far, at first the clean pair.
+        best: the images inside the ball with the highest score so far; initially the clean pair.
         troubles: keys of `result.WARNINGS` for events that make the result doubtful.
     """
 
@@ -82,7 +82,8 @@ class Problem:
         self.best, self.best_score = self.ball.clean, score if np.isfinite(score) else -np.inf
 
     def loss_at(self, images: Images) -> float:
-        """The loss of images, without CosPGD's weight; not recorded, and computed only if it is not cached."""
+        """Return the loss of images without CosPGD's weight; it is not recorded, and only computed if it is not
+        cached."""
         if images is self.ball.clean:
             return self.loss.of(self.clean_flow, weighted=False)
         if images is self.best:
@@ -90,27 +91,28 @@ class Problem:
         return self.loss.of(self.flow(images), weighted=False)
 
     def score(self, images: Images) -> float:
-        """Compute the score of images, which become the best if they are inside the ball and score higher."""
+        """Compute the score of images. Images inside the ball with a higher score than `best` replace it."""
         return self.note(images, self.loss.of(self.flow(images), weighted=False))
 
     def query(self, images: Images) -> float:
-        """Compute the score of images rounded to 8 bits, for attacks that need no gradient; recorded as by `score`."""
+        """Compute the score of images after rounding to 8 bits, for attacks without gradients; recorded like
+        `score`."""
         return self.score_of_frames(frames_of(self.ball.to_8_bits(images)))
 
     def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
-        """Compute the score of 8-bit frames, for attacks that need no gradient."""
+        """Compute the score of 8-bit frames, for attacks without gradients."""
         self.evaluations += 1
         flow = evaluate(Evaluation(self.model, self.pair.key, frames=frames)).flow
         return self.note(images_of(*frames), self.loss.of(flow))
 
     def flow(self, images: Images) -> Flow:
-        """Predict the flow of images that are not rounded to grey levels, float32 (H, W, 2)."""
+        """Predict the flow of images without rounding them to grey levels, float32 (H, W, 2)."""
         self.evaluations += 1
         return evaluate(Evaluation(self.model, self.pair.key, images=images)).flow
 
     def slope(self, images: Images) -> tuple[float, Images]:
-        """Compute the score of images, recorded as by `score`, and its gradient, with CosPGD's weight if the loss has
-        it.
+        """Compute the score of images, recorded like `score`, and its gradient, which includes CosPGD's weight if the
+        loss does.
         """
         loss, flow, gradient = self.loss_and_gradient(images)
         plain = self.loss.of(flow, weighted=False) if self.loss.agreeing else loss
@@ -132,7 +134,8 @@ class Problem:
         return answer.value, answer.flow, gradient
 
     def reproducible(self) -> Any:
-        """A context in which PyTorch's results are reproducible, whatever the number of threads outside."""
+        """Return a context in which PyTorch's results are reproducible and do not depend on the number of threads
+        outside."""
         from ..models.torch.reproducible import reproducible
 
         return reproducible(getattr(self.model, "threads", 1))
@@ -141,7 +144,7 @@ class Problem:
         """Project the images that an attack returned into the ball.
 
         Raises:
-            UsageError: the images are not float32 of the pair's shape, or not finite.
+            UsageError: the images are not finite float32 images with the shape of the pair.
         """
         shape = self.ball.clean.shape
         if not isinstance(images, np.ndarray) or images.dtype != np.float32 or images.shape != shape:
@@ -157,7 +160,7 @@ class Problem:
         self.gradients += other.gradients
 
     def note(self, images: Images, loss: float) -> float:
-        """Record a loss; the images become the best if they are inside the ball and score higher."""
+        """Record a loss, update `best`, and return the score."""
         self.trace.append(loss)
         score = self.loss.score(loss)
         if score > self.best_score and self.ball.holds(images):
@@ -166,7 +169,7 @@ class Problem:
 
 
 def refuse_without_gradient(model: AnyModel, attack: str) -> None:
-    """Check that a model offers the gradients that an attack needs.
+    """Check that a model provides the gradients that an attack needs.
 
     Raises:
         ModelError: the model has no gradients.
@@ -174,7 +177,7 @@ def refuse_without_gradient(model: AnyModel, attack: str) -> None:
     if not isinstance(model, Differentiable):
         name = model_identity(model).get("name") or type(model).__name__
         raise ModelError(
-            f"model '{name}' offers no gradient of its flow, which the attack {attack} needs; choose square, which "
-            "only asks for flows, install the extra torch if it is tiny, or give the model a method "
-            "differentiable(images1, images2)"
+            f"model '{name}' provides no gradient of its flow, which the attack {attack} needs; use square, which "
+            "needs only flows, install the extra torch (for tiny), or add a method "
+            "differentiable(images1, images2) to the model"
         )

@@ -1,4 +1,4 @@
-"""Control: Gaussian noise whose root mean square is the whole budget."""
+"""Control: Gaussian noise whose root mean square equals the budget."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class RandomGauss(Control):
-    """Add Gaussian noise that fills the budget under "rms", without querying the model."""
+    """Add Gaussian noise with the full "rms" budget, without querying the model."""
 
     name: ClassVar[str] = "random_gauss"
     norms: ClassVar[tuple[str, ...]] = ("rms",)

@@ -1,4 +1,4 @@
-"""Control: a disc of random colours, at the place of the attack `patch`."""
+"""Control: a disc of random colours at the same position as in the attack `patch`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Control: every value changes by the whole budget, up or down at random."""
+"""Control: every value changes by the full budget, up or down at random."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .problem import Problem
 
 @dataclass(frozen=True, kw_only=True)
 class RandomSign(Control):
-    """Add noise of random sign that fills the budget under "linf", without querying the model."""
+    """Add noise of random sign with the full "linf" budget, without querying the model."""
 
     name: ClassVar[str] = "random_sign"
     norms: ClassVar[tuple[str, ...]] = ("linf",)

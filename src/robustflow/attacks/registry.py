@@ -10,12 +10,13 @@ from ..registry import Registry
 ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
 ATTACK_VERSION = 4
-"""Part of every run's identity; increased whenever the frames of an attack change, so that results never mix."""
+"""Part of every run's identity; incremented whenever the frames of an attack change, so that different results are
+never mixed."""
 
 CONTROLS = ("random_sign", "random_gauss")
-"""The random-noise controls, which an attack has to beat."""
+"""The random-noise controls, which an attack should outperform."""
 PATCH_CONTROL = "random_patch"
-"""The control for patches, which a patch has to beat."""
+"""The control for patches."""
 
 _CLASSES = {
     "random_sign": "random_sign:RandomSign",
@@ -34,14 +35,14 @@ _CLASSES = {
     "patch": "patch:Patch",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
-"""The attacks of this package; installed packages add others."""
+"""The attacks of this package; installed packages can add more."""
 
 NORMS: dict[str, str] = {"random_gauss": "rms", "pcfa": "rms", "random_patch": "area", "patch": "area"}
-"""The norm of an attack's budget in a run, where it is not "linf"."""
+"""The norm of each attack's budget in a run, if it is not "linf"."""
 
 
 def split_name(name: str) -> tuple[str, str, dict[str, str]]:
-    """Split an attack's label into its name in the registry, the positional part (without "="), and its options.
+    """Split an attack's label into its registered name, the positional part (without "="), and its options.
 
     >>> split_name("pgd:steps=40:loss=cosine")
     ('pgd', '', {'steps': '40', 'loss': 'cosine'})
@@ -57,11 +58,11 @@ def split_name(name: str) -> tuple[str, str, dict[str, str]]:
     for part in parts:
         option, is_option, value = part.partition("=")
         if is_option and option.strip() in options:
-            raise UsageError(f"'{name}' sets option {option.strip()} twice")
+            raise UsageError(f"'{name}' sets the option {option.strip()} twice")
         if is_option:
             options[option.strip()] = value.strip()
         elif options:
-            options[next(reversed(options))] += f":{part}"  # a colon inside a value
+            options[next(reversed(options))] += f":{part}"  # the value contains a colon
         else:
             argument.append(part.strip())
     return head.strip(), ":".join(argument), options

@@ -13,26 +13,26 @@ WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
     "gradient_not_finite": "the gradient was NaN or infinite somewhere",
     "gradient_zero": "the gradient was zero everywhere: the model may hide it",
-    "nothing_gained": "the attacked pair has no larger error than the clean one: the attack found nothing",
-    "still_rising": "the loss still changed by more than 2 % in the last quarter of the steps",
+    "nothing_gained": "the attacked pair has no larger error than the clean pair: the attack failed",
+    "still_rising": "the attack still improved by more than 2 % in the last quarter of the steps",
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
     "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
 }
-"""Warnings about the result of one attack, by a short name."""
+"""Warnings about the result of a single attack, by key."""
 
 LOWER_BOUND = ("nothing_gained", "still_rising", "rounding", "saturated")
-"""Warnings that only mean that a stronger attack may exist; after any other warning, the result says little about the
-model."""
+"""Warnings that only indicate that a stronger attack may exist; with any other warning, the result says little about
+the model's robustness."""
 
 BESIDE_OTHERS = {
-    "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the steps are badly chosen",
+    "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the step size is unsuitable",
     "square_above_white_box": "Square, which uses no gradient, is stronger",
-    "transfer_above_white_box": "frames made on a different model are stronger",
+    "transfer_above_white_box": "frames attacked on a different model are stronger",
 }
-"""Warnings that follow from a comparison with the run's other attacks."""
+"""Warnings based on a comparison with the other attacks of the run."""
 
 EXPLAINED = {**WARNINGS, **BESIDE_OTHERS}
-"""All warnings."""
+"""All warnings by key."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,14 @@ class Attacked:
 
     @property
     def moved(self) -> float:
-        """Mean distance between the flows of the attacked and of the clean frames over all pixels, px (RCRE)."""
+        """Mean distance between the flows of the attacked and the clean frames over all pixels, px (RCRE)."""
         difference = self.flow.astype(np.float64) - self.clean_flow
         return float(np.hypot(difference[..., 0], difference[..., 1]).mean())
 
 
 def norms_of(frames: tuple[Frame, Frame], clean: tuple[Frame, Frame]) -> tuple[float, float, float]:
-    """Largest change and root mean square, in grey levels, and share of the values that changed; over both frames.
+    """Compute the largest change, its root mean square (both in grey levels), and the share of values that changed,
+    over both frames.
 
     >>> black = np.zeros((2, 2, 3), np.uint8)
     >>> norms_of((black + 2, black), (black, black))
@@ -97,7 +98,7 @@ def norms_of(frames: tuple[Frame, Frame], clean: tuple[Frame, Frame]) -> tuple[f
 
 
 def saturated(clean: Images) -> float:
-    """Share of the clean values that are 0 or 1.
+    """Return the share of clean values that are 0 or 1.
 
     >>> saturated(np.array([0.0, 0.5, 1.0, 1.0], np.float32))
     0.75

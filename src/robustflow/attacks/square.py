@@ -1,4 +1,4 @@
-"""Square: random squares that are kept if they help; only queries flows (Andriushchenko et al. 2020)."""
+"""Square: random search with squares, which only queries flows (Andriushchenko et al. 2020)."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .images import WHITE, Images, frames_of, grey_levels_of
 from .problem import Problem
 
 _LARGEST = 0.8
-"""Fraction of the frame that a square covers at the beginning."""
+"""Initial area of a square, as a fraction of the frame."""
 _HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
-"""Numbers of queries, out of 10 000, after which the area of a square is halved."""
+"""Numbers of queries, out of 10,000, after which the area of a square is halved."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Square(Attack):
-    """Random search: begin with vertical stripes, then try a random square in one frame per query; keep it if the loss
-    grows.
+    """Random search that starts with vertical stripes; each query tries a random square in one frame and keeps it if
+    the loss rises.
 
-    The attack only queries the flow of 8-bit frames and needs no gradient, so it works with every model.
+    The attack queries only the flow of 8-bit frames and needs no gradient, so it works with every model.
 
     Args:
-        queries: number of flows that the attack may query.
+        queries: maximum number of queried flows.
     """
 
     name: ClassVar[str] = "square"

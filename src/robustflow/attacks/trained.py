@@ -1,4 +1,4 @@
-"""Attacks that are trained once, on held-out samples, and then applied to the measured ones."""
+"""Attacks that are trained once on held-out samples and then applied to the measured samples."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from .images import Images
 from .problem import Pair, Problem, refuse_without_gradient
 
 _MOMENTUM = 0.75
-"""Weight of the running mean of earlier gradients."""
+"""Weight of earlier gradients in the running mean."""
 _SMALLEST = 1e-30
 _LARGEST = 2**28
-"""Largest accepted perturbation file, in bytes."""
+"""Maximum size of a perturbation file, in bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,15 +33,15 @@ class Trained(Attack):
     """A pattern that is the same for every sample.
 
     Args:
-        train: training samples of a run: their number, drawn by the run's seed from those that are not measured, or a
-            file of their keys. Each severity has its own pattern.
-        file: a stored pattern, a NumPy array (.npy), instead of training.
+        train: training samples of a run: their number, to be drawn with the run's seed from the samples that are not
+            measured, or a file with their keys. A separate pattern is trained for each severity.
+        file: a stored pattern (a NumPy array, .npy) instead of training.
         steps: number of training steps, each with a gradient for every sample.
-        learned: the trained pattern of each severity; a run fills it in.
+        learned: trained pattern by severity, filled in by a run.
     """
 
     moves: ClassVar[bool] = False
-    """Whether every training step puts the pattern at a different place."""
+    """Whether every training step places the pattern at a different position."""
 
     train: str = ""
     file: str = ""
@@ -53,13 +53,13 @@ class Trained(Attack):
         """See `Attack.made`.
 
         Raises:
-            UsageError: both a file and samples to train on.
+            UsageError: both a file and training samples are given.
         """
         if "train" in options:
             options["train"] = str(options["train"])
         attack = super().made(**options)
         if attack.train and attack.file:
-            raise UsageError(f"attack {attack.name}: give samples to train on or a file, not both")
+            raise UsageError(f"attack {attack.name}: give training samples or a file, not both")
         if attack.train.isdecimal() and not int(attack.train):
             raise UsageError(f"attack {attack.name}: train=0 leaves nothing to train on")
         return attack
@@ -79,7 +79,7 @@ class Trained(Attack):
 
     @property
     def source(self) -> str:
-        """A digest of the file; a run adds the training samples."""
+        """A digest of the file; a run adds a digest of the training samples."""
         return digest_of_bytes(read_file(self.file), size=8) if self.file else ""
 
     @property
@@ -88,7 +88,7 @@ class Trained(Attack):
         return "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Check that the model has gradients, if the attack is to be trained.
+        """Check that the model has gradients if the attack needs training.
 
         Raises:
             ModelError: the model has no gradients.
@@ -100,14 +100,14 @@ class Trained(Attack):
         """Train the pattern by gradient ascent with momentum on the mean score of all samples, with a decaying step
         size.
 
-        Returns the best pattern, or the last one if every step puts the pattern at a different place (`moves`), where
-        the scores of two steps cannot be compared.
+        Returns the best pattern, or the last one if the position changes in every step (`moves`), because the scores of
+        different steps are then not comparable.
 
         Args:
             model: a model with gradients.
-            pairs: pairs with the model's flow of the clean frames, all with the same budget.
-            rng: the generator of the first pattern and of the places.
-            batch_size: number of pairs in one call of a model that supports batches.
+            pairs: training pairs, all with the same budget, each with the model's flow of its clean frames.
+            rng: the random generator for the first pattern and the positions.
+            batch_size: number of pairs per call, for models that support batches.
         """
         problems = [self.problem(model, pair, clean_flow) for pair, clean_flow in pairs]
         pattern = self.first(problems, rng)
@@ -130,7 +130,7 @@ class Trained(Attack):
         return problem.slope(self.placed(problem, pattern, rng))
 
     def pattern(self, problem: Problem) -> Pattern | None:
-        """Return the pattern for a pair, from the file or from training; None if there is neither.
+        """Return the pattern for a pair, from the file or from training; None if the attack uses neither.
 
         Raises:
             UsageError: no pattern was trained at this severity.
@@ -141,25 +141,26 @@ class Trained(Attack):
             return None
         if problem.pair.severity not in self.learned:
             raise UsageError(
-                f"attack {self.name} is trained in a run (robustflow run --attacks {self.label}); here give file="
+                f"attack {self.name} can only be trained by a run (robustflow run --attacks {self.label}); here, "
+                "give file="
             )
         return self.learned[problem.pair.severity]
 
     @abstractmethod
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """Return the pattern that training begins with."""
+        """Return the initial pattern of the training."""
 
     @abstractmethod
     def placed(self, problem: Problem, pattern: Pattern, rng: Rng) -> Images:
-        """Return the pair with the pattern, inside the ball; the generator determines its place."""
+        """Return the pair with the pattern, inside the ball; `rng` determines the position."""
 
     @abstractmethod
     def pulled(self, problem: Problem, gradient: Images, pattern: Pattern, rng: Rng) -> Pattern:
-        """Compute the gradient of a pair's score with respect to the pattern; the generator determines its place."""
+        """Compute the gradient of a pair's score with respect to the pattern; `rng` determines the position."""
 
     @abstractmethod
     def stepped(self, problem: Problem, pattern: Pattern, pull: Pattern, share: float) -> Pattern:
-        """Take one training step; the step shares sum to 1."""
+        """Take one training step; `share` is its share of the total step size."""
 
     @classmethod
     @abstractmethod
@@ -168,7 +169,7 @@ class Trained(Attack):
 
     @abstractmethod
     def checked_pattern(self, array: Pattern, problem: Problem) -> Pattern:
-        """Check the array of a file and return it as a pattern for this pair.
+        """Check an array from a file and return it as a pattern for this pair.
 
         Raises:
             DataError: the array has the wrong shape.
@@ -184,16 +185,16 @@ def read_file(path: str) -> bytes:
     file = Path(path).expanduser()
     try:
         if not file.is_file():
-            raise DataError(f"{path} is not a file; give a NumPy array (.npy), as PCFA or a run wrote it")
+            raise DataError(f"{path} is not a file; give a NumPy array (.npy) written by PCFA or by a run")
         if file.stat().st_size > _LARGEST:
-            raise DataError(f"{path} has more than {_LARGEST >> 20} MB: no perturbation is as large")
+            raise DataError(f"{path} is larger than {_LARGEST >> 20} MB, which is too large for a perturbation")
         return file.read_bytes()
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_array(path: str) -> Pattern:
-    """Read a perturbation file as float32, without running pickled code.
+    """Read a perturbation file as float32, without unpickling.
 
     Raises:
         DataError: not a NumPy array of finite floating-point numbers with three or four axes.
@@ -202,12 +203,14 @@ def read_array(path: str) -> Pattern:
     file = Path(path).expanduser()
     try:
         array = np.lib.format.open_memmap(file, mode="r") if content[:6] == b"\x93NUMPY" else None
-    except Exception as error:  # a hostile header can make NumPy's parser raise anything
-        raise DataError(f"{path} is damaged, or no array of numbers ({' '.join(str(error).split())[:100]})") from error
+    except Exception as error:  # NumPy's parser can raise any exception on a manipulated header
+        raise DataError(
+            f"{path} is damaged, or not an array of numbers ({' '.join(str(error).split())[:100]})"
+        ) from error
     if array is None or array.dtype.kind != "f" or array.ndim not in (3, 4) or not 0 < array.size <= _LARGEST // 2:
-        what = "no NumPy array (.npy)" if array is None else f"an array {array.dtype} {array.shape}"
-        raise DataError(f"{path} is {what}; a perturbation is floating-point, (3, H, W) or (1 or 2, 3, H, W)")
+        what = "not a NumPy array (.npy)" if array is None else f"an array {array.dtype} {array.shape}"
+        raise DataError(f"{path} is {what}; expected a floating-point array (3, H, W), (1, 3, H, W) or (2, 3, H, W)")
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():
-        raise DataError(f"{path} has values that are NaN or infinite")
+        raise DataError(f"{path} contains NaN or infinite values")
     return values

@@ -24,12 +24,12 @@ from .trained import Trained
 class Transfer(Attack):
     """Attack the same pair on a different model (the surrogate), and evaluate the result on the model under test.
 
-    The attack does not query the model under test, so it works with models without gradients. If it is stronger than a
-    white-box attack, the model hides its gradient. Options of the inner attack and of the surrogate are given like its
-    own: `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
+    The attack does not query the model under test, so it also works for models without gradients. If it is stronger
+    than a white-box attack, the gradient of the model is masked. Options of the inner attack and of the surrogate are
+    written like its own options: `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
 
     Args:
-        on: the surrogate, a name for `load_model` or an object.
+        on: the surrogate, as a name for `load_model` or a model object.
         attack: the attack on the surrogate.
         model_options: options of the surrogate, if it is given by name.
     """
@@ -53,12 +53,12 @@ class Transfer(Attack):
         if isinstance(inner, Transfer):
             raise UsageError("attack transfer cannot contain another transfer; name only the inner model")
         if inner.name == "worst_of":
-            raise UsageError(
-                "attack transfer: give the parts of worst_of, worst_of:transfer+..., and not worst_of itself"
-            )
+            raise UsageError("attack transfer cannot contain worst_of; combine them as worst_of:transfer+...")
         rest = tuple((option, value) for option, value in options.items() if option not in known)
         if rest and not isinstance(on, str):
-            raise UsageError(f"attack transfer: '{rest[0][0]}' is no option of {inner.name}, and the model is built")
+            raise UsageError(
+                f"attack transfer: '{rest[0][0]}' is not an option of {inner.name}, and the model is already built"
+            )
         shared = {each.name: getattr(inner, each.name) for each in fields(Attack)}
         return cls(on=on, attack=inner, model_options=rest, **shared)
 
@@ -73,7 +73,7 @@ class Transfer(Attack):
         )
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
-        """See `Attack.training`; the training is on the surrogate."""
+        """See `Attack.training`; the inner attack is trained on the surrogate."""
         inner = self.attack
         return {self.label: (inner, self._other)} if isinstance(inner, Trained) and inner.train else {}
 
@@ -91,14 +91,14 @@ class Transfer(Attack):
     def options(self) -> dict[str, Any]:
         """See `Attack.options`; includes the options of the inner attack and of the surrogate."""
         if not isinstance(self.on, str):
-            raise UsageError("a run names the model of the attack transfer: transfer:MODEL")
+            raise UsageError("in a run, the attack transfer needs the name of its model: transfer:MODEL")
         mine = {"on": self.on, "attack": self.attack.name}
         chosen = {option: value for option, value in mine.items() if value not in ("tiny", "apgd")}
         return {**chosen, **self.attack.options(), **dict(self.model_options)}
 
     @property
     def label(self) -> str:
-        """See `Attack.label`; the surrogate comes right after the name."""
+        """See `Attack.label`; the surrogate follows the name."""
         options = self.options()
         on = options.pop("on", "tiny")
         return ":".join([self.name, on, *(f"{name}={value}" for name, value in options.items())])
@@ -124,11 +124,11 @@ class Transfer(Attack):
             ModelError: the surrogate is not a model of two frames, or has no gradients.
         """
         if not isinstance(self._other, FlowModel):
-            raise ModelError("the attack transfer is made on a model of two frames, which the one it names is not")
+            raise ModelError("the attack transfer needs a two-frame model as its surrogate")
         self.attack.check(self._other)
 
     def run(self, problem: Problem, rng: Rng) -> Images:
-        """See `Attack.run`; the evaluations are of the surrogate."""
+        """See `Attack.run`; counts the evaluations of the surrogate."""
         pair = problem.pair
         clean_flow = predict_checked(self._other, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
         inner = self.attack.problem(self._other, pair, clean_flow)

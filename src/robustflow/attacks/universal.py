@@ -19,19 +19,19 @@ from .problem import Problem
 from .trained import Trained, read_array, read_file
 
 _REACH = 2.5
-"""Sum of all training steps, as a multiple of the budget."""
+"""Sum of all training step sizes, as a multiple of the budget."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Universal(Trained):
     """Add the same perturbation to every pair, projected to the budget and clipped to 0..255.
 
-    A trained perturbation has the size of the largest frame; smaller frames get its top left part. A perturbation from
-    a file must have the frames' size, and is scaled down if it exceeds the budget, but never scaled up.
+    A trained perturbation has the size of the largest training frame; smaller frames use its top left part. A
+    perturbation from a file must have the frames' size; it is reduced if it exceeds the budget, but never amplified.
 
     Args:
-        second: file with the perturbation of frame 2, because PCFA writes one file per frame; by default both frames
-            get the perturbation of `file`.
+        second: file with the perturbation of frame 2 (PCFA writes one file per frame); by default, `file` applies to
+            both frames.
     """
 
     name: ClassVar[str] = "universal"
@@ -49,12 +49,12 @@ class Universal(Trained):
         """See `Trained.check`.
 
         Raises:
-            UsageError: there are neither training samples nor a file.
+            UsageError: neither training samples nor a file are given.
         """
         if not self.train and not self.file:
             raise UsageError(
-                "attack universal needs samples to train on, universal:train=8 or universal:train=KEYS.txt, or a "
-                "stored perturbation, universal:file=PERTURBATION.npy"
+                "attack universal needs training samples (universal:train=8 or universal:train=KEYS.txt) or a stored "
+                "perturbation (universal:file=PERTURBATION.npy)"
             )
         super().check(model)
 
@@ -65,7 +65,7 @@ class Universal(Trained):
         return self.placed(problem, pattern, rng)
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """See `Trained.first`; random, in the size of the largest frame."""
+        """See `Trained.first`; a random perturbation in the size of the largest frame."""
         shapes = [problem.ball.clean.shape[2:] for problem in problems]
         height, width = (max(sizes) for sizes in zip(*shapes, strict=True))
         ball = self._around_grey(problems[0], (height, width))
@@ -102,12 +102,12 @@ class Universal(Trained):
         if self.second:
             second = self._frames(read_array(self.second), self.second)
             if len(first) != 1 or len(second) != 1 or first.shape != second.shape:
-                raise DataError(f"{self.file} and {self.second} are not the perturbations of two frames of one size")
+                raise DataError(f"{self.file} and {self.second} are not perturbations of two frames of equal size")
         shape, frames = first.shape[2:], problem.ball.clean.shape[2:]
         if shape != frames:
             raise DataError(
-                f"{self.file} is for frames of {shape[1]}x{shape[0]} pixels, and those of sample "
-                f"'{problem.pair.key}' have {frames[1]}x{frames[0]}; give one of that size"
+                f"{self.file} is for frames of {shape[1]}x{shape[0]} pixels, but those of sample "
+                f"'{problem.pair.key}' have {frames[1]}x{frames[0]}; give a file for this size"
             )
         return np.concatenate([first, first if second is None else second])[-2:] if len(first) == 1 else first
 
@@ -115,10 +115,10 @@ class Universal(Trained):
     def _frames(array: Pattern, path: str) -> Pattern:
         whole = array[None] if array.ndim == 3 else array
         if whole.shape[1] != 3 or len(whole) > 2:
-            raise DataError(f"{path} is an array {array.shape}; a perturbation is (3, H, W) or (1 or 2, 3, H, W)")
+            raise DataError(f"{path} is an array {array.shape}; expected (3, H, W), (1, 3, H, W) or (2, 3, H, W)")
         return whole
 
     def _around_grey(self, problem: Problem, shape: tuple[int, ...]) -> Ball:
-        """The ball around grey frames, for which perturbation and change are the same."""
+        """Return the ball around grey frames, where no value of a perturbation is clipped."""
         grey = np.full((*shape, 3), 128, np.uint8)
         return Ball(grey, grey, problem.ball.budget, self.norm, self.moved, self.per_frame)

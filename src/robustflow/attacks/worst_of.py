@@ -1,4 +1,4 @@
-"""Worst of: the strongest of several attacks on each pair, like AutoAttack (Croce and Hein 2020)."""
+"""Worst of: the strongest of several attacks on each pair, as in AutoAttack (Croce and Hein 2020)."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _PLUS = "+"
 class WorstOf(Attack):
     """Run each attack as usual, evaluate its 8-bit frames, and keep the pair with the largest error.
 
-    Options are passed to every part that has them: `worst_of:apgd+square:queries=100`.
+    Options are passed to every part that supports them: `worst_of:apgd+square:queries=100`.
 
     Args:
-        parts: attacks of the same norm: names joined by "+", or a sequence of attacks.
+        parts: attacks with the same norm, as names joined by "+" or as a sequence of attacks.
     """
 
     name: ClassVar[str] = "worst_of"
@@ -58,13 +58,13 @@ class WorstOf(Attack):
         if len(norms) != 1:
             raise UsageError(
                 f"attack worst_of: {', '.join(f'{part.name} has norm {part.norm}' for part in parts)}; "
-                "one budget holds for all, so give attacks of one norm"
+                "all parts share a budget, so they must have the same norm"
             )
         shared = {each.name for each in fields(Attack)} - {"norm"}
         return cls(parts=tuple(parts), norm=norms.pop(), **{k: v for k, v in options.items() if k in shared})
 
     def with_variant(self, variant: str) -> Self:
-        """See `Attack.with_variant`; applies to every part that has the variant."""
+        """See `Attack.with_variant`; applies to every part that supports the variant."""
         return replace(self, parts=tuple(part.with_variant(variant) for part in self.parts))
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
@@ -86,7 +86,7 @@ class WorstOf(Attack):
 
     @property
     def source(self) -> str:
-        """A digest of the parts' fingerprints."""
+        """A digest of the parts' sources."""
         sources = [part.source for part in self.parts]
         return digest_of_value(sources) if any(sources) else ""
 
@@ -96,10 +96,10 @@ class WorstOf(Attack):
         return "gradients" if any(part.needs == "gradients" for part in self.parts) else "any model"
 
     def check(self, model: AnyModel) -> None:
-        """Check that every part can attack the model.
+        """Check that every part works with the model.
 
         Raises:
-            ModelError: a part cannot.
+            ModelError: a part does not.
         """
         for part in self.parts:
             part.check(model)
