@@ -1,4 +1,5 @@
-"""The user's own attacks: their contract, their effect on a run's identity, and the problems that the checker reports."""
+"""The user's own attacks: their contract, their effect on a run's identity, and the problems that the checker
+reports."""
 
 from __future__ import annotations
 

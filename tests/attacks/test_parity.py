@@ -1,4 +1,5 @@
-"""Compare attacks with the outputs of FlowBench's and PCFA's code, to the tolerances in the READMEs of the parity packs."""
+"""Compare attacks with the outputs of FlowBench's and PCFA's code, to the tolerances in the READMEs of the parity
+packs."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ def _smooth(pack: Pack) -> TorchModel:
 
 
 def _raft_small(pack: Pack):
-    """Return ptlflow's network, to which the adapter passes RGB; in FlowBench's pack there was no adapter, so it received BGR."""
+    """Return ptlflow's network, to which the adapter passes RGB; in FlowBench's pack there was no adapter, so it
+    received BGR."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=6, device="cpu")
     pack.fill(model.net.model, "keys_raft_small.json")

@@ -211,7 +211,8 @@ def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
 
 
 def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
-    """SIGKILL arrives during an attack on the first pair, then during one on the second; the last run is not interrupted."""
+    """SIGKILL arrives during an attack on the first pair, then during one on the second; the last run is not
+    interrupted."""
     script = Path(__file__).with_name("killed_run.py")
     subprocess.run([sys.executable, str(script), str(tmp_path / "killed"), "20", "45"], check=True, timeout=300)
     subprocess.run([sys.executable, str(script), str(tmp_path / "whole")], check=True, timeout=300)
