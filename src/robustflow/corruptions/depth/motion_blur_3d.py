@@ -108,7 +108,7 @@ def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
     return Motion(np.eye(3), np.array([scale * x / along, scale * y / down, scale * z * 4.0 / width]))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
 def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) -> Any:
     """Return (u, v) in pixels: after a fraction t of the path, (x, y) shows the frame's content at (x - t u, y - t v).
 
@@ -122,26 +122,33 @@ def _step(lens: Any, turn: Any, translation: Any, x: Any, y: Any, inverse: Any) 
 
 
 @njit(cache=True, nogil=True)
-def _edge(inverse: Any, y0: int, x0: int) -> Any:
-    """Return the largest inverse depth among a tile's edge pixels, i.e. pixels next to a farther surface."""
+def _edges(inverse: Any, out: Any) -> None:
+    """Compute the largest inverse depth among each tile's edge pixels, i.e. pixels next to a farther surface."""
     height, width = inverse.shape
-    largest = np.float32(0)
-    for y in range(y0, min(y0 + _TILE, height)):
-        above, row, below = inverse[max(y - 1, 0)], inverse[y], inverse[min(y + 1, height - 1)]
-        for x in range(x0, min(x0 + _TILE, width)):
-            sides = min(row[max(x - 1, 0)], row[min(x + 1, width - 1)])
-            if min(min(above[x], below[x]), sides) < _SAME * row[x]:
-                largest = max(largest, row[x])
-    return largest
+    largest = np.empty(width, np.float32)
+    for j in range(out.shape[0]):
+        largest[:] = np.float32(0)
+        for y in range(j * _TILE, min((j + 1) * _TILE, height)):
+            above, row, below = inverse[max(y - 1, 0)], inverse[y], inverse[min(y + 1, height - 1)]
+            for x in range(1, width - 1):
+                farthest = min(min(above[x], below[x]), min(row[x - 1], row[x + 1]))
+                largest[x] = max(largest[x], row[x] if farthest < _SAME * row[x] else np.float32(0))
+            for x in (0, width - 1):
+                farthest = min(min(above[x], below[x]), min(row[max(x - 1, 0)], row[min(x + 1, width - 1)]))
+                largest[x] = max(largest[x], row[x] if farthest < _SAME * row[x] else np.float32(0))
+        for i in range(out.shape[1]):
+            out[j, i] = largest[i * _TILE : (i + 1) * _TILE].max()
 
 
 @njit(cache=True, nogil=True)
 def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: float, near: Any) -> None:
     """Compute, for each tile, the largest inverse depth of any edge that enters it during the exposure (0 if none)."""
     height, width = inverse.shape
+    edges = np.empty_like(near)
+    _edges(inverse, edges)
     for j in range(near.shape[0]):
         for i in range(near.shape[1]):
-            largest, across, down = _edge(inverse, j * _TILE, i * _TILE), 0.0, 0.0
+            largest, across, down = edges[j, i], 0.0, 0.0
             if largest == 0:
                 continue
             for y in (j * _TILE, min((j + 1) * _TILE, height)):  # the motion within a tile is largest at a corner
@@ -156,7 +163,7 @@ def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: fl
                     around[t, s] = max(around[t, s], largest)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _row_of_paths(
     inverse: Any, px: Any, py: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
@@ -197,12 +204,15 @@ def _fixed(value: Any) -> Any:
 def _cells(inverse: Any, out: Any) -> None:
     """Compute the largest inverse depth in each cell and its eight neighbours."""
     height, width = inverse.shape
-    largest = np.zeros(out.shape, np.float32)
-    for y in range(height):
-        row, line = inverse[y], largest[y // _CELL]
-        for i in range(line.size):
-            for x in range(i * _CELL, min((i + 1) * _CELL, width)):
-                line[i] = max(line[i], row[x])
+    largest, tallest = np.empty(out.shape, np.float32), np.empty(width, np.float32)
+    for j in range(out.shape[0]):
+        tallest[:] = np.float32(0)
+        for y in range(j * _CELL, min((j + 1) * _CELL, height)):
+            row = inverse[y]
+            for x in range(width):
+                tallest[x] = max(tallest[x], row[x])
+        for i in range(out.shape[1]):
+            largest[j, i] = tallest[i * _CELL : (i + 1) * _CELL].max()
     rows, columns = out.shape
     for j in range(rows):
         above, here, below = largest[max(j - 1, 0)], largest[j], largest[min(j + 1, rows - 1)]
