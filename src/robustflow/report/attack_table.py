@@ -59,10 +59,10 @@ ATTACK_TABLES = ("attacks", "security", "corruptions-and-attacks")
 
 
 def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
-    """Make one of `ATTACK_TABLES`; "attacks" is one table per run with attacks.
+    """Make one of `ATTACK_TABLES`; "attacks" results in one table per run with attacks.
 
     Raises:
-        UsageError: these runs do not have the data for the table.
+        UsageError: these runs lack the data for the table.
     """
     if name == "attacks":
         each = [(title, attack_table(run)) for title, run in zip(run_names(runs), runs, strict=True)]
@@ -129,7 +129,7 @@ def _line(score: AttackScore) -> Line:
 
 
 def explained(warning: str) -> str:
-    """Return a warning as a sentence, or its name if this version has no sentence for it.
+    """Return the text of a warning, or its key if this version does not know the warning.
 
     >>> explained("gradient_zero")
     'the gradient was zero everywhere: the model may hide it'
