@@ -60,7 +60,7 @@ def _same(first, second):
 
 
 @pytest.mark.parametrize("name", ON_SMALL_PAIRS)
-def test_attacks_in_a_batch_give_the_bytes_of_each_alone(name):
+def test_attacks_in_a_batch_give_the_bytes_of_single_attacks(name):
     options = FEW.get(name, {})
     if name == "transfer":
         options = options | {"on": Noted(pixelwise, True)}
@@ -79,7 +79,7 @@ def test_attacks_in_a_batch_give_the_bytes_of_each_alone(name):
 
 
 @pytest.mark.parametrize("name", ["pgd", "apgd", "pcfa", "square", "worst_of"])
-def test_a_network_on_the_cpu_gives_the_bytes_of_single_pairs_and_is_never_batched(name):
+def test_a_network_on_the_cpu_is_never_batched_and_gives_the_bytes_of_single_attacks(name):
     model, attack = Noted(smooth_model().function, False), load_attack(name, **FEW[name])
     pairs = _pairs(attack, model)
 
@@ -103,7 +103,7 @@ def test_a_network_in_batches_gives_the_losses_of_single_pairs_up_to_rounding(na
     assert max(batched.sizes) == 3
 
 
-def test_pairs_of_other_sizes_and_pairs_that_end_earlier_do_not_disturb_a_batch():
+def test_pairs_of_a_different_size_do_not_affect_a_batch():
     model, attack = Noted(pixelwise, True), load_attack("pgd", steps=3)
     pairs = _pairs(attack, model)
     large = random_pair(12, 9, seed=7)
@@ -131,7 +131,7 @@ def test_nan_in_one_pair_of_a_batch_does_not_reach_the_others():
         _same(one, attack_pairs(attack, model, [pair])[0])
 
 
-def test_a_failing_model_or_attack_in_a_batch_ends_all_attacks_with_one_sentence():
+def test_a_failing_model_or_attack_ends_a_batch_with_one_message():
     def failing(images1, images2):
         if images1.requires_grad and len(images1) == 3:
             raise RuntimeError("too many")
@@ -171,7 +171,7 @@ def test_an_attack_can_handle_an_error_of_the_model_in_a_batch():
         assert one.loss == one.clean_loss
 
 
-def test_functions_in_lockstep_run_one_at_a_time_and_in_their_context():
+def test_functions_in_lockstep_run_one_at_a_time_in_the_callers_context():
     running = []
 
     def task(number):

@@ -380,7 +380,7 @@ WORST = "worst_of:random_sign+universal:train=2:steps=2"
 
 @pytest.fixture(scope="module")
 def composed(tmp_path_factory):
-    """A run of trained attacks inside others."""
+    """A run with trained attacks inside composite attacks."""
     return _run(tmp_path_factory.mktemp("runs") / "run", [INSIDE, WORST])
 
 

@@ -36,7 +36,7 @@ Learned = Mapping[str, Mapping[int, Pattern]]
 """Trained arrays by label (see `Attack.training`) and severity."""
 
 FAMILY = "adversarial"
-"""The family of all attacks, which is never part of the paper's means."""
+"""The family of all attacks; the paper's means exclude it."""
 
 VARIANTS = ("default", "flowbench", "original")
 """`default`: as defined in docs/attacks.md; `flowbench`: as in FlowBench's code; `original`: as in the code of the
@@ -191,7 +191,7 @@ class Attack(ABC):
         """Check that the attack works with a model.
 
         Raises:
-            ModelError: it does not.
+            ModelError: the model lacks something that the attack needs.
         """
         if self.needs_gradients:
             refuse_without_gradient(model, self.name)

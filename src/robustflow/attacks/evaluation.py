@@ -1,4 +1,4 @@
-"""Evaluate a model for attacks, and run several attacks in lockstep so that their evaluations share calls of the model.
+"""Evaluate a model for attacks, and run several attacks in lockstep so that they share model calls.
 
 The code of an attack handles a single pair. In lockstep, each attack has its own thread, but only one thread runs at a
 time: it pauses when it needs the model, and continues with the answer. A model on the CPU evaluates each pair
@@ -67,7 +67,7 @@ class Evaluation:
 
     @property
     def group(self) -> tuple[Any, ...]:
-        """A key that is equal for evaluations that can share a call of the model."""
+        """A key that is equal for evaluations that can share a model call."""
         alone = () if getattr(self.model, "batched_gradients", False) is True else (id(self),)
         shapes = [each.shape for each in (*(self.frames or ()), self.images) if each is not None]
         return id(self.model), self.images is None, self.loss is None, *shapes, *alone
@@ -128,8 +128,8 @@ def _answer(group: Sequence[_Lane[Any]]) -> None:
 
 
 def _settings() -> Any:
-    """Return a context with reproducible PyTorch settings. Attacks that change and restore settings then restore these,
-    and do not affect each other."""
+    """Return a context with reproducible PyTorch settings, so that attacks that change and restore settings do not
+    affect each other."""
     if "torch" not in sys.modules:
         return nullcontext()
     from ..models.torch.reproducible import reproducible

@@ -21,7 +21,7 @@ _Map = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """The mean distance between a flow and a reference over the valid pixels.
+    """The mean distance between a flow and a reference over the valid pixels, with its derivative.
 
     Args:
         reference: float32 (H, W, 2), pixels: the ground truth, the clean flow, or a target.

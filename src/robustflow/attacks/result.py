@@ -11,7 +11,7 @@ from .images import WHITE, Images
 
 WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
-    "gradient_not_finite": "the gradient was NaN or infinite somewhere",
+    "gradient_not_finite": "the gradient contained NaN or infinite values",
     "gradient_zero": "the gradient was zero everywhere: the model may hide it",
     "nothing_gained": "the attacked pair has no larger error than the clean pair: the attack failed",
     "still_rising": "the attack still improved by more than 2 % in the last quarter of the steps",
@@ -37,7 +37,7 @@ EXPLAINED = {**WARNINGS, **BESIDE_OTHERS}
 
 @dataclass(frozen=True, eq=False)
 class Attacked:
-    """An attacked pair.
+    """The result of an attack on a pair.
 
     Attributes:
         attack: name of the attack.

@@ -30,7 +30,7 @@ _LARGEST = 2**28
 
 @dataclass(frozen=True, kw_only=True)
 class Trained(Attack):
-    """A pattern that is the same for every sample.
+    """Apply the same pattern to every sample.
 
     Args:
         train: training samples of a run: their number, to be drawn with the run's seed from the samples that are not

@@ -49,7 +49,7 @@ class Universal(Trained):
         """See `Trained.check`.
 
         Raises:
-            UsageError: neither training samples nor a file are given.
+            UsageError: neither training samples nor a file is given.
         """
         if not self.train and not self.file:
             raise UsageError(

@@ -79,7 +79,7 @@ class AttackStage:
         return attacked
 
     def _warnings_of_model(self, sample: Sample) -> frozenset[str]:
-        """Return the warnings that the model issues in a prediction before the first attack."""
+        """Return warnings about the model itself, determined by predicting once before the first attack."""
         self._on_predict(describe_cell(sample.key, CLEAN, 0))
         first, second = sample.frames[:2]
         assert isinstance(self._model, FlowModel)
