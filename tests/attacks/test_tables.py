@@ -117,11 +117,19 @@ def test_the_correlation_of_corruptions_and_attacks_is_that_of_the_rows(five):
     assert noise.interval[0] <= noise.rho <= noise.interval[1]
 
 
-def test_below_five_models_no_correlation_is_given_and_the_table_says_so(five):
-    table = prediction_table(five[:4])
+def test_more_models_narrow_the_interval(five):
+    (few, *_), (many, *_) = predictions(five), predictions([*five, *five])
 
-    assert [cell.text for cell in table.sections[0].lines[0].cells][1:] == ["4", "-", "-", "-"]
-    assert "4 models: too few for a correlation" in table.sections[0].lines[0].note
+    assert (len(many.models), many.rho) == (10, pytest.approx(few.rho))
+    assert many.interval[1] - many.interval[0] < few.interval[1] - few.interval[0]
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_below_five_models_no_correlation_is_given_and_the_table_says_so(five, count):
+    table = prediction_table(five[:count])
+
+    assert [cell.text for cell in table.sections[0].lines[0].cells][1:] == [f"{count}", "-", "-", "-"]
+    assert f"{count} models: too few for a correlation" in table.sections[0].lines[0].note
     assert prediction_table(five[:1]) is None
 
 
