@@ -177,22 +177,24 @@ def _draw(
     proportional to the largest of three uniform variates.
     """
     kept = 0
-    still = np.zeros(3)
+    still, uniform = np.zeros(3), np.empty(13)
     for frame in range(2):
         lens = lenses[frame]
         for i in range(numbers[frame]):
             key = hash64(keys[frame], np.uint64(i))
-            product = _uniform(key, 0) * _uniform(key, 1) * _uniform(key, 2) * _uniform(key, 3)
+            for place in range(uniform.size):
+                uniform[place] = _uniform(key, place)
+            product = uniform[0] * uniform[1] * uniform[2] * uniform[3]
             diameter = -natural_log(product) / sizes[1]
-            z = box[4] * diameter * max(_uniform(key, 4), max(_uniform(key, 5), _uniform(key, 6)))
+            z = box[4] * diameter * max(uniform[4], max(uniform[5], uniform[6]))
             if diameter > sizes[2] or z < NEAREST:
                 continue
-            x = (box[0] + box[2] * _uniform(key, 7) - lens[2]) / lens[0] * z
-            y = (box[1] + box[3] * _uniform(key, 8) - lens[3]) / lens[1] * z
-            vx = fall[5] + fall[4] * (2.0 * _uniform(key, 9) - 1.0)
-            vy = fall[0] + fall[1] * _uniform(key, 10) + fall[2] * np.sqrt(diameter)
-            vy = vy + fall[4] * (2.0 * _uniform(key, 11) - 1.0)
-            vz = fall[6] + fall[4] * (2.0 * _uniform(key, 12) - 1.0)
+            x = (box[0] + box[2] * uniform[7] - lens[2]) / lens[0] * z
+            y = (box[1] + box[3] * uniform[8] - lens[3]) / lens[1] * z
+            vx = fall[5] + fall[4] * (2.0 * uniform[9] - 1.0)
+            vy = fall[0] + fall[1] * uniform[10] + fall[2] * np.sqrt(diameter)
+            vy = vy + fall[4] * (2.0 * uniform[11] - 1.0)
+            vz = fall[6] + fall[4] * (2.0 * uniform[12] - 1.0)
             if frame == 1:
                 dx, dy, dz = x - translation[0], y - translation[1], z - translation[2]
                 x = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0] * dz - FRAME_INTERVAL * vx
