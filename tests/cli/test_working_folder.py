@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from hashlib import sha256
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,13 +18,30 @@ import numpy as np
 import pytest
 
 from robustflow import compiled
+from robustflow.analysis.published.tables import published_results
 from robustflow.errors import UsageError
+from robustflow.report.figures import clean_against_cre, figure_bytes
 from robustflow.safe_path import SAFE_PATH
 
 from ..app.launch import running_app
 
 SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
 """The `robustflow` script as written by an installer."""
+
+SCRIPT_OF_SEVERAL = SCRIPT.replace(
+    "sys.exit(main())",
+    """
+    rest, stops = sys.argv[1:], []
+    while rest:
+        end = rest.index("then") if "then" in rest else len(rest)
+        sys.argv[1:], rest = rest[:end], rest[end + 1 :]
+        try:
+            main()
+        except SystemExit as stop:
+            stops.append(stop.code)
+    sys.exit(next(filter(None, stops), 0))""",
+)
+"""The same for several commands with "then" between them: one import of the package instead of one per command."""
 
 
 def _python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
@@ -45,6 +63,8 @@ class Place:
         self.here.mkdir()
         self.script.parent.mkdir()
         self.script.write_text(SCRIPT)
+        self.several = self.script.with_name("several")
+        self.several.write_text(SCRIPT_OF_SEVERAL)
         names = {*sys.stdlib_module_names, *packages_distributions(), "sitecustomize", "usercustomize"}
         assert {"multiprocessing", "numpy", "numba", "pip"} <= names
         for name in names - {"robustflow"}:
@@ -71,7 +91,7 @@ def place(tmp_path_factory):
 
 
 def _finishes(place: Place, *arguments: object) -> str:
-    done = place.command(*arguments)
+    done = place.python(place.several, *arguments)
     assert place.what_ran() == []
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
@@ -112,8 +132,8 @@ def test_run_and_report_in_a_folder_of_decoys_import_a_model_and_a_corruption_th
     )
     (place.here / "helper.py").write_text("")
     run = ("run", "-m", "mine:Still", "-c", "fog,mine:Darker", "-s", 3, "-o", tmp_path / "run", "--no-examples")
-    assert "darker" in _finishes(place, *run, "--engine", "processes", "--workers", 2)
-    _finishes(place, "report", tmp_path / "run")
+    shown = _finishes(place, *run, "--engine", "processes", "--workers", 2, "then", "report", tmp_path / "run")
+    assert "darker" in shown
 
 
 @pytest.mark.slow
@@ -133,11 +153,11 @@ def test_run_and_prepare_on_ray_in_a_folder_of_decoys_run_none(place, tmp_path):
 
 def test_corrupt_and_prepare_in_a_folder_of_decoys_run_none(place, tmp_path):
     frames = _two_clips(tmp_path / "clips")
-    _finishes(
-        place, "corrupt", frames / "a/000.png", frames / "a/001.png", "-c", "fog", "-s", 2, "-o", tmp_path / "corrupted"
-    )
+    corrupt = ("corrupt", frames / "a/000.png", frames / "a/001.png", "-c", "fog", "-s", 2, "-o", tmp_path / "out")
     prepare = ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
-    _finishes(place, *prepare, "--workers", 2)
+    _finishes(place, *corrupt, "then", *prepare, "--workers", 2)
+    assert (tmp_path / "out").exists()
+    assert (tmp_path / "prepared" / "gopro_fc.json").exists()
 
 
 def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkeypatch):
@@ -227,8 +247,8 @@ def _check_groups(tmp_path, monkeypatch):
         compiled._check_folder.__wrapped__(tmp_path / "shared")
 
 
-def _draw(folder: Path) -> tuple[str, str]:
-    """Draw a figure as a command run in the folder would; return its output and messages."""
+def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path):
+    (tmp_path / "matplotlibrc").write_text("axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n")
     script = (
         "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
         "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
@@ -237,14 +257,11 @@ def _draw(folder: Path) -> tuple[str, str]:
         "figure = clean_against_cre([line for line in published_results() if line.benchmark == 'kitti-fc'])\n"
         "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False)
-    return done.stdout, done.stderr
-
-
-def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "matplotlibrc").write_text("axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n")
-    assert _draw(tmp_path) == _draw(tmp_path / "empty")
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    here = clean_against_cre([line for line in published_results() if line.benchmark == "kitti-fc"])
+    version, digest = done.stdout.splitlines()
+    assert version.startswith("robustflow ")
+    assert (digest, done.stderr) == (sha256(figure_bytes(here, "svg")).hexdigest(), "")
 
 
 def _two_clips(folder: Path) -> Path:

@@ -10,13 +10,17 @@ from robustflow.psf.shipped import shipped_field
 from .lenses import cooke_triplet
 
 
-@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
-def test_a_page_about_a_lens_is_written(tmp_path, suffix):
-    path = tmp_path / f"lens{suffix}"
-    save_figure(lens_figure(shipped_lens(4), shipped_field(4)), path)
-    starts = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
-    assert path.read_bytes().startswith(starts[suffix])
-    assert path.stat().st_size > 20_000
+@pytest.fixture(scope="module")
+def figure():
+    return lens_figure(shipped_lens(1), shipped_field(1))
+
+
+def test_a_page_about_a_lens_is_written(tmp_path, figure):
+    for suffix, start in {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}.items():
+        path = tmp_path / f"lens{suffix}"
+        save_figure(figure, path)
+        assert path.read_bytes().startswith(start)
+        assert path.stat().st_size > 20_000
 
 
 def test_the_same_figure_is_the_same_bytes(tmp_path):
@@ -25,8 +29,7 @@ def test_the_same_figure_is_the_same_bytes(tmp_path):
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_the_title_says_what_the_lens_is():
-    figure = lens_figure(shipped_lens(1), shipped_field(1))
+def test_the_title_says_what_the_lens_is(figure):
     assert "6 elements" in figure.get_suptitle()
     assert "f/2.6" in figure.get_suptitle()
 

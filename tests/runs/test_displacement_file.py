@@ -66,7 +66,7 @@ def test_without_examples_or_ground_truth_there_is_none(tmp_path):
         write_image(tmp_path / "data" / f"{index}.png", np.full((32, 32, 3), 40 * index, np.uint8))
     bare = rf.evaluate(ZeroFlow(), "folder", tmp_path / "data", tmp_path / "b", examples=True, **CELL)
     assert read_displacement(bare) is None
-    assert "Flow magnitudes" not in render_site(whole_content([bare]))
+    assert "Flow magnitudes" not in render_site(whole_content([bare], published=False))
 
 
 def test_more_samples_are_counted_again(tmp_path):
@@ -120,7 +120,7 @@ def test_a_damaged_file_is_named(run, change, says):
 def test_a_source_with_markup_stays_text(run):
     path = run.path / "displacement.json"
     path.write_text(json.dumps(sealed(json.loads(path.read_text()) | {"source": "<img src=x onerror=alert(1)>$"})))
-    page = render_site(whole_content([run]))
+    page = render_site(whole_content([run], published=False))
     assert "&lt;img src=x onerror=alert(1)&gt;$" in page
     assert "<img src=x" not in page
 
