@@ -16,6 +16,7 @@ from robustflow.runs.plan import Unit
 from robustflow.runs.shards import list_shards, read_shard, shard_name
 from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
+from robustflow.sealed import sealed_bytes
 
 
 def _row(key: str, corruption: str, severity: int) -> dict:
@@ -239,6 +240,16 @@ def test_a_clean_flow_that_is_not_whole_counts_as_missing(tmp_path):
         assert read_clean(path, "a") is None
     np.save(path, flow)
     assert read_clean(path, "a") is None, "its integrity cannot be checked"
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no array", b"\x93NUMPY\x01\x00\x10\x00{'descr': [[[[[[[", b"PK\x05\x06" + bytes(18)]
+)
+def test_bytes_that_are_no_array_count_as_missing_whatever_their_digest(tmp_path, content):
+    path = tmp_path / "a.npy"
+    path.write_bytes(sealed_bytes(content, "a"))
+
+    assert read_clean(path, "a") is None
 
 
 @pytest.mark.parametrize(

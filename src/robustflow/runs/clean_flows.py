@@ -38,5 +38,10 @@ def read_clean(path: Path, made_of: str) -> Flow | None:
             array = unsealed_bytes(file.read(), made_of)
     except OSError:
         return None
-    flow: Flow | None = None if array is None else np.load(io.BytesIO(array), allow_pickle=False)
-    return flow
+    if array is None:
+        return None
+    try:
+        flow = np.load(io.BytesIO(array), allow_pickle=False)
+    except Exception:  # NumPy's parser can raise any exception on a manipulated header
+        return None
+    return flow if isinstance(flow, np.ndarray) and flow.dtype == np.float32 else None
