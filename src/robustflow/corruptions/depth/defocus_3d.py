@@ -61,8 +61,9 @@ class Defocus3d(DepthCorruption):
 
     def draw_scene(self, rng: Rng, severity: int, depth: SceneDepth) -> DefocusState:
         """Compute the lens for the pair; nothing is random."""
-        ordered = np.sort(depth.maps[0].reshape(-1)[::_EVERY])
-        near, far = (float(ordered[int(share * (ordered.size - 1))]) for share in (_NEAR, _FAR))
+        values = depth.maps[0].reshape(-1)[::_EVERY]
+        places = [int(share * (values.size - 1)) for share in (_NEAR, _FAR)]
+        near, far = np.partition(values, places)[places].tolist()
         return DefocusState(self.lens(float(self.parameter(severity)), near, far), depth.maps)
 
     def apply(self, frame: Frame, state: DefocusState, index: int) -> Frame:

@@ -110,8 +110,8 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     keys = np.array([rng.spawn("frame", index).key for index in (0, 1)], np.uint64)
     box = np.array([-0.5 - margin, -0.5 - margin, width + 2 * margin, height + 2 * margin, reach])
     kept = _draw(keys, numbers, box, lenses, np.array(sizes), np.array([*fall, *wind]), *motion, table)
-    parts = [np.ascontiguousarray(table[:kept, first : first + 3]) for first in (0, 3, 6, 9)]
-    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12].copy(), lenses, motion)
+    parts = [table[:kept, first : first + 3] for first in (0, 3, 6, 9)]
+    return Particles((parts[0], parts[2]), (parts[1], parts[3]), table[:kept, 12], lenses, motion)
 
 
 def veil_of(sizes: Sizes, shape: tuple[int, int], camera: Camera) -> tuple[float, float]:
@@ -157,7 +157,7 @@ def _uniform(key: Any, place: int) -> Any:
     return (np.float64(hash64(key, np.uint64(place)) >> np.uint64(11)) + 1.0) * 2.0**-53
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
     """Return whether a position is within the region in which particles are sampled for one camera."""
     if z < NEAREST or z > box[4] * diameter:
@@ -166,7 +166,7 @@ def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
     return 0 <= column < box[2] and 0 <= row < box[3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _draw(
     keys: Any, numbers: Any, box: Any, lenses: Any, sizes: Any, fall: Any, rotation: Any, translation: Any, out: Any
 ) -> int:
@@ -212,7 +212,7 @@ def _draw(
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _project(
     positions: Any, velocities: Any, diameters: Any, lens: Any, rotation: Any, translation: Any, out: Any
 ) -> int:

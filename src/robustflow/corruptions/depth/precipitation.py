@@ -56,7 +56,7 @@ class Precipitation(DepthCorruption):
         return veiled(frame, passed, np.array(self.colour, np.float32))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cover(streaks: Any, depth: Any, passed: Any) -> None:
     """Multiply `passed` by the fraction of light that each streak transmits at each pixel.
 
