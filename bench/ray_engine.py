@@ -4,10 +4,8 @@
 
 The model sleeps for 40 ms, like a model that waits for a GPU; the frames have the size of KITTI's, the corruptions are
 the default ones. The engines alternate, and neighbouring runs are compared. *Steady* is the second half of a run, when
-every process has started and compiled its functions. CPU time includes all processes that a run starts, Ray's too.
-
-Compare wall times only on an idle machine: Linux schedules Ray's processes as a separate group, so on a busy machine
-they may get more CPU time than the same processes of the other engine. Linux only.
+every process has started and compiled its functions. CPU time includes all processes that a run starts, Ray's too. On a
+busy machine, compare only the CPU times. Linux only.
 """
 
 from __future__ import annotations

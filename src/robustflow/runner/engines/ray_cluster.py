@@ -101,6 +101,7 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
             log_to_driver=False,
             logging_level=logging.ERROR,
             _temp_dir=folder,
+            _system_config={"worker_niceness": 0},  # by default, actors yield to every other process (nice 15)
         )
     except Exception as error:
         raise RunError(
