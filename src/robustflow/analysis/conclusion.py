@@ -11,7 +11,7 @@ from ..errors import RunError
 from ..metrics.rows import CLEAN
 from ..text import counted, plain
 from .labels import long_label
-from .model_result import ModelResult, by_frames, ranked
+from .model_result import ModelResult, by_frames, not_ranked, ranked
 from .results import AVERAGE
 from .uncertainty import compare_all, intervals
 from .uncertainty.bootstrap import enough_clusters, fewest_clusters
@@ -46,13 +46,12 @@ def conclusions(results: Iterable[ModelResult]) -> list[str]:
 def conclusion(results: Sequence[ModelResult]) -> str:
     """Write the conclusion for runs on the same frames without ground truth."""
     sound = {plain(line.name): line.run for line in ranked(results) if line.run is not None}
-    reasons = [f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded]
     sentences = []
     if len(sound) == 1:
         sentences.append(_of_one(*next(iter(sound.items()))))
     elif sound:
         sentences.append(_of_several(sound))
-    if reasons:
+    if reasons := not_ranked(results):
         sentences.append(f"No conclusion about {'; '.join(reasons)}.")
     return " ".join([*sentences, CAVEAT])
 

@@ -190,8 +190,9 @@ def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
 
 
 def not_ranked(results: Iterable[ModelResult]) -> list[str]:
-    """Return a sentence for each line whose model is not ranked."""
-    return [plain(f"Not ranked: {line.name}, because {line.excluded}.", None) for line in results if line.excluded]
+    """Return the name and the reason, as in "tiny, because its weights are random", of each model that is not
+    ranked."""
+    return [f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded]
 
 
 def by_frames(results: Iterable[ModelResult]) -> dict[str, Sequence[ModelResult]]:

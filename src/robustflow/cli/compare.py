@@ -87,7 +87,8 @@ def compare(
         sound = frame.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))
         if format != "csv" and _every_pair(sound, ranked):  # a CSV file contains a single table
             tables.append(standings_table(standings(sound, ranked), chosen))
-        notes = [note for note in (common.remark, *not_ranked(lines)) if note]
+        unranked = [f"Not ranked: {reason}." for reason in not_ranked(lines)]
+        notes = [note for note in (common.remark, *unranked) if note]
         if format == "terminal":
             sentences = [*frame["sentence"], *([" ".join(notes)] if notes else [])]
         else:

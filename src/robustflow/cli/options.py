@@ -25,11 +25,7 @@ ModelNames = Annotated[list[str], _MODEL]
 ModelOptions = Annotated[
     list[str] | None,
     typer.Option(
-        "--option",
-        "-O",
-        metavar="KEY=VALUE",
-        help="Model option, e.g. preset=fast. Repeatable.",
-        rich_help_panel=WHAT,
+        "--option", "-O", metavar="KEY=VALUE", help="Model option, e.g. preset=fast. Repeatable.", rich_help_panel=WHAT
     ),
 ]
 Checkpoint = Annotated[
@@ -44,10 +40,7 @@ Device = Annotated[
 ]
 Precision = Annotated[
     str | None,
-    typer.Option(
-        help="fp32 or bf16, for models with this option.",
-        rich_help_panel=HOW,
-    ),
+    typer.Option(help="fp32 or bf16, for models with this option.", rich_help_panel=HOW),
 ]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the dataset (or a video, for 'folder').")]
 DataOptions = Annotated[
@@ -146,17 +139,11 @@ Severities = Annotated[
 ]
 Limit = Annotated[
     int | None,
-    typer.Option(
-        help="Use only N pairs, evenly spaced in the dataset.",
-        rich_help_panel=DATA,
-    ),
+    typer.Option(help="Use only N pairs, evenly spaced in the dataset.", rich_help_panel=DATA),
 ]
 Seed = Annotated[
     int,
-    typer.Option(
-        help="Random seed; the same seed produces the same bytes on every machine.",
-        rich_help_panel=WHAT,
-    ),
+    typer.Option(help="Random seed; the same seed produces the same bytes on every machine.", rich_help_panel=WHAT),
 ]
 Variant = Annotated[
     str,

@@ -65,11 +65,7 @@ def run(
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(
-            "--name",
-            help="Display name of the model in tables and figures.",
-            rich_help_panel=WHAT,
-        ),
+        typer.Option("--name", help="Display name of the model in tables and figures.", rich_help_panel=WHAT),
     ] = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -134,8 +130,7 @@ def run(
     engine: Annotated[
         str | None,
         typer.Option(
-            help="serial, processes or ray; by default chosen from --device and --workers.",
-            rich_help_panel=HOW,
+            help="serial, processes or ray; by default chosen from --device and --workers.", rich_help_panel=HOW
         ),
     ] = None,
     address: Annotated[
@@ -147,10 +142,7 @@ def run(
     ] = None,
     timeout: Annotated[
         float | None,
-        typer.Option(
-            help="Time limit for a single prediction, in seconds.",
-            rich_help_panel=HOW,
-        ),
+        typer.Option(help="Time limit for a single prediction, in seconds.", rich_help_panel=HOW),
     ] = None,
     allow_invalid: Annotated[
         bool,

@@ -59,8 +59,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
     summary, whose = result.summary, _whose(result, with_seed)
-    # names and folders may contain text that rich would interpret as markup
-    console = Console(width=None if Console().is_terminal else 120, markup=False)
+    console = _console()
     attacked = attack_table(result) if metric == "all" else None
     confidence = confidence_table(result) if metric == "all" else None
     if metric == "all" and (summary.corruptions or attacked is None):
@@ -68,25 +67,25 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         print(for_stdout(corruptions_table(result, f"{whose}, {pairs}")), end="")
     elif metric != "all":
         print(for_stdout(severities_table(result, metric, f"{whose}, {metric}")), end="")
-    console.print(_sentence(result), highlight=False, soft_wrap=True)
+    console.print(_sentence(result))
     selected = result.manifest.selection
     if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
-        console.print(f"This is {estimate}; it is only ranked with runs of the same subset.", soft_wrap=True)
+        console.print(f"This is {estimate}; it is only ranked with runs of the same subset.")
     if phantom := phantom_motion(result):
-        console.print(f"{plain(phantom, None)}\n{PHANTOM}", highlight=False, soft_wrap=True)
+        console.print(f"{plain(phantom, None)}\n{PHANTOM}")
     if attacked is not None:
         print(for_stdout(attacked))
     if confidence is not None:
         print(for_stdout(replace(confidence, sections=confidence.sections[:1])))  # the page has the values by severity
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
-        console.print(f"{metric} {number_text(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
+        console.print(f"{metric} {number_text(overall)}, the mean over corruptions")
     if reasons := exclusion_reasons(result):
         sentence = f"Not a measure of robustness: {' and '.join(reasons)}."
-        console.print(plain(sentence, None), highlight=False, soft_wrap=True)
+        console.print(plain(sentence, None))
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line)
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
     _print_conclusions(console, run_results([result]))
     if missing:
@@ -98,28 +97,33 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
     for warning in dict.fromkeys(text for clip in result.manifest.clips for text in clip.warnings):
-        console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
+        console.print(f"Warning: {plain(warning, None)}")
     if result.left_out:
-        console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
+        console.print(f"Left out: {left_out_sentence(result.left_out)}.")
     if report:
-        console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
+        console.print(f"report: {result.path / 'report.html'}")
 
 
 def print_results(results: Sequence[Run]) -> None:
     """Print one line per run, the mean and standard deviation over the seeds of a model, and, if there are enough
     pairs, the command that tests whether the runs differ."""
-    console = Console(width=None if Console().is_terminal else 120, markup=False)
+    console = _console()
     lines, groups = run_results(results), seed_groups(results)
     print(for_stdout(runs_table(lines, groups)), end="")
     for remark in {truth_remark(result.manifest.identity.frames.protocol) for result in results} - {""}:
         console.print(f"Errors are measured on {remark}.")
     for run in results:
         if phantom := phantom_motion(run):
-            console.print(f"{plain(run.name)}: {plain(phantom, None)}", highlight=False, soft_wrap=True)
+            console.print(f"{plain(run.name)}: {plain(phantom, None)}")
     _print_conclusions(console, lines)
     if all(map(enough_to_compare, results)) and (question := _question(lines, len(groups))):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)
-        console.print(f"{question} robustflow compare {folders}", highlight=False, soft_wrap=True)
+        console.print(f"{question} robustflow compare {folders}")
+
+
+def _console() -> Console:
+    # names and folders may contain text that rich would interpret as markup
+    return Console(markup=False, highlight=False, soft_wrap=True)
 
 
 def _question(lines: Sequence[ModelResult], groups: int) -> str:
@@ -135,7 +139,7 @@ def _question(lines: Sequence[ModelResult], groups: int) -> str:
 
 def _print_conclusions(console: Console, lines: Sequence[ModelResult]) -> None:
     for conclusion in conclusions(lines):
-        console.print(conclusion, highlight=False, soft_wrap=True)
+        console.print(conclusion)
 
 
 def check_format(format: str, as_json: bool) -> None:

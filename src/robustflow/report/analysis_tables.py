@@ -8,49 +8,43 @@ from typing import TYPE_CHECKING
 from ..analysis import anatomy
 from ..analysis.conditions import SeedGroup
 from ..analysis.effective import effective_robustness
-from ..analysis.labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
+from ..analysis.labels import SETTING_LABELS, long_label
 from ..analysis.model_result import ModelResult
 from ..analysis.observations import observations
-from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.run_names import run_names
-from ..analysis.run_results import comparison_notes
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
-from .table import Column, Line, Section, Table, interval_text, number_text, spread_text
+from .run_tables import MEANS
+from .table import Column, Line, Section, Table, interval_text, number_text, seed_line
 
 if TYPE_CHECKING:
     from ..runs.run import Run
 
 
-def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
+def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
     """Tabulate the overall means of runs with confidence intervals, such as "3.21 [2.50, 4.10]". The interval is
     omitted, with a remark, if there are too few images to compute it. For each group in `seeds`, a line with the mean
     and standard deviation follows its last run."""
-    keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
-    columns = [Column("clean EPE (px)")]
-    columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
     lines, known = [], []
-    values: dict[str, list[float | None]] = {}
-    for name, run, note in zip(run_names(runs), runs, comparison_notes(runs), strict=True):
-        estimates = {
-            (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
-        }
-        lines.append(Line.of(name, (_estimate(estimates.get(key)) for key in keys), note))
-        known.append(any(row["low"] is not None for row in estimates.values()))
-        values[name] = [estimates[key]["estimate"] if key in estimates else None for key in keys]
-        for group in seeds:
-            if name == group.runs[-1][1]:
-                columns_of = zip(*(values[member] for _, member in group.runs), strict=True)
-                lines.append(Line.of(group.label, map(spread_text, columns_of), group.note))
-    needed = f"{fewest_clusters(level)} images (or sequences, if pairs belong to sequences)"
+    values: dict[tuple[str, str], list[float | None]] = {}
+    for line in results:
+        if line.run is None:
+            continue
+        rows = intervals(line.run.rows, seed=seed).to_dicts()
+        estimates = {(row["metric"], row["corruption"]): row for row in rows}
+        lines.append(Line.of(line.name, (_estimate(estimates.get(key)) for key in MEANS), line.note))
+        known.append(any(row["low"] is not None for row in rows))
+        values[line.key] = [estimates[key]["estimate"] if key in estimates else None for key in MEANS]
+        lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
+    needed = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
     remark = f"No intervals: they need at least {needed}."
     if any(known):
         remark = (
-            f"[{100 * level:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "
+            f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "
             "to sequences."
         ) + ("" if all(known) else f" Means without an interval are averages over fewer than {needed}.")
     title = "Means with intervals" if any(known) else "Means"
-    return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
+    return Table("means", title, tuple(map(Column, MEANS.values())), (Section("Runs", tuple(lines)),), (remark,))
 
 
 def effective_table(results: Sequence[ModelResult]) -> Table:

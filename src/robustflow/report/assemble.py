@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from ..analysis.conclusion import conclusions
 from ..analysis.conditions import seed_groups
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import on_benchmark
-from ..analysis.model_result import ModelResult, by_frames, ranked
+from ..analysis.model_result import ModelResult, by_frames, not_ranked, ranked
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_results
 from ..analysis.run_results import run_results
@@ -68,33 +67,34 @@ def tables_of(
     about = [line for line in results if line.frames != PAPER] if only_own else results
     seeds = seed_groups(runs)
 
-    def computable_observations(part: Sequence[ModelResult]) -> Table:
-        table = observations_table(part)
-        if all(line.cells[0].text == UNKNOWN for line in table.lines):
-            raise UsageError("none of the paper's observations can be computed from these results")
-        return table
+    def made(name: str) -> list[Table]:
+        if name in TABLES:
+            return [build_table(name, results, seeds)]
+        if name == "effective":
+            return _by_sample_set(about, effective_table)
+        if name == "observations":
+            return _by_sample_set(about, observations_table if wanted else _computable_observations)
+        if not runs:
+            raise UsageError(f"the table '{name}' requires runs: give at least one run")
+        if name in ATTACK_TABLES:
+            return attack_tables(name, runs, seed)
+        if name == "anatomy":
+            return [anatomy_table(runs)]
+        if name == FLAT_AND_DEPTH:
+            return [depth_table(runs, seed)]
+        of_runs = run_results(runs)
+        if name == "means":
+            return [means_table(of_runs, seed=seed, seeds=seeds)]
+        if name == "uncoupled":
+            return [_naming_excluded(uncoupled_table(of_runs), of_runs)]
+        return [replace(runs_table(of_runs, seeds), name=ROW)]
 
-    makers: dict[str, Callable[[], list[Table]]] = {
-        name: lambda name=name: [build_table(name, results, seeds)]  # type: ignore[misc]
-        for name in TABLES
-    }
-    makers |= {
-        "means": lambda: [means_table(_some(runs, "means"), seed=seed, seeds=seeds)],
-        ROW: lambda: [replace(runs_table(run_results(_some(runs, ROW)), seeds), name=ROW)],
-        "uncoupled": lambda: [_uncoupled(_some(runs, "uncoupled"))],
-        "effective": lambda: _by_sample_set(about, effective_table),
-        "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(about, observations_table),
-    }
-    makers[FLAT_AND_DEPTH] = lambda: [depth_table(_some(runs, FLAT_AND_DEPTH), seed)]
-    makers |= {name: partial(_attack_tables, name, runs, seed) for name in ATTACK_TABLES}
     if wanted is not None:
-        return _concluded([table for name in wanted for table in makers[name]()], results)
-    makers["observations"] = lambda: _by_sample_set(about, computable_observations)
+        return _concluded([table for name in wanted for table in made(name)], results)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
-            tables += makers[name]()
+            tables += made(name)
         except UsageError:
             # unless requested by name, tables that cannot be made from these runs are skipped
             continue
@@ -124,19 +124,11 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     return figures
 
 
-def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
-    if not runs:
-        raise UsageError(f"the table '{table}' requires runs: give at least one run")
-    return runs
-
-
-def _attack_tables(name: str, runs: Sequence[Run], seed: int) -> list[Table]:
-    return attack_tables(name, _some(runs, name), seed)
-
-
-def _uncoupled(runs: Sequence[Run]) -> Table:
-    results = run_results(runs)
-    return _naming_excluded(uncoupled_table(results), results)
+def _computable_observations(results: Sequence[ModelResult]) -> Table:
+    table = observations_table(results)
+    if all(line.cells[0].text == UNKNOWN for line in table.lines):
+        raise UsageError("none of the paper's observations can be computed from these results")
+    return table
 
 
 def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[ModelResult]], Table]) -> list[Table]:
@@ -163,10 +155,9 @@ def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[Mode
 
 def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
     """Add a remark that lists the omitted runs to a table of statements about models in general."""
-    reasons = "; ".join(f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded)
-    if not reasons:
+    if not (reasons := not_ranked(results)):
         return table
-    return replace(table, remarks=(*table.remarks, f"Left out of trends and correlations: {reasons}."))
+    return replace(table, remarks=(*table.remarks, f"Left out of trends and correlations: {'; '.join(reasons)}."))
 
 
 def _whose(frames: str, part: Sequence[ModelResult]) -> str:

@@ -192,7 +192,8 @@ def compare(
     common = common_to(dict(zip(names, runs, strict=True)))
     one, other = common.rows.values()
     frame = compare_rows(one, other, names, level=level, resamples=resamples, seed=seed)
-    return Comparison(names, frame, " ".join(filter(None, (common.remark, *not_ranked(run_results(runs))))))
+    unranked = [f"Not ranked: {reason}." for reason in not_ranked(run_results(runs))]
+    return Comparison(names, frame, " ".join(filter(None, (common.remark, *unranked))))
 
 
 def _opened(run: AnyRun) -> Run:

@@ -12,10 +12,13 @@ from ..analysis.model_result import ModelResult
 from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..metrics.summary import has_gaps
-from .table import Column, Line, Section, Table, number_text, spread_text, with_exclusion
+from .table import Column, Line, Section, Table, number_text, seed_line, with_exclusion
 
 if TYPE_CHECKING:
     from ..runs.run import Run
+
+MEANS = {("epe", CLEAN): "clean EPE (px)"} | {(metric, AVERAGE): metric_label(metric) for metric in METRIC_LABELS}
+"""The overall means in tables of runs, with their labels."""
 
 
 def corruptions_table(run: Run, title: str) -> Table:
@@ -52,19 +55,16 @@ def severities_table(run: Run, metric: str, title: str) -> Table:
 def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
     """Tabulate the overall means of runs; without ground truth also the mean length of the clean flow. For each group
     in `seeds`, a line with the mean and standard deviation follows its last run."""
-    keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
-    columns = (Column("clean EPE (px)"), *(Column(metric_label(metric)) for metric in METRIC_LABELS))
     without_truth = all(line.number("epe", CLEAN) is None for line in results)
     lines, values = [], {}
     for line in results:
         length = line.run.summary.clean_flow_length if line.run and without_truth else None
-        values[line.key] = [*(line.number(*key) for key in keys), length]
+        values[line.key] = [*(line.number(*key) for key in MEANS), length]
         lines.append(Line.of_numbers(line.name, values[line.key], with_exclusion(line.note, line.excluded)))
-        for group in seeds:
-            if line.key == group.runs[-1]:
-                columns_of = zip(*(values[run] for run in group.runs), strict=True)
-                lines.append(Line.of(group.label, map(spread_text, columns_of), group.note))
-    table = Table("runs", "Means", (*columns, Column("clean flow (px)")), (Section("Runs", tuple(lines)),))
+        lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
+    table = Table(
+        "runs", "Means", (*map(Column, MEANS.values()), Column("clean flow (px)")), (Section("Runs", tuple(lines)),)
+    )
     return table.without_empty_columns()
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from statistics import mean, stdev
 
+from ..analysis.conditions import SeedGroup
 from ..analysis.model_result import ModelResult, Value
 
 DASH = "-"
@@ -148,6 +149,18 @@ def spread_text(values: Sequence[float | None]) -> str:
     """
     known = [value for value in values if value is not None]
     return DASH if len(known) < len(values) else f"{mean(known):.2f} ± {stdev(known):.2f}"
+
+
+def seed_line(group: SeedGroup, values: Mapping[tuple[str, str], Sequence[float | None]], excluded: str = "") -> Line:
+    """Return the line with the means and standard deviations over the seeds of a group.
+
+    Args:
+        group: runs that differ only in the seed.
+        values: (sample set, name) of each run -> its numbers, one per column.
+        excluded: reason why the model is not ranked; "" for a ranked model.
+    """
+    columns = zip(*(values[run] for run in group.runs), strict=True)
+    return Line.of(group.label, map(spread_text, columns), with_exclusion(group.note, excluded))
 
 
 def interval_text(ends: tuple[float, float] | None) -> str:

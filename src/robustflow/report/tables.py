@@ -25,7 +25,7 @@ from ..corruptions.names import ordered
 from ..errors import UsageError, unknown_name
 from ..text import joined
 from .cost_table import cost_table
-from .table import Column, Line, Section, Table, TableCell, number_text, spread_text, with_exclusion
+from .table import Column, Line, Section, Table, TableCell, number_text, seed_line, with_exclusion
 
 TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
@@ -139,7 +139,10 @@ def _lines(
         Compared(line.frames, {} if line.setting == "knowledge" else shown, bool(line.excluded))
         for line, shown in texts.items()
     ]
-    of_key = {line.key: line for line in chosen}
+    excluded = {line.key: line.excluded for line in chosen}
+    numbers = {
+        line.key: [values[key].number if key in values else None for key in keys] for line, values in chosen.items()
+    }
     out = []
     for (line, shown), best in zip(texts.items(), best_of_columns(compared), strict=True):
         shown |= {} if line.coverage is None else {_COVERAGE: number_text(line.coverage, None)}
@@ -147,16 +150,5 @@ def _lines(
         out.append(Line(line.name, cells, with_exclusion(line.note, line.excluded)))
         for group in seeds:
             if line.key == group.runs[-1]:
-                out.append(_over_seeds(group, [of_key[run] for run in group.runs], chosen, keys))
+                out.append(seed_line(group, numbers, excluded[group.runs[0]]))
     return tuple(out)
-
-
-def _over_seeds(
-    group: SeedGroup,
-    results: Sequence[ModelResult],
-    chosen: Mapping[ModelResult, Mapping[str, Value]],
-    keys: Sequence[str],
-) -> Line:
-    """Build a line with means over runs that differ only in the seed."""
-    numbers = ([chosen[one][key].number if key in chosen[one] else None for one in results] for key in keys)
-    return Line.of(group.label, map(spread_text, numbers), with_exclusion(group.note, results[0].excluded))

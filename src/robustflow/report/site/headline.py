@@ -8,7 +8,7 @@ from ...analysis.audit.rounding import misfits
 from ...analysis.conclusion import conclusion, without_truth
 from ...analysis.imported import NOTE as IMPORTED
 from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
-from ...analysis.model_result import ModelResult, ValueKey, ranked
+from ...analysis.model_result import ModelResult, ValueKey, not_ranked, ranked
 from ...analysis.paper_means import paper_rows
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
@@ -46,7 +46,8 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
         elif is_still(of):
             sentences += [*_phantom(lines), PHANTOM]
         elif len(lines) == 1:
-            sentences += _alone(lines[0]) + _not_ranked(lines, "Not evidence of robustness")
+            reasons = [f"Not evidence of robustness: {reason}." for reason in not_ranked(lines)]
+            sentences += _alone(lines[0]) + reasons
         else:
             sentences += _of_own(lines, content)
     if published and not content.alone:
@@ -116,7 +117,8 @@ def _alone(line: ModelResult) -> list[str]:
 def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
     """Return sentences about the ranked model whose error increases least, whether its lead is significant, and which
     model is most accurate."""
-    left_out = _not_ranked(lines, "Not ranked")
+    reasons = not_ranked(lines)
+    left_out = [f"Not ranked: {'; '.join(reasons)}."] if reasons else []
     sound = ranked(lines)
     leaders = _ranked(sound)
     if leaders is None:
@@ -151,12 +153,6 @@ def _shown(line: ModelResult, key: ValueKey) -> str:
 
 def _text(line: ModelResult, key: ValueKey) -> str:
     return line.values[key].text if key in line.values else ""
-
-
-def _not_ranked(lines: Sequence[ModelResult], start: str) -> list[str]:
-    """Name the models that are not ranked, with reasons."""
-    reasons = [f"{plain(line.name)}, because {line.excluded}" for line in lines if line.excluded]
-    return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 
 def _difference(metric: str, order: Sequence[ModelResult], content: Content) -> tuple[bool, list[str]]:
