@@ -37,7 +37,7 @@ def quick_digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
     return digest.hexdigest(length=size)
 
 
-def quick_digest_of_file(path: Path, size: int = 16) -> str:
+def quick_digest_of_file(path: Path) -> str:
     """Return the BLAKE3 hash of a file of any size.
 
     Raises:
@@ -45,7 +45,7 @@ def quick_digest_of_file(path: Path, size: int = 16) -> str:
     """
     digest = blake3()
     digest.update_mmap(path)
-    return digest.hexdigest(length=size)
+    return digest.hexdigest(length=16)
 
 
 def sha256_of_file(path: Path) -> str:

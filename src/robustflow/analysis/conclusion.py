@@ -9,7 +9,7 @@ from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import sample_noun
 from ..errors import RunError
 from ..metrics.rows import CLEAN
-from ..text import counted, plain
+from ..text import counted, first_of, plain
 from .labels import long_label
 from .model_result import ModelResult, by_frames, not_ranked, ranked
 from .results import AVERAGE
@@ -164,6 +164,5 @@ def _by_corruption(run: Run) -> dict[str, float]:
 def _listed(names: Sequence[str], total: int) -> str:
     if len(names) == total:
         return "every corruption" if total > 1 else plain(long_label(names[0]))
-    shown = [plain(long_label(name)) for name in names[:_MOST_NAMED]]
-    rest = len(names) - len(shown)
-    return f"{len(names)} of {total} ({', '.join(shown)}{f' and {rest} more' if rest else ''})"
+    labels = [plain(long_label(name)) for name in names]
+    return f"{len(names)} of {total} ({first_of(labels, _MOST_NAMED)})"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..corruptions import IMAGE_PAIR
 from ..errors import DataError, UsageError
+from ..text import first_of
 from .base import Benchmark
 from .facts import BenchmarkFacts, QuickSubset
 
@@ -98,9 +99,8 @@ def _check_pairs(keys: Sequence[str]) -> None:
     others = len(set(keys) - set(wanted))
     remarks = []
     if missing:
-        more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
-        named = ", ".join(missing[:_MOST_NAMED])
-        remarks.append(f"{len(missing)} of KITTI-FC's {_PAIRS} pairs are not in this folder ({named}{more})")
+        named = first_of(missing, _MOST_NAMED)
+        remarks.append(f"{len(missing)} of KITTI-FC's {_PAIRS} pairs are not in this folder ({named})")
     if others:
         remarks.append(f"{others} of the {len(keys)} evaluated {'is' if others == 1 else 'are'} not part of KITTI-FC")
     if remarks:

@@ -9,6 +9,7 @@ from collections.abc import Container, Iterable, Sequence
 from typing import Any, Literal, cast
 
 from ..errors import ModelError, unknown_name
+from ..text import first_of
 
 Layout = Literal["pair", "stacked", "concatenated"]
 LAYOUTS = ("pair", "stacked", "concatenated")
@@ -151,11 +152,10 @@ def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
     'image1 (1, 3, ?, ?), x (unknown shape)'
     """
     described = []
-    for name, shape in list(arrays)[:8]:
+    for name, shape in arrays:
         sides = None if shape is None else ", ".join("?" if side is None else str(side) for side in shape)
         described.append(f"{name[:60]!s} ({'unknown shape' if sides is None else sides})")
-    more = len(arrays) - len(described)
-    return (", ".join(described) or "none") + (f" and {more} more" if more > 0 else "")
+    return first_of(described, 8) or "none"
 
 
 def _fits(layout: str, shapes: Sequence[Sequence[Dim] | None]) -> bool:

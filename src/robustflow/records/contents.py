@@ -64,7 +64,7 @@ def parsed(parse: Callable[[_Given], _Model], given: _Given, name: str) -> _Mode
         raise DataError(f"{name}: {plain(first_misfit(error), 200)} ({error.error_count()} in total)") from error
 
 
-def check_version(record: dict[str, Any], name: str) -> None:
+def check_version(record: dict[str, Any]) -> None:
     """Check that this version can read a `record.json`, before any other field is used.
 
     Raises:
@@ -72,10 +72,12 @@ def check_version(record: dict[str, Any], name: str) -> None:
     """
     version = record.get("version")
     if record.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise DataError(f"{name} is not a record of a run; give a file written by 'robustflow pack'")
+        raise DataError("record.json is not a record of a run; give a file written by 'robustflow pack'")
     if version != VERSION:
         remedy = "upgrade robustflow to read it" if version > VERSION else "use the version that packed it"
-        raise DataError(f"{name} has record version {version}, but this RobustFlow reads version {VERSION}: {remedy}")
+        raise DataError(
+            f"record.json has record version {version}, but this RobustFlow reads version {VERSION}: {remedy}"
+        )
 
 
 def shareable_manifest(manifest: Manifest, keep_paths: bool = False) -> Manifest:

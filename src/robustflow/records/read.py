@@ -73,7 +73,7 @@ class Reader:
     def record(self) -> str:
         """Check that this package can read the version of `record.json`."""
         data = self.entries["record.json"]
-        check_version(read_json(data, "record.json"), "record.json")
+        check_version(read_json(data, "record.json"))
         self.facts = parsed(Record.model_validate_json, data, "record.json")
         return f"version {self.facts.version}"
 

@@ -15,7 +15,7 @@ from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_results
 from ..analysis.run_results import run_results
 from ..errors import UsageError, unknown_name
-from ..text import plain
+from ..text import first_of, plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .attack_table import ATTACK_TABLES, attack_tables
 from .depth_table import FLAT_AND_DEPTH, depth_table
@@ -163,7 +163,5 @@ def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
 def _whose(frames: str, part: Sequence[ModelResult]) -> str:
     if frames == PAPER:
         return "published models"
-    models = list(dict.fromkeys(line.name for line in part))
-    named, more = models[:_MOST_NAMED], len(models) - _MOST_NAMED
-    text = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
-    return on_benchmark(text, part[0].benchmark)
+    models = [plain(name) for name in dict.fromkeys(line.name for line in part)]
+    return on_benchmark(first_of(models, _MOST_NAMED), part[0].benchmark)

@@ -22,7 +22,7 @@ from ..digest import digest_of_value
 from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..metrics.summary import has_gaps
-from ..text import counted, joined, plain
+from ..text import counted, first_of, joined, plain
 from .run import Run
 
 SELECTION = ("pairs", "corruptions", "severities", "complete")
@@ -296,5 +296,4 @@ def _title(run: Run) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    shown, more = [plain(name, 40) for name in names[:_MOST_NAMED]], len(names) - _MOST_NAMED
-    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+    return first_of([plain(name, 40) for name in names], _MOST_NAMED)

@@ -14,9 +14,9 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import polars as pl
 from filelock import FileLock, Timeout
@@ -50,6 +50,8 @@ _INSIDE = ("rows", "clean", "examples")
 _CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
 _RETRIES = 1000
 """Maximum number of times that a reader lists the shards again while another process writes."""
+
+T = TypeVar("T")
 
 
 class RunFolder:
@@ -205,14 +207,7 @@ class RunFolder:
         Raises:
             RunError: a shard is damaged, or has a different schema.
         """
-        for _ in range(_RETRIES):
-            try:
-                return read_shards(list_shards(self.rows_folder), columns, corruption)
-            except FileNotFoundError as error:  # merged between listing and reading, so list again
-                gone = error.filename
-        raise RunError(
-            f"{gone} is listed but missing; run the command again when no other process is writing to its folder"
-        )
+        return self._read(lambda shards: read_shards(shards, columns, corruption))
 
     def scan(self) -> pl.LazyFrame:
         """Scan all rows lazily; see `scan_shards`."""
@@ -224,9 +219,12 @@ class RunFolder:
         Raises:
             RunError: a shard cannot be read.
         """
+        return self._read(shards_digest)
+
+    def _read(self, read: Callable[[list[Path]], T]) -> T:
         for _ in range(_RETRIES):
             try:
-                return shards_digest(list_shards(self.rows_folder))
+                return read(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading, so list again
                 gone = error.filename
         raise RunError(

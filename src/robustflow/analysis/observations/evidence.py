@@ -15,6 +15,7 @@ from statistics import fmean
 from ...benchmarks import benchmark_facts
 from ...corruptions.registry import PAPER_ORDER
 from ...runs.family_means import family_means
+from ...text import first_of
 from ..audit.rounding import misfits
 from ..cost_ranks import printed_cost_ranks
 from ..model_result import ModelResult
@@ -143,5 +144,4 @@ class Evidence:
 
 def named(entries: list[ModelInSetting], most: int = 6) -> str:
     """List the models for a sentence: "ID GMA, ID SKFlow"."""
-    shown = ", ".join(" ".join(entry) for entry in entries[:most])
-    return shown + (f" and {len(entries) - most} more" if len(entries) > most else "") if entries else "none"
+    return first_of([" ".join(entry) for entry in entries], most) or "none"

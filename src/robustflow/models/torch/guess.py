@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from ...errors import ModelError
 from ...sample import Flow
+from ...text import first_of
 from ..input_convention import ORDERS, SCALINGS, named_convention
 from ..signature import flow_layout
 from .fit import fitted_images, unfitted_flow
@@ -226,9 +227,8 @@ def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None =
     fitting = [one for one in ranked if one.mean <= max(_FAR * ranked[0].mean, _SURE * _ZERO)] or ranked[:1]
     apart = [*fitting, *([beside] if beside else [])]
     same = {field: None for field in ("layout", "output") if len({getattr(one.way, field) for one in apart}) == 1}
-    shown = [f"{replace(one.way, **same).describe()} ({one.mean:.2g} px)" for one in fitting[:_MOST_NAMED]]
-    more = len(fitting) - len(shown)
-    return "; ".join(shown) + (f" and {more} more" if more else "")
+    shown = [f"{replace(one.way, **same).describe()} ({one.mean:.2g} px)" for one in fitting]
+    return first_of(shown, _MOST_NAMED, "; ")
 
 
 class _Trial:
