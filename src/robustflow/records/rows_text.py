@@ -26,7 +26,9 @@ def rows_to_text(rows: pl.DataFrame) -> bytes:
     >>> rows_to_text(rows_frame([]))[:36]
     b'sample,group,corruption,severity,fra'
     """
-    return _text(rows)
+    out = io.StringIO(newline="")
+    csv.writer(out, lineterminator="\n").writerows(rows.select(list(ROW_SCHEMA)).sort(ROW_KEY).iter_rows())
+    return _HEADING + out.getvalue().encode()
 
 
 def rows_from_text(text: bytes) -> pl.DataFrame:
@@ -43,16 +45,10 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
         raise DataError(f"rows.csv has {lines} lines; a record has 1 to {MOST_ROWS} rows")
     try:
         rows = pl.read_csv(io.BytesIO(text), schema=ROW_SCHEMA)
-        same = _text(rows) == text
+        same = rows_to_text(rows) == text
     # A panic inside polars is not a PolarsError, nor even an Exception.
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, UnicodeError, ValueError) as error:
         raise DataError(f"rows.csv cannot be read ({' '.join(str(error).split())[:120]})") from error
     if not same:
         raise DataError("rows.csv is not in canonical form: sorted by sample, corruption and severity")
     return rows
-
-
-def _text(rows: pl.DataFrame) -> bytes:
-    out = io.StringIO(newline="")
-    csv.writer(out, lineterminator="\n").writerows(rows.select(list(ROW_SCHEMA)).sort(ROW_KEY).iter_rows())
-    return _HEADING + out.getvalue().encode()
