@@ -188,7 +188,7 @@ def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(rob
 
 @pytest.fixture
 def walk(tmp_path):
-    """A video of a moving picture."""
+    """A video of an image that shifts from frame to frame."""
     return clips.clip(tmp_path / "walk.mp4", 8).path
 
 

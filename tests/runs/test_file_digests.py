@@ -1,5 +1,5 @@
-"""A changed byte of a file is detected even if the file's format cannot detect it: between two calls, during a call,
-and since the list of digests was written. Anything that is not a regular file is never opened.
+"""Every changed byte is detected, even one that the file format cannot detect, and whether the file changed between two
+calls, during a call, or after the list of digests was written. Only regular files are opened.
 """
 
 import os
