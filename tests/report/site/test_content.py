@@ -241,8 +241,8 @@ def structured_rows(tmp_path):
 
 
 def test_the_interval_of_a_family_is_that_of_its_only_corruption(structured_rows):
-    """Contrast is the only digital corruption here, and fog the only weather corruption; families without any corruption
-    have no interval.
+    """Contrast is the only digital corruption here, and fog the only weather corruption; families without any
+    corruption have no interval.
     """
     made = intervals(structured_rows, families=True)
     for family, corruption in (("digital", "contrast"), ("weather", "fog")):
