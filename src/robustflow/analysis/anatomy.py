@@ -68,39 +68,17 @@ def by_family(summary: Summary) -> pl.DataFrame:
     return _frame(records, ("family",), numbers)
 
 
-def by_severity(summary: Summary, metric: str = "epe") -> pl.DataFrame:
-    """Compute, for each corruption, how a metric grows with severity.
-
-    Returns:
-        A table with the columns corruption, family, slope (least-squares fit, in the metric's unit per severity level),
-        lowest, highest, bend (slope over the upper half of the severities minus slope over the lower half; positive if
-        the growth accelerates), rises (whether the metric never decreases with severity). Corruptions with fewer than
-        two severities are left out; bend needs four.
-    """
-    records = []
+def severity_slopes(summary: Summary, metric: str) -> dict[str, float]:
+    """Fit how a metric grows with severity: corruption -> least-squares slope, in the metric's unit per severity level.
+    Corruptions with fewer than two severities are left out."""
+    slopes = {}
     for name, scores in summary.corruptions.items():
-        pairs = [
-            (level, value)
-            for level, value in zip(scores.severities, scores.by_severity[metric], strict=True)
-            if value is not None
-        ]
-        if len(pairs) < 2:
-            continue
-        levels, values = (np.array(column, np.float64) for column in zip(*pairs, strict=True))
-        half = (len(levels) + 1) // 2
-        bend = None
-        if len(levels) >= 4:
-            bend = _slope(levels[-half:], values[-half:]) - _slope(levels[:half], values[:half])
-        rises = bool((np.diff(values) >= 0).all())
-        records.append(
-            (name, scores.family, _slope(levels, values), float(values.min()), float(values.max()), bend, rises)
-        )
-    frame = _frame([record[:6] for record in records], ("corruption", "family"), ("slope", "lowest", "highest", "bend"))
-    return frame.with_columns(rises=pl.Series([record[6] for record in records], dtype=pl.Boolean))
-
-
-def _slope(levels: Any, values: Any) -> float:
-    return float(np.polyfit(levels, values, 1)[0])
+        pairs = zip(scores.severities, scores.by_severity[metric], strict=True)
+        known = [(level, value) for level, value in pairs if value is not None]
+        if len(known) > 1:
+            levels, values = np.array(known, np.float64).T
+            slopes[name] = float(np.polyfit(levels, values, 1)[0])
+    return slopes
 
 
 def _minus(after: float | None, before: float | None) -> float | None:

@@ -77,8 +77,8 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
         for row in anatomy.by_family(run.summary).iter_rows(named=True):
             cells = [row[c] for c in ("contribution", "cre", "crer", "rcre", "broken")]
             lines.append(Line.of_numbers(f"{row['family']} corruptions", [None, *cells, None]))
-        for row in anatomy.by_severity(run.summary, "rcre").iter_rows(named=True):
-            lines.append(Line.of_numbers(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
+        for corruption, slope in anatomy.severity_slopes(run.summary, "rcre").items():
+            lines.append(Line.of_numbers(long_label(corruption), [None] * 6 + [slope]))
         sections.append(Section(name, tuple(lines)))
     remark = (
         "share: share of the pixels; adds: contribution of a family to the mean CRE, negative if it reduces the mean; "

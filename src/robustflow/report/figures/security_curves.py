@@ -17,12 +17,11 @@ NORMS = {"linf": "largest change", "rms": "root mean square of the change", "are
 
 
 @default_style()
-def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> MarkedFigure:
+def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
     """Plot the security curves of a run; hollow markers indicate a warning.
 
     Args:
         points: points from `analysis.security_curves.security_curves`.
-        legend: whether to draw the legend in the figure instead of on the page.
 
     Raises:
         UsageError: there are no points.
@@ -58,7 +57,7 @@ def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> Mar
         panel.set_xlabel("budget (%)" if norm == "area" else "budget (grey levels)", fontsize=8.5)
         panel.set_ylabel(metric_label(metric), fontsize=8.5)
     key = [(name_text(name), style, True) for name, style in styles.items()]
-    figure.explain(key, legend)
+    figure.explain(key, legend=False)
     banded = any(point.low is not None for point in points)
     figure.caption = (
         f"{metric_label(metric)} by budget of each attack; budget 0 refers to the clean frames, and budgets are not "

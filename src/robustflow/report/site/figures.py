@@ -113,7 +113,7 @@ def attack_figure(number: int, run: Run) -> PageFigure | None:
     points = security_curves(run)
     if not points:
         return None
-    return _page_figure(f"attacks-{number}", "security_curves", security_figure(points, legend=False), "", {})
+    return _page_figure(f"attacks-{number}", "security_curves", security_figure(points), "", {})
 
 
 def page_looks(content: Content) -> Looks:

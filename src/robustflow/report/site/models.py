@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ...analysis.anatomy import by_severity
+from ...analysis.anatomy import severity_slopes
 from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
 from ...analysis.model_result import ModelResult, ValueKey
 from ...analysis.results import AVERAGE, CLEAN
@@ -136,7 +136,7 @@ def _severity_table(line: ModelResult, run: Run, metric: str) -> Table:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
-    slopes = {row["corruption"]: row["slope"] for row in by_severity(run.summary, metric).iter_rows(named=True)}
+    slopes = severity_slopes(run.summary, metric)
     lines = []
     for row in table.iter_rows(named=True):
         cells = [TableCell(_number(row[level])) for level in levels]
