@@ -19,8 +19,8 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 @pytest.fixture
 def recordings(tmp_path):
-    clips.folder(tmp_path / "data" / "one", 70)
-    clips.folder(tmp_path / "data" / "two", 70, 32, 48)
+    clips.folder(tmp_path / "data" / "one", 3)
+    clips.folder(tmp_path / "data" / "two", 3, 32, 48)
     return tmp_path / "data"
 
 
