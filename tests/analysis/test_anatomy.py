@@ -5,7 +5,7 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from robustflow.analysis.anatomy import by_family, by_region, severity_slopes
+from robustflow.analysis.anatomy import error_parts, severity_slopes
 from robustflow.metrics.rows import CLEAN
 from robustflow.runs.aggregate import summarize
 from tests.made_rows import rows_frame
@@ -46,15 +46,12 @@ def _summary(*rows: dict):
 
 def test_families_share_the_error():
     """Two weather corruptions have CRE 6 and one noise corruption has CRE 3: weather adds 4 px to the mean of 5 px."""
-    found = by_family(
+    weather, noise = error_parts(
         _summary(_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10), _row("snow", 1, 8, 20), _row("gaussian_noise", 1, 5, 7))
     )
-    weather, noise = found.row(0, named=True), found.row(1, named=True)
-    assert (weather["family"], weather["corruptions"], weather["cre"], weather["crer"]) == ("weather", 2, 6, 3)
-    assert weather["contribution"] == pytest.approx(4)
-    assert noise["contribution"] == pytest.approx(1)
-    assert weather["broken"] == pytest.approx(10)
-    assert noise["broken"] == pytest.approx(2)
+    assert (weather.label, weather.cre, weather.crer) == ("weather corruptions", 6, 3)
+    assert (weather.contribution, noise.contribution) == pytest.approx((4, 1))
+    assert (weather.broken, noise.broken) == pytest.approx((10, 2))
 
 
 def test_slopes():
@@ -68,10 +65,9 @@ def test_slopes():
 
 def test_regions():
     summary = _summary(_row(CLEAN, 0, 2, 5, edge_epe=4.0), _row("fog", 1, 8, 10, edge_epe=20.0))
-    found = by_region(summary).row(0, named=True)
-    assert found["region"] == "d0_10"
-    assert found["label"] == "within 10 px of a motion edge"
-    assert (found["share"], found["epe_clean"], found["cre"], found["crer"]) == (10, 4, 16, 4)
+    region = error_parts(summary)[0]
+    assert region.label == "within 10 px of a motion edge"
+    assert (region.share, region.cre, region.crer, region.broken) == (10, 16, 4, 0)
 
 
 def test_without_ground_truth_nothing_is_made_up():
@@ -80,5 +76,4 @@ def test_without_ground_truth_nothing_is_made_up():
         pl.lit(None, rows.schema[c]).alias(c) for c in ("n_valid", "epe_sum", "rcre_sum", "fl_count")
     )
     summary = summarize(blind)
-    assert by_region(summary).is_empty()
-    assert by_family(summary)["contribution"].to_list() == [None]
+    assert [(part.label, part.contribution) for part in error_parts(summary)] == [("weather corruptions", None)]

@@ -7,10 +7,9 @@ change in Fl is net: new outliers minus pixels that are no longer outliers.
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 
 from ..corruptions.names import MEMBERS
 from ..metrics.summary import Summary
@@ -27,45 +26,43 @@ REGION_LABELS = {
 }
 
 
-def by_region(summary: Summary) -> pl.DataFrame:
-    """Compute the errors in each image region.
+@dataclass(frozen=True)
+class ErrorPart:
+    """The error of a run in one image region, or under one corruption family; None if it was not measured.
 
-    Returns:
-        A table with the columns region, label, share (percent of the valid pixels), epe_clean, epe, cre, crer, rcre,
-        fl_clean, fl, and broken (net percent of the region's pixels that became Fl outliers), in the order of
-        `metrics.regions.REGIONS`.
+    Attributes:
+        label: name of the region or the family.
+        share: percent of the valid pixels; None for a family.
+        contribution: contribution of a family to the overall CRE, px; negative if it reduces the error. If only the
+            paper's corruptions were run, the contributions add up to the CRE. Percentages would be misleading: if one
+            family has a negative contribution, the others add up to more than 100 %.
+        cre, crer, rcre: means as in the run's summary.
+        broken: net percent of the pixels that became Fl outliers.
     """
-    records = [
-        (
-            *(name, REGION_LABELS[name], scores.share, scores.epe_clean, scores.epe, scores.cre, scores.crer),
-            *(scores.rcre, scores.fl_clean, scores.fl, _minus(scores.fl, scores.fl_clean)),
-        )
-        for name, scores in summary.regions.items()
-    ]
-    numbers = ("share", "epe_clean", "epe", "cre", "crer", "rcre", "fl_clean", "fl", "broken")
-    return _frame(records, ("region", "label"), numbers)
+
+    label: str
+    share: float | None
+    contribution: float | None
+    cre: float | None
+    crer: float | None
+    rcre: float | None
+    broken: float | None
 
 
-def by_family(summary: Summary) -> pl.DataFrame:
-    """Compute the errors under each corruption family.
-
-    Returns:
-        A table with the columns family, corruptions (number of corruptions run), epe, cre, crer, rcre, fl, broken (net
-        percent of pixels), and contribution (of the family to the overall CRE, in pixels; negative if it reduces the
-        error). If only the paper's corruptions were run, the contributions add up to the CRE. Percentages would be
-        misleading: if one family has a negative contribution, the others add up to more than 100 %.
-    """
+def error_parts(summary: Summary) -> list[ErrorPart]:
+    """Return the parts of the error: image regions in the order of `metrics.regions.REGIONS`, then families."""
+    parts = []
+    for region, of in summary.regions.items():
+        broken = _minus(of.fl, of.fl_clean)
+        parts.append(ErrorPart(REGION_LABELS[region], of.share, None, of.cre, of.crer, of.rcre, broken))
     averaged = summary.averaged_over
-    records = []
     for family, scores in summary.families.items():
         count = sum(name in averaged for name in MEMBERS[family])
-        part = None
-        if scores.cre is not None:
-            part = scores.cre * count / len(averaged)
+        contribution = None if scores.cre is None else scores.cre * count / len(averaged)
         broken = _minus(scores.fl, summary.clean.fl)
-        records.append((family, count, scores.epe, scores.cre, scores.crer, scores.rcre, scores.fl, broken, part))
-    numbers = ("corruptions", "epe", "cre", "crer", "rcre", "fl", "broken", "contribution")
-    return _frame(records, ("family",), numbers)
+        label = f"{family} corruptions"
+        parts.append(ErrorPart(label, None, contribution, scores.cre, scores.crer, scores.rcre, broken))
+    return parts
 
 
 def severity_slopes(summary: Summary, metric: str) -> dict[str, float]:
@@ -83,8 +80,3 @@ def severity_slopes(summary: Summary, metric: str) -> dict[str, float]:
 
 def _minus(after: float | None, before: float | None) -> float | None:
     return None if after is None or before is None else after - before
-
-
-def _frame(records: list[tuple[Any, ...]], texts: tuple[str, ...], numbers: tuple[str, ...]) -> pl.DataFrame:
-    schema = dict.fromkeys(texts, pl.String) | dict.fromkeys(numbers, pl.Float64)
-    return pl.DataFrame(records, schema=schema, orient="row", strict=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..analysis import anatomy
+from ..analysis.anatomy import error_parts, severity_slopes
 from ..analysis.conditions import SeedGroup
 from ..analysis.effective import effective_robustness
 from ..analysis.labels import SETTING_LABELS, long_label
@@ -71,13 +71,10 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     sections = []
     for name, run in zip(run_names(runs), runs, strict=True):
         lines = []
-        for row in anatomy.by_region(run.summary).iter_rows(named=True):
-            cells = [row[c] for c in ("cre", "crer", "rcre", "broken")]
-            lines.append(Line.of_numbers(row["label"], [row["share"], None, *cells, None]))
-        for row in anatomy.by_family(run.summary).iter_rows(named=True):
-            cells = [row[c] for c in ("contribution", "cre", "crer", "rcre", "broken")]
-            lines.append(Line.of_numbers(f"{row['family']} corruptions", [None, *cells, None]))
-        for corruption, slope in anatomy.severity_slopes(run.summary, "rcre").items():
+        for part in error_parts(run.summary):
+            numbers = (part.share, part.contribution, part.cre, part.crer, part.rcre, part.broken, None)
+            lines.append(Line.of_numbers(part.label, numbers))
+        for corruption, slope in severity_slopes(run.summary, "rcre").items():
             lines.append(Line.of_numbers(long_label(corruption), [None] * 6 + [slope]))
         sections.append(Section(name, tuple(lines)))
     remark = (
