@@ -20,9 +20,9 @@ from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.losses.dilated_warp import leaves  # noqa: E402
 from robustflow.training.losses.photometric import census_sum, robust  # noqa: E402
 from robustflow.training.losses.upflow import OneWay, upflow_terms  # noqa: E402
+from robustflow.training.network_with_loss import build_objective  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.unsupervised import upflow as objective  # noqa: E402
-from robustflow.training.unsupervised.build import build_objective  # noqa: E402
 from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
 
 from ..shared_data import shared_folder  # noqa: E402

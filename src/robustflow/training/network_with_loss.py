@@ -6,13 +6,17 @@ import math
 
 from torch import Tensor, nn
 
+from ..errors import UsageError
 from .data.loader import Batch
 from .loss_of_batch import loss_of_batch
 from .losses.sequence import end_point_error
 from .networks import TrainedNetwork
+from .objectives import ArflowObjective, BrightflowObjective, UpflowObjective
 from .recipe import Recipe
-from .unsupervised.build import build_objective
-from .unsupervised.objective import TrainingStep
+from .unsupervised.arflow import Arflow
+from .unsupervised.brightflow import Brightflow
+from .unsupervised.objective import LabelFree, TrainingStep
+from .unsupervised.upflow import Upflow
 
 
 class NetworkWithLoss(nn.Module):
@@ -42,3 +46,24 @@ class NetworkWithLoss(nn.Module):
         numbers = {name: value.item() for name, value in terms.items()}
         error = end_point_error(flow, batch.flow, batch.valid).item()
         return loss, numbers if math.isnan(error) else {**numbers, "epe": error}
+
+
+def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
+    """Return the module that computes the loss of a recipe without labels.
+
+    Raises:
+        UsageError: the method does not support the crop.
+    """
+    settings = recipe.objective
+    if isinstance(settings, ArflowObjective):
+        return Arflow(network, recipe, settings)
+    if isinstance(settings, BrightflowObjective):
+        if min(recipe.crop) <= 2 * settings.border:
+            raise UsageError(
+                f"crop {recipe.crop[0]}x{recipe.crop[1]}: brightflow's student does not use the outer "
+                f"{settings.border} pixels of the crop, so each side needs more than {2 * settings.border}; use a "
+                "larger --crop"
+            )
+        return Brightflow(network, recipe, settings)
+    assert isinstance(settings, UpflowObjective)
+    return Upflow(network, recipe, settings)
