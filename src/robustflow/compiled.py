@@ -45,7 +45,8 @@ Function = Callable[..., Any]
 def njit(**options: Any) -> Callable[[Function], Any]:
     """Apply `numba.njit`, which compiles a function on its first call.
 
-    Compiling at import, as `numba.njit` does with a signature, would take 50 MiB in every process.
+    Compiling at import, as `numba.njit` does with a signature, would take 50 MiB in every process. The entry point that
+    numba adds for callers in C is omitted, because nothing calls it.
 
     Args:
         options: keyword options of `numba.njit`.
@@ -61,7 +62,7 @@ def njit(**options: Any) -> Callable[[Function], Any]:
     """
 
     def decorate(function: Function) -> Any:
-        compiled = numba.njit(**options)(function)
+        compiled = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if options.get("cache"):
             _check_folder(Path(compiled.stats.cache_path))
             files = compiled._cache
