@@ -50,7 +50,7 @@ def digests(**environment):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the baseline x86-64 instructions")
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="tests the baseline x86-64 instructions")
 def test_oldest_instructions_give_the_same_bytes(tmp_path):
     here = digests()
     assert len(here) >= 19

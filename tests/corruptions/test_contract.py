@@ -48,7 +48,7 @@ def test_contract(name, size, severity, variant, seed):
     assert all((frame == before).all() for frame, before in zip(frames, untouched, strict=True))
 
     again = corrupted(frames[0], frames[1], name, severity, **options)
-    assert all((out == other).all() for out, other in zip(pair, again, strict=True)), "the same key, other bytes"
+    assert all((out == other).all() for out, other in zip(pair, again, strict=True)), "different bytes for the same key"
 
     other_second = corrupted(frames[0], frames[2], name, severity, **options)
     assert (other_second[0] == pair[0]).all(), "frame 1 depends on frame 2"

@@ -49,7 +49,7 @@ def test_a_plane_that_moves_up_or_a_little_is_the_mean_of_shifted_frames(severit
     count = 1 + int(np.ceil(abs(path)))
     vertical = vertical or count > 6
     out = blurred(frame, moving(level((45, 70), metres), by=(0, shift, 0) if vertical else (shift, 0, 0)), severity)
-    steps = 8 if count <= 6 else 1  # per pixel; a position half-way between two steps may round either way
+    steps = 8 if count <= 6 else 1  # per pixel; a position halfway between two steps may be rounded either way
     ways = path * ((np.arange(count) + 0.5) / count - 0.5)
     axis, size = (0, 45) if vertical else (1, 70)
     total = np.zeros(frame.shape)
@@ -66,7 +66,7 @@ def test_a_plane_that_moves_up_or_a_little_is_the_mean_of_shifted_frames(severit
 @settings(max_examples=30)
 @given(path=st.floats(5.1, 480), sign=st.sampled_from([-1, 1]), index=st.integers(0, 1))
 def test_a_plane_that_moves_far_sideways_is_the_integral_along_its_path(path, sign, index):
-    """Pixels are weighted by the length of the path in each; its ends are on a grid of 1/64 px, of 1/8 px beyond 60."""
+    """Pixels are weighted by the path length in each; path ends are on a grid of 1/64 px (1/8 px beyond 60 px)."""
     frame = picture(9, 90)
     depth = moving(level(frame.shape[:2], 10.0), by=(sign * path / 10, 0, 0))
     wide = np.pad(frame, ((0, 0), (300, 300), (0, 0)), mode="edge").astype(np.float64)
@@ -136,7 +136,7 @@ def test_a_near_block_is_smeared_over_the_wall_and_the_wall_is_seen_through_its_
 def test_many_edges_are_close_to_the_mean_of_many_views_in_float64(far, by):
     """Blocks at three depths that move sideways, compared with 401 views in which the nearest surface is seen.
 
-    Only pixels all of whose views show content of the frame are compared: no reference knows the rest.
+    Only pixels whose views all show content of the frame are compared, because the rest has no reference value.
     """
     rng = np.random.default_rng(3)
     metres = rng.choice([4.0, 6.0, far], (4, 14)).astype(np.float32).repeat(8, axis=0).repeat(11, axis=1)

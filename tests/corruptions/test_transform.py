@@ -96,7 +96,7 @@ def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_l
 
 @pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
 def test_what_is_called_neutral_keeps_grey_grey(name):
-    """The grey result is the luma of the RGB result; its channels may be equal."""
+    """The grey result is the luma of the RGB result, whose channels may be equal."""
     grey = picture(48, 48, 1)
     transform = CorruptionTransform([name], [3])
     colour = transform(np.repeat(grey, 3, axis=2), key=0)

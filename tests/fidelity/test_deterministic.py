@@ -1,4 +1,4 @@
-"""Compare every image pixel by pixel, for corruptions with no random choices except for that of the frame."""
+"""Compare every image pixel by pixel, for corruptions without randomness except in the choice of the frame."""
 
 import numpy as np
 import pytest

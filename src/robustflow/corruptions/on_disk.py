@@ -60,7 +60,7 @@ ROBUSTSPRING = OnDisk(
         "blur": ("gaussian_blur", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur"),
     },
 )
-"""RobustSpring (Schmalfuss et al., arXiv 2505.09368). Its weather, noise and blur families are the same as here;
+"""RobustSpring (Schmalfuss et al., arXiv 2505.09368). Its weather, noise and blur families match this project's;
 its "color" family contains brightness, contrast and saturate, and its "quality" family contains pixelate,
 jpeg_compression and elastic_transform.
 """

@@ -122,7 +122,7 @@ def _part_needs_depth(name: str) -> bool:
 
 
 class Stack(Corruption):
-    """Corruptions that are applied to every frame in sequence.
+    """Corruptions applied to every frame one after another.
 
     Args:
         parts: corruptions with their severities, or with None to use the severity of the stack.

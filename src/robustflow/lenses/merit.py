@@ -4,7 +4,7 @@ A lens is scaled to its focal length, its entrance pupil is found for six field 
 the stop, and a grid of rays is traced per wavelength. The following statistics are computed from the landing points of
 the rays, without rendering an image:
 
-* the modulation transfer in the tangential and sagittal direction at five frequencies (`FREQUENCIES`): the modulus
+* the modulation transfer in the tangential and sagittal directions at five frequencies (`FREQUENCIES`): the modulus
   of the rays' mean of exp(-2 pi i f y), times the sinc of the pixel;
 * the RMS radius, per field and colour, both within a disk of 30 pixels and over all rays.
 
@@ -85,8 +85,8 @@ class Limits(NamedTuple):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
-    """Return cosine and sine of 2 pi `turns` to within 1e-9, from a polynomial at a quarter of the angle, doubled
-    twice.
+    """Return cosine and sine of 2 pi `turns` to within 1e-9, using a polynomial at a quarter of the angle,
+    which is then doubled twice.
     """
     a = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
     q = a * a
@@ -195,7 +195,7 @@ def _window(u: float, v: float) -> float:
 def blur_statistics(
     sx: Any, sy: Any, weight: Any, out_t: Any, out_re: Any, out_s: Any, out_rms: Any, out_mean: Any
 ) -> float:
-    """Compute the transfer (3, 5), RMS radius and centroid (3,) within the window from rays in pixels, (3 colours, R).
+    """Compute the transfer (3, 5), RMS radius and centroid (3,) within the window from rays (3 colours, R) in pixels.
 
     The rays cover the half x > 0 of the pupil. Centroids are heights above the centre of the window, which is the
     centroid of green. Returns the sum over colours of the RMS radius about each colour's centroid, without the window.

@@ -30,7 +30,7 @@ class FirstOrder(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[float, float, float, float]:
-    """Compute the fields of `FirstOrder` from arrays (K,), (K,), (K + 1,).
+    """Compute the fields of `FirstOrder` from curvatures (K,), thicknesses (K,) and refractive indices (K + 1,).
 
     One paraxial ray is traced forwards, and two are traced backwards from the stop.
     """

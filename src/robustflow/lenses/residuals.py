@@ -19,8 +19,8 @@ from .trace import propagate
 
 STEP = 1e-5
 PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0
-"""Weights relative to that of the modulation: in-phase transfer, relative RMS radius, lateral colour per pixel,
-relative nominal RMS radius.
+"""Weights of the in-phase transfer, relative RMS radius, lateral colour per pixel and relative nominal RMS radius, each
+relative to the weight of the modulation.
 """
 RIM = 1.03
 """Ratio of a surface's clear radius to the maximum height of the aimed rays at the surface."""
@@ -80,8 +80,8 @@ def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, 
 
 @njit(cache=True, error_model="numpy")
 def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
-    """Compute the residuals of a lens; return False if it is infeasible or cannot be traced. `index` is (3 n + 1, K +
-    1).
+    """Compute the residuals of a lens; return False if it is infeasible or cannot be traced. `index`
+    contains refractive indices, (3 n + 1, K + 1).
     """
     focal_length, f_number, field_tangent, tangential, in_phase, sagittal, wanted_rms, lateral, nominal = goal
     curvature, thickness, radius, pupil, magnification = build_lens(free, index, stop, focal_length, f_number)

@@ -173,7 +173,7 @@ def search(
     """Return the best lens found within a budget.
 
     Raises:
-        RobustFlowError: in each of the best lenses, the stop is not filled from every field point.
+        RobustFlowError: none of the best lenses has a stop that is filled from every field point.
 
     Args:
         elements: number of glass elements.

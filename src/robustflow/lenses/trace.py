@@ -4,7 +4,7 @@ The arithmetic uses only + - * / and sqrt, each rounded as IEEE 754 requires, in
 The results are therefore bit-identical on every machine, and rendered PSFs can be verified using hashes.
 
 The intersection uses the closed form for conics (Welford, "Aberrations of Optical Systems", ch. 4): with the surface
-written c (x^2 + y^2 + (1 + k) z^2) = 2 z, the path length t from a point (x, y, z) along (l, m, n) is
+written as c (x^2 + y^2 + (1 + k) z^2) = 2 z, the path length t from a point (x, y, z) along (l, m, n) is
 t = C / (B + sqrt(B^2 - A C)), which also holds for planes.
 """
 

@@ -27,7 +27,7 @@ UNROLL = 4
 _LAG = 3 * CHUNK
 
 LENGTHS = (24, 27, 32, 36, 48, 54, 64, 72, 81, 96, 108, 128)
-"""Supported transform lengths, which are products of 2 and 3; the largest fits the widest window and kernel."""
+"""Supported transform lengths, which are products of 2 and 3; the largest suffices for the widest window and kernel."""
 
 _ZERO, _PLUS, _MINUS = np.float32(0.0), np.float32(1.0), np.float32(-1.0)
 _SIN_60 = np.float32(math.sqrt(3.0) / 2.0)

@@ -31,7 +31,7 @@ class Packet:
 
 @dataclass(frozen=True)
 class Encoding:
-    """Encoder settings: a name for records and libx264 options."""
+    """Encoder settings: libx264 options, and a name that is used in records."""
 
     name: str
     options: tuple[tuple[str, str], ...]
@@ -60,10 +60,10 @@ EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", 
 """Options for all lossy encodings, chosen so that the same frames result in the same stream on every machine.
 
 x264's macroblock tree controls the quality of each part of a frame. Its AVX-512 code (core 165) reads uninitialised
-memory, so the stream differs between calls. The SSSE3 code and later versions round sums differently from the C code,
-and SSE2 uses reciprocal instructions, whose results differ between processor vendors. With MMX2, the tree is computed
-in C, and all other code uses exact integer arithmetic with any instruction set. Lossless encoding does not use the
-tree, so it may use all instruction sets of the processor.
+memory, so the stream differs between calls. The code for SSSE3 and later instruction sets rounds sums differently
+from the C code, and SSE2 uses reciprocal instructions, whose results differ between processor vendors. With MMX2, the
+tree is computed in C, and all other code uses exact integer arithmetic with any instruction set. Lossless encoding does
+not use the tree, so it may use all instruction sets of the processor.
 """
 
 
@@ -134,7 +134,7 @@ class DecodeLog:
 
     refused_packets: int = 0
     strange_pictures: int = 0
-    """Number of frames without a presentation time, or whose size or format differs from the clip; counted as lost."""
+    """Number of frames that have no presentation time or differ from the clip in size or format; they count as lost."""
 
 
 class Decoder:

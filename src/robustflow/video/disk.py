@@ -46,7 +46,7 @@ class DiskEstimate:
         share = 100 * (self.kept + self.variants) / RELEASED_BYTES
         return (
             f"about {_gb(self.kept)} permanently (masters {_gb(self.masters)}, key frames {_gb(self.key_frames)}), "
-            f"{_gb(self.temporary)} more during preparation, later at most {_gb(self.variants)} of transcoded variants "
+            f"{_gb(self.temporary)} more during preparation, later up to {_gb(self.variants)} for transcoded variants "
             f"(in total {share:.2g} % of the released dataset's 681 GB); {_gb(self.free)} free"
         )
 
@@ -54,7 +54,7 @@ class DiskEstimate:
 def estimate_disk(
     sources: Sequence[Source], output: Path, preparation: Preparation, cache_limit: int, workers: int = 1
 ) -> DiskEstimate:
-    """Estimate the disk space from the first `PROBE` frames of every clip, always interpolated by flow.
+    """Estimate the disk space from the first `PROBE` frames of every clip, always using the interpolator "flow".
 
     These frames are encoded with a fast preset and start with an intra-coded frame, so the estimate is too high.
 

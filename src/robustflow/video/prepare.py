@@ -38,7 +38,7 @@ from .prepared import (
 from .source import Source
 
 SEGMENT = 64
-"""Number of gaps between source frames per segment; at most one segment of work is lost by an interruption."""
+"""Number of gaps between source frames per segment; an interruption loses at most one segment of work."""
 
 PAIR_FPS = 30
 """Default number of pairs per second, as in the paper."""

@@ -101,7 +101,7 @@ class PreparedClip:
 def choose_key_frames(count: int, step: int) -> list[int]:
     """Return the indices of every `step`-th frame except the first and the last of them (paper appendix, "GoPro-FC").
 
-    Frames closer than `REACH` to either end are also excluded, which affects only steps less than 16.
+    Frames closer than `REACH` to either end are also excluded, which matters only for steps smaller than 16.
 
     >>> choose_key_frames(161, 32)
     [32, 64, 96, 128]

@@ -158,7 +158,7 @@ class VideoReader:
                 try:
                     self._start(index, back)
                     return self._advance(index)
-                except FFmpegError:  # as above: start one key frame earlier, and finally at the beginning of the file
+                except FFmpegError:  # as in `_tail`; if every attempt fails, start at the beginning of the file
                     self._close()
             self._open()
         return self._advance(index)

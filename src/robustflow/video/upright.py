@@ -1,4 +1,4 @@
-"""Rotate decoded frames like video players do; phones store a display matrix instead of rotating the frames."""
+"""Rotate decoded frames as video players do; phones store a display matrix instead of rotating the frames."""
 
 from __future__ import annotations
 

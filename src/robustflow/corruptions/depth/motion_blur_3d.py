@@ -28,9 +28,11 @@ _FARTHEST = 2.0**14
 _NEAREST = np.float32(1e-6)
 """Smallest depth in metres; closer points are treated as if they were at this depth."""
 _FINE, _COARSE = 6, 3
-"""Fractional bits of the ends of a horizontal path: short ones, and longer ones."""
+"""Fractional bits of the end points of a horizontal path: for short paths, and for longer ones."""
 _SHORT, _LONG = 60 << FRACTION, 500 << FRACTION
-"""Path lengths in fixed point below which the ends are fine, and below which a sum along the path fits in a word."""
+"""Path lengths in fixed point: end points are fine below the first, and a sum along the path fits in a word
+below the second.
+"""
 _CELL_BITS = 2
 _CELL = 1 << _CELL_BITS
 """Side of the cells, in pixels, in which a path is searched for nearer surfaces."""
@@ -277,7 +279,7 @@ def _shown(
     """Return the sum and number of a pixel's views of a nearer surface, followed by those of its own surface.
 
     `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface;
-    `found` is memory for `count` numbers.
+    `found` is a buffer for `count` indices.
     """
     own = depths[y * width + x]
     limit, solid, gain = own / _SAME, _SAME * nearest, 1.0 / np.float64(nearest - own)
@@ -289,7 +291,7 @@ def _shown(
     for i in range(_nearer(depths, limit, width, height, nx, ny, near[0], near[1], count, found)):
         view = np.int64(found[i])
         depth = depths[np.uint64(_place(nx + view * near[0], ny + view * near[1], width, height))]
-        # the origin of a surface between the two is between theirs
+        # the displacement of a surface between the two is between theirs
         more = 1.0 if depth >= solid else np.float64(depth - own) * gain
         sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
         sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)
@@ -305,7 +307,7 @@ def _shown(
         seen = np.uint64(depths[at] <= limit) & ~(covered >> np.uint64(k))
         back += packed[at] * seen
         backs += seen
-    if backs == 0:  # only the frame's own content is known here
+    if backs == 0:  # no view is known, so use the pixel's own colour
         return front, np.int64(fronts), packed[y * width + x], 1
     return front, np.int64(fronts), back, np.int64(backs)
 
@@ -344,7 +346,7 @@ def _average(
                 fx = count * dx + _fixed(np.float64(nearest - own) * wide * (translation[0] - rays[x] * translation[2]))
                 fy = count * dy + _fixed(np.float64(nearest - own) * high * (translation[1] - ray * translation[2]))
                 limit = own / _SAME
-                # without rotation the pixel's own path is a part of the nearest surface's
+                # without rotation, the pixel's own path is part of the nearest surface's path
                 if not _is_clear(cells, limit, cx, cy, fx, fy) or (
                     turned and not _is_clear(cells, limit, cx, cy, count * dx, count * dy)
                 ):

@@ -32,7 +32,7 @@ class OverExposure(Corruption):
     paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        """Choose the frame to change at random; the state also contains the value table."""
+        """Choose at random which frame to change; the state also contains the value table."""
         return LightState(gain_table(2.0 ** self.parameter(severity)), rng.integer(0, 2))
 
     def apply(self, frame: Frame, state: LightState, index: int) -> Frame:

@@ -40,7 +40,7 @@ def alias_table(counts: Sequence[int], column_bits: int, value_bits: int) -> npt
     columns, height = 1 << column_bits, 1 << height_bits(value_bits)
     left = list(counts) + [0] * (columns - len(counts))
     if len(left) != columns or sum(left) != columns * height or len(counts) > 1 << value_bits:
-        raise ValueError(f"{len(counts)} counts of sum {sum(counts)} do not fill {columns} columns of {height}")
+        raise ValueError(f"{len(counts)} counts (sum {sum(counts)}) do not fill {columns} columns of height {height}")
     primary, alias, level = [0] * columns, [0] * columns, [0] * columns
     small = [i for i, count in enumerate(left) if count < height]
     large = [i for i, count in enumerate(left) if count >= height]

@@ -60,7 +60,7 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
-    """Add a row segment, given by a row and a start index because numba compiles slices more slowly than this loop."""
+    """Add a row segment, using start indices in a loop because numba compiles slices more slowly."""
     for i in range(_U(total.size)):
         total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
 

@@ -22,7 +22,7 @@ _ROUND = 1 << (FRACTION - 4)
 
 @njit(cache=True, nogil=True)
 def reciprocals() -> Any:
-    """Return the reciprocals of 0 to `LARGEST` with 32 fractional bits, by which `divide` divides sums exactly."""
+    """Return the reciprocals of 0 to `LARGEST` with 32 fractional bits, with which `divide` divides sums exactly."""
     out = np.zeros(LARGEST + 1, np.uint64)
     for k in range(1, out.size):
         out[k] = np.uint64((2**32 + k - 1) // k)
@@ -42,7 +42,7 @@ def pack(frame: Any, out: Any) -> None:
 def until(sums: Any, row: Any, end: Any, bits: Any) -> Any:
     """Return the integral of a row up to position `end`, both in units of 2**-bits px; edge pixels are repeated.
 
-    `sums` has the sum of the pixels to the left of each pixel.
+    `sums` contains, for each pixel, the sum of the pixels to its left.
     """
     i, last = end >> bits, np.int64(row.size - 1)
     kept = min(max(i, 0), last)
@@ -51,8 +51,8 @@ def until(sums: Any, row: Any, end: Any, bits: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def mean(front: Any, fronts: Any, back: Any, backs: Any, count: Any, out: Any) -> None:
-    """Write the mean of `count` values, of which `fronts` have the sum `front`; the others count as the mean of `backs`
-    values with the sum `back`.
+    """Write the mean of `count` values, of which `fronts` have the sum `front`; each of the others counts as
+    the mean of `backs` values with the sum `back`.
     """
     mask = np.uint64((1 << 20) - 1)
     number = count * backs
@@ -83,7 +83,7 @@ def between(packed: Any, width: int, height: int, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def divide(total: Any, count: Any, parts: Any, out: Any, at: Any) -> None:
-    """Divide the three channels of a sum by `count`, with rounding; `parts` has reciprocals with 32 fractional bits."""
+    """Divide the three channels of a sum by `count`, with rounding; `parts` are the `reciprocals`."""
     mask, half, factor = np.uint64((1 << 20) - 1), np.uint64(count // 2), parts[count]
     out[at] = np.uint8((((total & mask) + half) * factor) >> np.uint64(32))
     out[at + 1] = np.uint8(((((total >> np.uint64(20)) & mask) + half) * factor) >> np.uint64(32))

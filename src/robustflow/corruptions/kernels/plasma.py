@@ -1,9 +1,9 @@
 """Generate a plasma fractal for use as a fog map, with the diamond-square algorithm.
 
-A square torus with 2**k points per side starts as a single zero and is doubled k times; each new point is the mean of
-its four neighbours plus uniform noise with an amplitude of 10000 / decay**(2 * level). The noise is a hash of the
-point's position, so any part can be refined separately: the full torus is computed up to 512 x 512, and beyond that
-only the visible corner.
+A square torus with 2**k points per side starts as a single point of value 0 and is doubled k times; each new point is
+the mean of its four neighbours plus uniform noise with an amplitude of 10000 / decay**(2 * level). The noise is a hash
+of the point's position, so any part can be refined separately: the full torus is computed up to 512 x 512, and beyond
+that only the visible corner.
 """
 
 from __future__ import annotations

@@ -100,7 +100,10 @@ def bytes_of_linear() -> npt.NDArray[np.uint8]:
 
 
 def _linear(shown: npt.NDArray[np.floating[Any]]) -> npt.NDArray[Any]:
-    """Solve shown = 3 v^2 - 2 v^3 with v = x^(1/2.2) for the linear light x; bisects r, where v = r^5 and x = r^11."""
+    """Solve shown = 3 v^2 - 2 v^3 with v = x^(1/2.2) for the linear light x.
+
+    The unknown r, with v = r^5 and x = r^11, is found by bisection.
+    """
     low, high = np.zeros_like(shown), np.ones_like(shown)
     for _ in range(60):
         r = 0.5 * (low + high)

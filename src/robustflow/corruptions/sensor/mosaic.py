@@ -162,7 +162,7 @@ def _average_alike(
     for i in range(here.size):
         v = here[i]
         mean = (((a[i] + b[i]) + (c[i] + d[i])) + ((e[i] + f[i]) + (g[i] + h[i])) + v) * np.float32(1.0 / 9.0)
-        width = shot * max(mean, np.float32(0.0)) + read  # the weights are scaled by its square
+        width = shot * max(mean, np.float32(0.0)) + read  # the weights are scaled by width**2
         da, db, dc, dd, de, df, dg, dh = a[i] - v, b[i] - v, c[i] - v, d[i] - v, e[i] - v, f[i] - v, g[i] - v, h[i] - v
         wa, wb, wc, wd = _alike(da, width), _alike(db, width), _alike(dc, width), _alike(dd, width)
         we, wf, wg, wh = _alike(de, width), _alike(df, width), _alike(dg, width), _alike(dh, width)
@@ -222,7 +222,7 @@ def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places
 def _filter(linear: Any, y: int, parity: int, weights: Any, out: Any) -> None:
     """Filter the pixels in row `y` and columns of one parity with 5x5 weights.
 
-    `weights` has the weights of the pixel, its horizontal, vertical and diagonal neighbours, and the pixels at a
+    `weights` contains the weights of the pixel, its horizontal, vertical and diagonal neighbours, and the pixels at a
     distance of two horizontally and vertically.
     """
     centre, along, across, diagonal, far_along, far_across = weights

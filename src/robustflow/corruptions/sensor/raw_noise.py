@@ -27,9 +27,9 @@ class RawNoise(Corruption):
     """Simulates capturing the frames with a noisy sensor; severities are ISO numbers.
 
     Each frame is converted back to the light on the sensor (`camera`, `mosaic`), exposed with photon and read noise
-    (`exposure`), and developed again: denoising, white balance, demosaicing, colours, gamma and tone curve. Camera and
-    gains are drawn once per pair; the noise is independent in each frame. This corruption is excluded from the paper's
-    averages.
+    (`exposure`), and developed again: denoising, white balance, demosaicing, colours, gamma and tone curve. The camera
+    and its gains are drawn once per pair; the noise is independent in each frame. This corruption is excluded from the
+    paper's averages.
     """
 
     name = "raw_noise"

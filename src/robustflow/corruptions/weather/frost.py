@@ -138,9 +138,9 @@ class Frost(Corruption):
     """Blends both frames with a photograph of frost: out = a * x + b * frost (paper, appendix, weather).
 
     The severity parameters are (a, b); the values are from the reference code, since the paper does not list any.
-    One of five textures (two of which show the same photograph; the sixth texture in the library is never used) is
-    enlarged to 1.1 times the size that covers the frame and cropped at a random position, which is shared by both
-    frames.
+    One of five textures (two of which show the same photograph; the sixth texture of `imagecorruptions` is never
+    used) is enlarged to 1.1 times the size that covers the frame and cropped at a random position, which is shared by
+    both frames.
 
     The textures are part of the package `imagecorruptions` and are downloaded on first use; see frost_assets.
 
