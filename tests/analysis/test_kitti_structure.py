@@ -1,4 +1,4 @@
-"""Intervals and tests for the structure of the 80 evaluated pairs, some of which come from the same drive.
+"""Intervals and tests on data grouped like the 80 evaluated pairs, some of which come from the same drive.
 
 The following command prints the numbers in `docs/design/uncertainty.md`:
 

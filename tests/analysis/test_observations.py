@@ -195,7 +195,7 @@ def test_own_models_can_be_described():
 
 
 def _with_worst_cost(*names):
-    """Return the published results, in which the given models have the highest FLOPs and CREr."""
+    """Return the published results, changed so that the given models have the highest FLOPs and CREr."""
     worst = {"flops_g": 9e4, "crer_id": 99.0}
     return [
         replace(line, printed_cost=line.printed_cost.model_copy(update=worst))

@@ -150,7 +150,7 @@ def test_seeds_on_the_command_line(tmp_path):
         alone_ranked.exception
     )
     one_image = cli.invoke(app, ["compare", *folders[:2]])
-    assert "their variance needs at least two" in str(one_image.exception) + one_image.output
+    assert "the variance between images needs at least two" in str(one_image.exception) + one_image.output
 
 
 @pytest.fixture(scope="module")

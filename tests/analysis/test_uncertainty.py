@@ -100,7 +100,7 @@ def test_means_and_influence_against_loops(data, clusters, settings_):
 )
 @settings(max_examples=60, deadline=None)
 def test_sums_of_products_give_what_influences_give(data, clusters, settings_, complete, kind):
-    """The fast formula gives the same result as the influence of every cluster, for complete data and with gaps."""
+    """The fast formula gives the same result as summing the influence of every cluster, with and without gaps."""
     rng = np.random.default_rng(data)
 
     def mean() -> Mean:
@@ -180,8 +180,8 @@ def test_interval_of_crer_agrees_with_a_loop_that_leaves_out_each_cluster():
 
 
 def test_an_interval_leans_to_where_the_tail_is():
-    """The mean of skewed errors may be much higher but hardly lower; percentile intervals are skewed in the opposite
-    direction.
+    """The true mean of skewed errors may be much higher than the estimate but hardly lower; percentile intervals are
+    skewed in the opposite direction.
     """
     found = intervals(_rows(30)).filter(metric="epe", corruption="average").row(0, named=True)
     assert found["high"] - found["estimate"] > found["estimate"] - found["low"]

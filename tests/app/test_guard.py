@@ -94,7 +94,7 @@ def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predictin
     with running_app(tmp_path, "--model", SLOW) as running:
         clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
         assert running.upload(clip=("clip.mp4", clip))[0] == 200
-        assert list((tmp_path / "scratch").iterdir()), "a clip is decoded as it is asked for"
+        assert list((tmp_path / "scratch").iterdir()), "a clip is decoded on demand"
         connection = _begin_preview(running, SLOW) if predicting else None
         if connection:
             connection.getresponse().readline()

@@ -47,10 +47,10 @@ class Visit:
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """One Chromium instance for all tests in a process; skips with a reason if Playwright or Chromium is missing."""
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
+    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (dev extra)")
     found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if found is None:
-        pytest.skip("no chromium here: apt-get install chromium")
+        pytest.skip("Chromium is not installed: apt-get install chromium")
     with api.sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=found, args=list(_QUIET))
         yield chromium

@@ -16,7 +16,7 @@ _VIEWS = (
 @pytest.mark.parametrize(("name", "state"), _VIEWS)
 def test_no_serious_violation(visit, pages, name, state):
     axe = pytest.importorskip(
-        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (the dev extra has it)"
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (dev extra)"
     )
     page = visit().page
     page.goto(pages[name].as_uri() + state)

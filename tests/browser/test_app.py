@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.browser
 pytest.importorskip("starlette", reason="the app extra is not installed")
-api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
+api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (dev extra)")
 expect = api.expect
 expect.set_options(timeout=60_000)  # only a safeguard against hanging
 

@@ -25,7 +25,7 @@ PAGES = (
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(find_spec("mkdocstrings") is None, reason="needs the extra docs"),
+    pytest.mark.skipif(find_spec("mkdocstrings") is None, reason="needs the docs extra"),
 ]
 
 
@@ -54,7 +54,7 @@ def test_a_page_for_each_corruption_with_its_pictures(site):
 @pytest.mark.parametrize("name", PAGES)
 def test_no_serious_violation_and_nothing_from_elsewhere(visit, site, name, scheme):
     axe = pytest.importorskip(
-        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (the dev extra has it)"
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (dev extra)"
     )
     seen = visit(color_scheme=scheme)
     seen.page.goto((site / f"{name}.html").as_uri())

@@ -88,7 +88,7 @@ def test_a_clip_plays_and_steps_by_keyboard(visit, clip_page):
 @pytest.mark.parametrize("width", [1440, 390])
 def test_axe_has_nothing_serious_to_say(visit, clip_page, scheme, width):
     axe = pytest.importorskip(
-        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (the dev extra has it)"
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (dev extra)"
     )
     page = visit(width=width, color_scheme=scheme).page
     page.goto(clip_page.as_uri())

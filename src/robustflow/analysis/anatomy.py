@@ -28,7 +28,7 @@ REGION_LABELS = {
 
 @dataclass(frozen=True)
 class ErrorPart:
-    """The error of a run in one image region, or under one corruption family; None if it was not measured.
+    """The error of a run in one image region or under one corruption family; values that were not measured are None.
 
     Attributes:
         label: name of the region or the family.

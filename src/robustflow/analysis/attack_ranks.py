@@ -51,7 +51,7 @@ class Prediction:
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
     """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance.
 
-    A model is left out for an attack that has a warning other than `LOWER_BOUND` for it, and for all attacks if it
+    A model is left out for an attack if its result has a warning other than `LOWER_BOUND`, and for all attacks if it
     should not be ranked. Errors are computed over the cells that all runs have in common.
 
     Raises:

@@ -170,7 +170,7 @@ def _name(score: AttackScore) -> str:
 
 
 def _above(one: AttackScore, other: AttackScore) -> bool:
-    """Whether one of the attacks is stronger at the same budget."""
+    """Whether `one` is stronger than `other` at the same budget."""
     alike = (one.norm, one.severity) == (other.norm, other.severity)
     return alike and one.strength is not None and other.strength is not None and one.strength > other.strength
 

@@ -52,7 +52,7 @@ def effective_robustness(
         corruption: name of a corruption, or "average".
         by_setting: whether to fit one trend per setting instead of one overall. Training on the benchmark's domain
             shifts the trend, so a single line over all settings would mistake the shift for robustness.
-        without: names of models to omit of every trend and of the result.
+        without: names of models to omit from every trend and from the result.
 
     Returns:
         Setting ("" for one overall trend) -> models, the most robust first. Settings with fewer than 5 models are left

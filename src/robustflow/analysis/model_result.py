@@ -190,8 +190,7 @@ def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
 
 
 def not_ranked(results: Iterable[ModelResult]) -> list[str]:
-    """Return the name and the reason, as in "tiny, because its weights are random", of each model that is not
-    ranked."""
+    """Return "<name>, because <reason>" for each model that is not ranked."""
     return [f"{plain(line.name)}, because {line.excluded}" for line in results if line.excluded]
 
 

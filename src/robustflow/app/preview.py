@@ -56,7 +56,7 @@ class PreviewRequest(Frozen):
         checkpoint: weights of the model, as a published name or a file on this machine; "" for the model's default
             checkpoint.
         layers: corruptions in the order of application.
-        seed: the seed for the random draws.
+        seed: seed of the random draws.
         frames: whether the clean frames and the ground truth are also requested.
     """
 
@@ -71,7 +71,7 @@ class PreviewRequest(Frozen):
 
     @property
     def corruption(self) -> tuple[str, int]:
-        """Return name and severity in the form that `corrupt` accepts; several layers form a stack.
+        """Return the name and severity in the form that `corrupt` accepts; several layers form a stack.
 
         >>> fog = {"name": "fog", "severity": 2}
         >>> PreviewRequest(page="p", source="demo", index=0, model="dis", layers=[fog, fog], seed=0).corruption

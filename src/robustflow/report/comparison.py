@@ -58,7 +58,7 @@ class Comparison:
         """Return the differences under each corruption, in the paper's order.
 
         Args:
-            metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
+            metric: "epe", "cre", "crer" or "rcre"; the headline metric by default.
 
         Returns:
             A frame with the columns corruption, value_first, value_second, difference, low, high (null if there are too
@@ -89,7 +89,7 @@ class Comparison:
         """Return a table for `robustflow.report.render`: the overall lines, then every corruption in one metric.
 
         Args:
-            metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
+            metric: "epe", "cre", "crer" or "rcre"; the headline metric by default.
 
         Raises:
             UsageError: unknown metric.

@@ -211,7 +211,7 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
     content = whole_content([Run(folder) for folder in folders], published=False)
     assert asked == [False, False]
-    assert not any(line.intervals for line in content.lines)  # a single pair has none
+    assert not any(line.intervals for line in content.lines)  # a single pair has no intervals
     assert asked == [False, False, True, True]
 
 

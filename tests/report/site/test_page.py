@@ -238,7 +238,7 @@ def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary)
 
 
 def test_a_model_has_one_colour_on_a_page(three_runs_page):
-    """With two groups of runs and the published values, each colour of a figure represents either a kind
+    """With two groups of runs and the published values, each colour in a figure represents either a kind of model
     or one model.
     """
     meanings: dict[str, set[str]] = {}

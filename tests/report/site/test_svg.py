@@ -34,7 +34,7 @@ def test_every_model_is_a_mark_with_its_numbers():
 
 
 def test_a_mark_is_where_its_model_is():
-    """Check the order of positions in one panel."""
+    """In one panel, marks are ordered by clean EPE from left to right."""
     figure = relations(_KITTI)
     root = _svg(figure)
     epe = {line.name: line.number("epe", "clean") for line in _KITTI if line.setting == "OOD"}

@@ -109,7 +109,7 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
 
 
 def _in_px(margin: Margin | None) -> str:
-    return "unknown, without a common corruption" if margin is None else margin.in_px
+    return "unknown, because the models have no corruption in common" if margin is None else margin.in_px
 
 
 def _of_encoder(evidence: Evidence, entries: Sequence[ModelInSetting], encoder: str) -> list[ModelInSetting]:

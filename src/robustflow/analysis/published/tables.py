@@ -72,7 +72,7 @@ def published_costs() -> dict[str, PrintedCost]:
 
 def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
     """List the models that figures and observations omit: for the paper's results, the learned models that the
-    paper omits of its discussion (Sec. 5.2); for all other results, none.
+    paper omits from its discussion (Sec. 5.2); for all other results, none.
 
     >>> not_discussed(published_results())
     ('FlowDiffuser',)

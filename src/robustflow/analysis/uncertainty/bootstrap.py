@@ -6,7 +6,7 @@ t* = (theta* - theta) / se* approximates the unknown distribution of (theta - tr
     truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
 
 where q are the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below
-a exactly if the interval of level 1 - a excludes 0, up to the resolution of the resamples.
+a if and only if the interval of level 1 - a excludes 0, up to the resolution of the resamples.
 
 Errors are skewed, so the two tails of a mean are estimated separately. In three cases they are estimated together
 (quantiles of |t*|, a symmetric interval): for a difference between models, which is nearly symmetric and whose test

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjust p-values by Holm's step-down method (Holm 1979). Rejecting all adjusted p-values below a keeps the
-    probability of any false rejection below a, regardless of the dependence between the tests.
+    """Adjust p-values by Holm's step-down method (Holm 1979). Rejecting every hypothesis whose adjusted
+    p-value is below a level keeps the probability of any false rejection below this level, regardless of the dependence
+    between the tests.
 
     >>> [round(p, 3) for p in holm([0.01, 0.04, 0.03])]
     [0.03, 0.06, 0.06]

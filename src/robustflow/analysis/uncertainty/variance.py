@@ -57,7 +57,9 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     y = _cells(runs, metric)
     images, seeds, levels = y.shape
     if images < 2:
-        raise RunError("fewer than two images were measured with every seed; their variance needs at least two")
+        raise RunError(
+            "fewer than two images were measured with every seed; the variance between images needs at least two"
+        )
     mean = y.mean()
     image, seed, level = (y.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1)))
     both = y.mean(axis=2)

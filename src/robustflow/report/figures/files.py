@@ -52,7 +52,7 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     if figure.get_layout_engine() is not None:
         # compute the layout only once, because every draw would shift it slightly and change the bytes
         settle_layout(figure)
-        figure.set_layout_engine(None)  # "none" would draw everything twice to measure it
+        figure.set_layout_engine(None)  # the layout engine "none" would draw everything twice to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"

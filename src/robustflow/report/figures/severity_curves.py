@@ -86,7 +86,7 @@ def severity_curves(
                 )
         panel.set_title(
             name_text(long_label(corruption)), fontsize=8.5, y=1
-        )  # otherwise included in the layout, as are labels
+        )  # a fixed position keeps the title out of the layout, as the coordinates below do for the labels
         panel.xaxis.set_label_coords(0.5, 0)
         panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)
