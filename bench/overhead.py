@@ -4,10 +4,10 @@ cell.
     python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--pairs 3] [--workers 2] [--latency 40 20] [--cells-only]
 
 The model sleeps, to imitate a GPU model that leaves the CPU idle. The data are pairs of 375x1242 pixels (from KITTI, or
-generated textures without --data) under the paper's 20 image-pair corruptions at five severities. With 30 pairs, the
-predictions of 40 ms take two minutes; with 60 pairs, those of 20 ms. *Start-up* is the time until the first row is on
-disk, *steady* is the remaining time relative to the time of its predictions; the best possible ratio is 1. The fused
-engine (`serial`) is measured first. A second table lists the CPU time of all work except the model, by stage and
+generated textures without --data) under the paper's 20 image-pair corruptions at five severities. The
+predictions take two minutes for 30 pairs at 40 ms each, or for 60 pairs at 20 ms each. *Start-up* is the time until the
+first row is on disk; *steady* is the remaining time relative to the time of the predictions made in it, at best 1. The
+fused engine (`serial`) is measured first. A second table lists the CPU time of all work except the model, by stage and
 corruption, in one thread; it is the minimum over three runs of every cell.
 """
 

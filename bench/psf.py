@@ -1,4 +1,4 @@
-"""Compare the time, memory and error of psf_blur's tiles with a simple implementation of 16-pixel tiles in one run.
+"""Compare the time, memory and error of psf_blur's tiles with those of simple 16-pixel tiles in one run.
 
     python bench/psf.py [--severity 5] [--rounds 5] [--plain]
 

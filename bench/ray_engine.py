@@ -2,10 +2,10 @@
 
     python bench/ray_engine.py [--pairs 36] [--repeat 3]
 
-The model sleeps for 40 ms, like a model that waits for a GPU; the frames have the size of KITTI's, the corruptions are
-the default ones. The engines alternate, and neighbouring runs are compared. *Steady* is the second half of a run, when
-every process has started and compiled its functions. CPU time includes all processes that a run starts, Ray's too. On a
-busy machine, compare only the CPU times. Linux only.
+The model sleeps for 40 ms, like a model that waits for a GPU; the frames are as large as KITTI's, and the corruptions
+are the default ones. The engines alternate, and neighbouring runs are compared. *Steady* is the second half of a run,
+when every process has started and compiled its functions. CPU time includes all processes that a run starts, Ray's too.
+On a busy machine, compare only the CPU times. Linux only.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Clock:
             self.cpu.append(cpu_seconds())
 
     def per_cell(self) -> dict[str, float]:
-        """Times in ms, those of a cell without the start-up."""
+        """Times in ms; those marked "steady" exclude the start-up."""
         (half_s, half), (all_s, cells) = self.done[self.half - 1], self.done[-1]
         return {
             "first row after": 1e3 * self.done[0][0],
@@ -91,7 +91,7 @@ def run(folder: Path, engine: str) -> dict[str, float]:
 
 
 def cpu_seconds() -> float:
-    """CPU seconds of this process and all processes that it started, directly or not, and that still run."""
+    """CPU seconds of this process and all processes that it started, directly or not, and that are still running."""
     parents, seconds = {}, {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:

@@ -5,9 +5,9 @@ a browser.
     python bench/site.py --runs 200 [--pairs 20]
 
 Writing is measured in CPU seconds, so that other load on the machine has little influence. Loading times are from the
-browser's `performance.timing`: the minimum over several visits until the page's script has finished, and until the page
-is loaded. With `--runs`, the given number of run folders is created first; `robustflow leaderboard` then writes their
-page in a separate process, whose CPU and wall-clock seconds and peak memory are printed.
+browser's `performance.timing`: until the page's script has finished, and until the page is loaded, each the minimum
+over several visits. With `--runs`, the given number of run folders is created first; `robustflow leaderboard` then
+writes their page in a separate process, whose CPU and wall-clock seconds and peak memory are printed.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from robustflow.testing import TexturePairs
 @pytest.fixture
 def frames(tmp_path):
     """Three frames of noise, which form two pairs. They are stored uncompressed, so that a frame can change without a
-    change in its size.
+    change in file size.
     """
     folder = tmp_path / "frames"
     folder.mkdir()

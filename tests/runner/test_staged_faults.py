@@ -89,7 +89,7 @@ def _wait(condition, seconds=60):
 
 @pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
 def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(tmp_path, trouble):
-    """This also works if the model hangs and its process never reads from its pipe again."""
+    """No process is left even if the model hangs and its process never reads from its pipe again."""
     before = set(os.listdir("/dev/shm"))
     log = tmp_path / "log"
     run = _start(tmp_path / "run", "-O", f"trouble={trouble or 'none'}", "-O", "pause=0.1", PREDICTION_LOG=str(log))

@@ -20,8 +20,8 @@ from .pack_steps import STEPS, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
-"""Tolerances from the pack's README: relative tolerances for both steps, for a gradient relative to its largest value,
-and for the final weights.
+"""Tolerances from the pack's README: relative tolerances of the loss and of the gradient norm in each of the two steps,
+of a gradient relative to its largest value, and the absolute tolerance of the final weights.
 """
 NO_GRADIENT = ("k_proj.bias", ".k.bias")
 """Parameters whose true gradient is 0, because softmax cancels any value added to all scores."""

@@ -49,13 +49,15 @@ EACH_STEP = pytest.mark.parametrize(
     ("name", "case", "number"), [(*case, number) for case, count in CASES.items() for number in range(count)]
 )
 _LOSS = {"flowdiffuser": (2e-6, 1e-3)}
-"""Relative tolerance of the loss in the first step and in later ones, for cases other than the default (1e-6, 1e-4)."""
+"""Relative tolerance of the loss in the first step and in later ones, for networks that do not use the default (1e-6,
+1e-4).
+"""
 _NORM = {"flowdiffuser": (1e-4, 1e-3)}
-"""Relative tolerance of the norm of all gradients in the first step and in later ones, for cases other than the default
-1e-4.
+"""Relative tolerance of the norm of all gradients in the first step and in later ones, for networks that do not use
+the default 1e-4.
 """
 _GRADIENT = {"flowdiffuser": 5e-4}
-"""Tolerance of a gradient relative to its largest value, for cases other than the default 1e-3."""
+"""Tolerance of a gradient relative to its largest value, for networks that do not use the default 1e-3."""
 ROUNDING = 1e-6
 """Parameters without any effect (biases before a norm, or biases of attention keys), whose gradients are only rounding
 error.

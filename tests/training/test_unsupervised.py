@@ -139,8 +139,8 @@ def test_the_stages_of_arflow(stage):
 
 @pytest.mark.slow
 def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
-    """Without labels, the photometric loss decreases in the `raw` stage, and EPE drops far below half of its initial
-    value and of the value of zero flow; the second stage continues from there without getting worse.
+    """Without labels, the photometric loss decreases in the `raw` stage, and EPE drops below half its initial
+    value and far below the EPE of zero flow; the second stage continues from there without getting worse.
     """
     folder = tmp_path / "data"
     for path in shared("data/middlebury").rglob("*"):

@@ -42,8 +42,8 @@ def members(family: str) -> list[str]:
 
 
 def arms() -> list[Arm]:
-    """Return the arms: one without corruptions, one with all families, and one for each held-out family that leaves it
-    out.
+    """Return the arms: one without corruptions, one with all families, and for each held-out family one with all
+    families except this one.
 
     >>> [arm.name for arm in arms()]
     ['plain', 'all', 'no_noise', 'no_weather']

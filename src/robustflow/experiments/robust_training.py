@@ -37,7 +37,7 @@ _COMPLETE = "complete"
 _SEED_OF_ARMS = 1000
 """Offset added to the seed of the arms, so that they do not repeat the random draws of the initial training."""
 _SAVE_EVERY = 20
-"""Number of updates between checkpoints, and thus the most that is lost if the process is killed."""
+"""Number of updates between checkpoints, and thus the maximum number lost if the process is killed."""
 _POLL_S = 5.0
 _BATCH = 8
 """Number of pairs predicted in one batch."""
@@ -115,7 +115,7 @@ def run_experiment(
     Args:
         experiment: settings of the experiment.
         say: function called with progress messages.
-        stop: function called after each update; if it returns True, training stops there, and a later call resumes it.
+        stop: function called after each update; if it returns True, training stops, and a later call resumes it.
 
     Returns:
         Runs by (arm, dataset, seed), or None if the experiment was stopped.
@@ -150,7 +150,7 @@ def run_experiment(
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[bool]:
-    """Lock a folder within the block; yields whether this process holds the lock."""
+    """Lock a folder within the block; yield whether this process holds the lock."""
     make_folder(folder)
     lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released when the process is killed
     try:

@@ -1,5 +1,5 @@
-"""Train those attacks of a run that need it, once per run, on samples that the run does not measure. The results are
-stored in the run folder."""
+"""Train the attacks of a run that need training, once per run, on samples that the run does not measure. The results
+are stored in the run folder."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def training_digest(attack: Attack, benchmark: Benchmark, seed: int) -> str:
 
 
 def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequence[Unit], batch_size: int) -> Learned:
-    """Return the trained perturbations that the given units need. Each is read from the run folder and verified by its
-    digest, or trained now, in batches of `batch_size` pairs, and stored there.
+    """Return the trained perturbations that the given units need. Each one is read from the run folder and verified
+    against its digest, or else trained in batches of `batch_size` pairs and stored there.
 
     Raises:
         DataError: a sample cannot be read.

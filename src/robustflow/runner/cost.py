@@ -1,4 +1,4 @@
-"""Count the cost of a run's network at the end of the run, and store it with the rows."""
+"""Determine the cost of a run's network at the end of the run, and store it with the rows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..runs.run import Run
 
 
 def keep_cost(run: Run, model: Any) -> None:
-    """Store the cost of one prediction with a run's model for the run's tables and pages, unless it is already stored.
+    """Store the cost of one prediction of a run's model for its tables and pages, unless the cost is already stored.
 
     The cost is known only for this project's PyTorch networks; nothing is stored for other models. No flow is
     predicted, so this takes about a second.
@@ -34,7 +34,7 @@ def keep_cost(run: Run, model: Any) -> None:
         network = network_of(model)
         counts = count(network.net, *network.convention.fitted_size(*COUNTED_SIZE))
     except RobustFlowError:
-        return  # not a network, or its cost cannot be counted at this size
+        return  # not a network, or its cost cannot be determined at this size
     height, width = COUNTED_SIZE
     identity = run.manifest.identity_digest
     rounds = network.identity().get("iterations")

@@ -119,7 +119,7 @@ def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures
 
 
 def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
-    from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, needed only here
+    from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, which is needed only here
 
     key, corruption, severity = cell
     row, clean = _row(rows, cell), _row(rows, (key, CLEAN, 0))

@@ -24,7 +24,7 @@ def frames_digest(frames: tuple[Frame, ...]) -> str:
 
 
 def _content(frames: tuple[Frame, ...]) -> Iterator[bytes | memoryview]:
-    """Yield the size and the bytes of each frame, in row order and without a copy."""
+    """Yield the size and the bytes of each frame, in row order and without copying."""
     for frame in frames:
         yield str(frame.shape).encode()
         if frame.size:

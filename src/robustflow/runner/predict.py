@@ -124,7 +124,7 @@ def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator
 
 
 def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
-    """Write an image of each flow in colours next to its flow file, KEY.colours.png; equal colours mean equal flow in
+    """Write a colour image of each flow next to its flow file, KEY.colours.png; equal colours mean equal flow in
     all images."""
     for one in predicted:
         flow, valid = read_flow(one.flow)
@@ -134,7 +134,7 @@ def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
 
 
 def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius: float, fps: float) -> None:
-    """Write an MP4 (H.264) that shows the first frame of each pair above its flow in colours.
+    """Write an MP4 (H.264) that shows the first frame of each pair above its colour-coded flow.
 
     Raises:
         DataError: the frames have different sizes, or the file cannot be written.

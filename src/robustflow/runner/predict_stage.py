@@ -43,7 +43,7 @@ class PredictionRequest:
     Attributes:
         cell: cell of the frames, (sample key, corruption, severity).
         frames: RGB frames, each uint8 (H, W, 3): the pair, or the clip in temporal order, for each draw in turn.
-        index: index of frame 1 in the clip; None for a model of pairs.
+        index: index of frame 1 in the clip; None for a two-frame model.
         draws: number of draws of the corruption, each with one pair or clip in `frames`.
     """
 
@@ -81,7 +81,8 @@ class PredictStage:
         """Predict the flow of requests, in one call if the model supports batches; a single request uses `predict`.
 
         Raises:
-            ModelError: the model raised an error, or returned no confidence or anything but a float array (H, W, 2).
+            ModelError: the model raised an error, did not return a confidence, or returned a flow that is not a float
+                array (H, W, 2).
         """
         with timed(self._seconds, "predict"):
             self._on_predict(describe_cells([request.cell for request in requests]))

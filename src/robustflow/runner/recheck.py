@@ -107,8 +107,8 @@ def recheck(
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
-    """Return the largest difference, in pixels, of the mean errors, the changes from the clean flow, or the spreads of
-    two rows."""
+    """Return the largest difference, in pixels, between two rows in their mean error, mean change from the clean flow,
+    or mean spread."""
     gaps = [0.0]
     for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all"), ("spread_sum", "n_all")):
         if made[total] is None or row[total] is None:

@@ -15,12 +15,12 @@ Range = tuple[float, float]
 
 
 class Appearance(Frozen):
-    """Changes of the frames' colours for ARFlow's second pass, in this order.
+    """Changes to the frames' colours for ARFlow's second pass, in this order.
 
     Attributes:
         brightness, contrast, saturation: factors from 1 - x to 1 + x, in random order.
-        blur: maximum radius of a Gaussian blur in pixels; the radius is uniform from 0, and the blur has probability
-            1/2.
+        blur: maximum radius of a Gaussian blur in pixels; the radius is drawn uniformly between 0 and this
+            value, and the blur has probability 1/2.
         gamma: range of the gamma exponent; None for no gamma correction.
     """
 

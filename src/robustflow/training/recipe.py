@@ -1,7 +1,7 @@
 """Define recipes: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
 
-The value of each field is that of the recipe's source; `unverified` lists values that could not be verified, `differs`
-lists differences between the paper and the original code.
+The value of each field is that of the recipe's source; `unverified` lists values that could not be verified, and
+`differs` lists differences between the paper and the original code.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Recipe(Frozen):
         noise: maximum standard deviation, in grey levels, of the noise added to both frames; 0 for none.
         frozen_norms: "none", "batchnorm" (running statistics are fixed) or "all".
         frozen: prefixes of the names of parameters that are not trained.
-        unused: prefixes of the names of parameters that are unused, also in the original code, and have no gradient.
+        unused: prefixes of the names of parameters that are unused, as in the original code, and have no gradient.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: source of the recipe.
         unverified: values that could not be verified.

@@ -50,8 +50,8 @@ def validator(model: NetworkModel, folder: Path, validation: Validation) -> Call
     chosen = chosen.narrowed(corruptions, None, limit) if corruptions else _clean_alone(chosen.narrowed(limit=limit))
     if not chosen.dataset.has_flow:
         raise UsageError(
-            f"--validate {validation.benchmark}: it has no ground truth, so no error can be measured; choose a "
-            "different benchmark"
+            f"--validate {validation.benchmark}: this benchmark has no ground truth, so no error can be measured; "
+            "choose a different one"
         )
 
     def validate(updates: int) -> dict[str, float]:

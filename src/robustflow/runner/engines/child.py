@@ -112,8 +112,8 @@ def refuse_unguarded_script() -> None:
 
 
 def may_have_children() -> bool:
-    """Return whether children can start without running the script again: the script has a guard, there is no script,
-    or the script is a package's `__main__`, which `multiprocessing` does not run again."""
+    """Return whether children can start without running the script again. They can if the script has a guard, if there
+    is no script, or if the script is a package's `__main__`, which `multiprocessing` does not run again."""
     main = __import__("__main__")
     if getattr(getattr(main, "__spec__", None), "name", "").endswith(".__main__"):
         return True

@@ -26,10 +26,10 @@ from .staged import staged
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
-"""Maximum default number of feeders per device: a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
+"""Maximum default number of feeders per device; a cell takes 30 ms of CPU time, a prediction 10 ms on a fast GPU."""
 
 MOST_PROCESSES = 8
-"""Maximum default number of processes: each takes 300 MB or more."""
+"""Maximum default number of processes, because each takes 300 MB or more."""
 
 _CELLS_PER_PROCESS = 25
 """Several processes are the default only with at least this many cells per process, because a process takes about two

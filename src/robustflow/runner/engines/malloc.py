@@ -17,9 +17,9 @@ _SETTINGS = {
 def keep_freed_memory() -> None:
     """Let glibc keep up to half a gigabyte of the memory that this process frees.
 
-    By default, glibc returns every freed frame and flow to the system and gets the memory back page by page: 2 ms per
-    prediction at KITTI's size, which itself may take 10 ms on a GPU. MALLOC_ variables set by the user take precedence;
-    with a different C library this function does nothing.
+    By default, glibc returns every freed frame and flow to the system and gets the memory back page by page. At
+    KITTI's size, this takes 2 ms per prediction, while the prediction itself may take only 10 ms on a GPU. MALLOC_
+    variables set by the user take precedence; with a different C library this function does nothing.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     for variable, (setting, value) in _SETTINGS.items():

@@ -52,7 +52,7 @@ class Schedule:
             self._blocked.discard(unit.key)
 
     def give_back(self, unit: Unit) -> None:
-        """Return a unit whose worker was lost to the queue, ahead of the rest of its sample.
+        """Put a unit whose worker was lost back into the queue, ahead of the rest of its sample.
 
         >>> schedule = Schedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1,))])
         >>> schedule.give_back(schedule.take(None)); schedule.take(None).corruption, schedule.take(None)

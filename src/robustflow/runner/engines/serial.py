@@ -21,8 +21,8 @@ def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
 
 
 def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iterator[list[Unit]]:
-    """Group the units of each attack into groups of at least `cells` cells; each other unit forms its own group, in the
-    original order.
+    """Group the units of each attack into groups of at least `cells` cells; every other unit forms its own group, in
+    the original order.
 
     >>> units = [Unit(key, name, (1, 3)) for key in "ab" for name in ("fog", "pgd")]
     >>> [[unit.key for unit in group] for group in _grouped(units, ["pgd"], 4)]

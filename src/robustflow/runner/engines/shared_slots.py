@@ -1,7 +1,7 @@
 """Memory shared by two processes: slots of equal size, each of which contains the frames of a cell, then its flow.
 
 The memory is anonymous (`memfd_create`), so it is always freed when both processes have ended, and it is not limited by
-/dev/shm, which has 64 MB in a container. A slot takes memory only from its first use.
+/dev/shm, which has 64 MB in a container. A slot takes up no memory until its first use.
 """
 
 from __future__ import annotations
@@ -77,11 +77,11 @@ class SharedSlots:
         self._free = list(range(self.count))[::-1]
         self._used = set()
         whole = max(self.count * self.slot_bytes, os.fstat(self._descriptor).st_size)
-        os.ftruncate(self._descriptor, whole)  # reserved so that each process maps it once; takes no memory yet
+        os.ftruncate(self._descriptor, whole)  # reserved so that each process maps it once; takes up no memory yet
         return True
 
     def take(self) -> int:
-        """Return a free slot, most recently used first, so that fewer slots take memory.
+        """Return the most recently used free slot, so that fewer slots take up memory.
 
         Raises:
             RunError: there is not enough memory.

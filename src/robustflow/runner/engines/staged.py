@@ -123,7 +123,7 @@ class _FeederHandle:
         return schedule.finish(*value)
 
     def send_cells(self, schedule: CellSchedule) -> None:
-        """Send the feeder the cells that it requested, as far as they are available."""
+        """Send the feeder as many of the requested cells as are available."""
         while self._asked or self._deferred:
             cell = schedule.take(self._last_key, self._has_backlog)
             if cell is not None:

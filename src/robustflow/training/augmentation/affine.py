@@ -88,8 +88,8 @@ def _inside(
     rotation: Range,
     shape: tuple[int, int],
 ) -> Matrix:
-    """Draw a transform and apply it after `before`, and repeat this until the corners of the result are from inside the
-    frame."""
+    """Draw a transform and apply it after `before`, and repeat this until the corners of the result come from inside
+    the frame."""
     for _ in range(_ATTEMPTS):
         larger, wider = rng.uniform(*zoom), rng.uniform(*squeeze)
         x, y = (rng.uniform(-translation / 2, translation / 2) for _ in range(2))

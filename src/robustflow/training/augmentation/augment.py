@@ -26,11 +26,11 @@ class Augmentation:
 
     Attributes:
         jitters: one jitter for both frames, or one for each; empty for unchanged colours.
-        rectangles: rectangles erased from the second frame.
+        rectangles: rectangles erased in the second frame.
         geometry: scale, flips and crop position.
         crop: size (H, W) of the crop, in pixels.
         sparse: whether the flow is scaled as sparse ground truth.
-        swapped: whether the frames are finally swapped, which leaves the pair without ground truth.
+        swapped: whether the frames are swapped at the end, which leaves the pair without ground truth.
     """
 
     jitters: tuple[Jitter, ...]

@@ -1,4 +1,4 @@
-"""Erase rectangles of the second frame, filling them with its mean colour, to simulate occlusion (RAFT)."""
+"""Erase rectangles in the second frame, filling them with its mean colour, to simulate occlusion (RAFT)."""
 
 from __future__ import annotations
 

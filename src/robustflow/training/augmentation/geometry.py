@@ -21,8 +21,8 @@ _FLIPPED = (0.5, 0.1)
 _MARGIN = {"dense": 8, "sparse": 1}
 """Minimum difference between the size of a scaled frame and the crop, in pixels."""
 _OVERHANG = (20, 50)
-"""Rows and columns by which the crop of a sparse pair may be drawn beyond the frame before it is moved back inside, so
-that crops include the borders more often."""
+"""Number of rows and columns by which the crop of a sparse pair may extend beyond the frame when it is drawn. It is
+then moved back inside, so that crops include the borders more often."""
 
 
 class Geometry(NamedTuple):

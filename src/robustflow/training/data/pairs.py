@@ -57,7 +57,7 @@ class TrainingPair(NamedTuple):
         valid: mask of valid pixels, float32 (H, W), 0 or 1.
         name: dataset and key of the pair.
         whole: uncropped frames, for UPFlow and BrightFlow; otherwise None.
-        plain: cropped frames without changes of colour, corruption or erasing, for BrightFlow; otherwise None.
+        plain: cropped frames without colour changes, corruption or erasing, for BrightFlow; otherwise None.
         changed: frames of the second pass, either with changed colours (ARFlow) or without their border and enlarged to
             the crop's size (BrightFlow); otherwise None.
     """

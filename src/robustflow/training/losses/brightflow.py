@@ -27,7 +27,7 @@ _EPS = 1e-5
 
 
 def over_iterations(losses: Sequence[Tensor]) -> Tensor:
-    """Return the weighted sum of losses: the last one has weight 1, and each one GAMMA times the weight of the next.
+    """Return the weighted sum of losses: the last one has weight 1; all others have GAMMA times the weight of the next.
 
     >>> round(over_iterations([torch.tensor(1.0), torch.tensor(1.0)]).item(), 4)
     1.8

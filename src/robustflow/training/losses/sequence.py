@@ -23,7 +23,7 @@ def sequence_loss(
     Args:
         flows: n predictions, each float (B, 2, H, W), in pixels; the last one is final.
         truth: ground truth, float (B, 2, H, W), in pixels.
-        valid: mask (B, H, W); pixels with at least 0.5 and ground truth shorter than `max_flow` are used.
+        valid: mask (B, H, W); pixels with a value of at least 0.5 and ground truth shorter than `max_flow` are used.
         gamma: weight of a prediction relative to the next one, in (0, 1].
         max_flow: maximum length of ground-truth vectors, in pixels.
 

@@ -27,7 +27,7 @@ class UnsupervisedLoss:
         second_order: whether the smoothness uses second differences of the flow.
         alpha: edge sensitivity of the smoothness.
         splat: whether occlusion is detected by backward splatting instead of the forward-backward check.
-        both: whether the loss is averaged over both directions instead of forward only.
+        both: whether the loss is averaged over both directions instead of using only the forward one.
     """
 
     l1: float = 0.15

@@ -151,8 +151,8 @@ class Brightflow(LabelFree):
 
 
 def _census(image: Tensor, source: Tensor, way: _Way, place: WholeFrames) -> Tensor:
-    """Return the census distance between crops (N, 3, H, W) and the other uncropped frames, sampled along the flow of
-    each iteration."""
+    """Return the census distance between the crops (N, 3, H, W) of one frame and the uncropped other frame, sampled
+    along the flow of each iteration."""
     return over_iterations(
         [
             masked_census(image, _warped(source, flow, place), visible)
