@@ -1,4 +1,4 @@
-"""A run shared by the tests of attacks."""
+"""A run shared by the attack tests."""
 
 from __future__ import annotations
 

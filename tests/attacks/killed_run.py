@@ -48,7 +48,7 @@ def main():
         status = os.waitpid(child, 0)[1]
         expected = os.WIFSIGNALED(status) if last else os.WIFEXITED(status) and os.WEXITSTATUS(status) == 0
         if not expected:
-            raise SystemExit(f"the child of {last} predictions ended with {status}")
+            raise SystemExit(f"the child to be killed at prediction {last} ended with status {status}")
 
 
 if __name__ == "__main__":

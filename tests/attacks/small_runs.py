@@ -1,4 +1,4 @@
-"""Runs of two small pairs under attacks and corruptions."""
+"""Runs on two small pairs under attacks and corruptions."""
 
 from __future__ import annotations
 

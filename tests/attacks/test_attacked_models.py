@@ -27,7 +27,7 @@ def test_the_clean_pair_is_predicted_twice_to_know_whether_the_answers_differ():
 
     rf.attack(*random_pair(), counted, "random_sign", 4)
 
-    assert len(asked) == 3  # and the attacked pair
+    assert len(asked) == 3  # the clean pair twice, and the attacked pair
 
 
 def test_attacks_count_what_they_ask_for():

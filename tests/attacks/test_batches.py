@@ -1,4 +1,4 @@
-"""Attacks of several pairs that share calls of the model."""
+"""Attacks on several pairs that share model calls."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ _LEARNED = torch.nn.Parameter(torch.zeros(1))
     ("function", "message"),
     [
         (lambda images1, images2: images1[:, :2].detach(), "a flow without a gradient"),
-        (lambda images1, images2: images1[:, :2].detach() + _LEARNED, "does not follow from the images"),
+        (lambda images1, images2: images1[:, :2].detach() + _LEARNED, "does not depend on the images"),
         (lambda images1, images2: images1[:, :2] if not images1.requires_grad else None, "returned NoneType"),
         (lambda images1, images2: images1[:, :2] if not images1.requires_grad else (1,), "returned tuple"),
         (_out_of_memory, "raised RuntimeError on .*in its method differentiable: out of memory"),

@@ -35,7 +35,7 @@ def test_cut_at_every_byte(tmp_path: Path, suffix: str) -> None:
     write_flow(path, FLOW, np.eye(4, 5, dtype=bool))
     whole = path.read_bytes()
     cut = tmp_path / f"cut{suffix}"
-    step = 37 if suffix == ".flo5" else 1  # an HDF5 file has thousands of bytes, most of them empty
+    step = 37 if suffix == ".flo5" else 1  # an HDF5 file has thousands of bytes, most of them unused
     for length in [*range(0, len(whole), step), len(whole) - 1]:
         cut.write_bytes(whole[:length])
         refused(cut)

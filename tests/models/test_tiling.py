@@ -1,4 +1,4 @@
-"""Tiles: their positions and blending, and that the model receives tiles of the frames."""
+"""Tiles: their positions, their blending, and the frames that the model receives."""
 
 import json
 from itertools import pairwise

@@ -32,7 +32,7 @@ def test_flows_and_features(pack, case):
 def test_the_model_loads_the_authors_layout_and_pads(pack, case, tmp_path):
     from robustflow import load_model
 
-    # the authors' files come from data-parallel training and contain further entries in addition to the network
+    # the authors' files come from data-parallel training and contain entries in addition to the network's
     state = {f"module.{key}": value for key, value in pack.fill(BrightFlow()).state_dict().items()}
     state["module.corrector.conv1.weight"] = torch.zeros(64, 7, 7, 7)
     state["module.census.kernel"] = torch.zeros(49, 1, 7, 7)

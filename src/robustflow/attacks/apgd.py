@@ -11,7 +11,7 @@ from .images import Images
 from .problem import Problem
 
 _MOMENTUM = 0.75
-"""Weight of the projected step; the previous step has the remaining weight."""
+"""Weight of the projected step; the remaining weight applies to the previous step."""
 _IMPROVED = 0.75
 """The step size is halved if fewer than this share of the steps since the last check raised the score."""
 _FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06

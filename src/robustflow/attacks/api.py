@@ -1,4 +1,4 @@
-"""Attack a pair of frames by name."""
+"""Attack a pair of frames with an attack given by name."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _ROUNDING = 0.05
 
 
 def list_attacks() -> list[str]:
-    """Return all names that `load_attack` accepts: controls first, attacks of installed packages last.
+    """Return all names that `load_attack` accepts: controls first, attacks from installed packages last.
 
     >>> list_attacks()[:3]
     ['random_sign', 'random_gauss', 'random_patch']
@@ -77,8 +77,8 @@ target, loss, reference, moved, steps, starts
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise controls
-    come first, then random patches if there are any patches. Call this only with names that the user entered, because
-    `module.path:Attribute` is imported.
+    come first, then the random-patch control if any attack is a patch. Call this only with names that the user entered,
+    because `module.path:Attribute` is imported.
 
     Raises:
         UsageError: an unknown attack or option.
@@ -115,7 +115,7 @@ def attack(
         severity: 1 (mild) to 5 (severe); 3 by default.
         budget: largest change in grey levels (of 255), instead of a severity.
         flow: ground truth, float32 (H, W, 2), pixels, from which an untargeted attack moves the flow away; by default
-            the model's flow of the clean frames.
+            the model's flow on the clean frames.
         valid: bool (H, W), True where the ground truth is known; everywhere by default.
         seed: random seed; the random numbers also depend on the severity and on `key`, the name of the pair.
         options: options of the attack.
@@ -139,7 +139,7 @@ def attack(
     chosen = load_attack(name, **options)
     loaded = load_model(model) if isinstance(model, str) else as_model(model, "the model")
     if not isinstance(loaded, FlowModel):
-        raise ModelError("only a model of two frames, with predict(frame1, frame2), can be attacked")
+        raise ModelError("only two-frame models, with predict(frame1, frame2), can be attacked")
     _check(frame1, frame2, flow, valid)
     level = 0 if budget is not None else check_severity(3 if severity is None else severity)
     grey = chosen.budget(level) if budget is None else budget
@@ -150,7 +150,7 @@ def attack(
 
 
 def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
-    """Build the pair to attack from a sample, with the attack's budget at a severity."""
+    """Convert a sample to a pair to be attacked, with the attack's budget at a severity."""
     first, second = sample.frames[:2]
     return Pair((first, second), attack.budget(severity), sample.flow, sample.valid, sample.key, seed, severity)
 
@@ -177,7 +177,7 @@ def attack_pairs(
     Args:
         attack: the attack with its options.
         model: a loaded model with `predict`.
-        pairs: each pair with its budget, and the model's flow of the clean frames, float32 (H, W, 2), pixels.
+        pairs: each pair with its budget, and the model's flow on the clean frames, float32 (H, W, 2), pixels.
         warnings: keys of `WARNINGS` that already apply to the model.
 
     Raises:
@@ -201,7 +201,7 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
     warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
-        if images is problem.best:  # the clean pair is within every budget and scores at least as high
+        if images is problem.best:  # the clean pair is always within the budget, and scores at least as high
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
             float_loss = None if float_loss is None else clean_loss
     linf, rms, changed = norms_of(frames, pair.frames)
@@ -238,7 +238,7 @@ def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
 
 
 def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:
-    """Return the warnings that follow from the course of the attack."""
+    """Return the warnings that are based on the losses of the attack."""
     warnings = set()
     trace = [problem.loss.score(value) for value in problem.trace]
     last = len(trace) - len(trace) // 4

@@ -70,7 +70,7 @@ class Attack(ABC):
     name: ClassVar[str]
     needs_gradients: ClassVar[bool] = True
     control: ClassVar[bool] = False
-    """Whether the attack is a control: random noise that does not query the model, to which attacks are compared."""
+    """Whether the attack is a control: random noise with which attacks are compared, and which needs no model."""
     agreeing: ClassVar[bool] = False
     """Whether the loss weights pixels as in CosPGD."""
     variants: ClassVar[tuple[str, ...]] = ("default",)
@@ -174,7 +174,8 @@ class Attack(ABC):
         """Return the attacks that a run has to train in order to use this attack on a model.
 
         Returns:
-            Each trained attack, including parts of a composite attack, with the model on which it is trained, by label.
+            Each trained attack, including parts of a composite attack, and the model on which it is trained, keyed by
+            label.
         """
         return {}
 
@@ -202,7 +203,7 @@ class Attack(ABC):
         Args:
             model: the attacked model.
             pair: the frames and the budget.
-            clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
+            clean_flow: the model's flow on the clean frames, float32 (H, W, 2), pixels.
 
         Raises:
             UsageError: the attack needs ground truth and there is none.
@@ -242,7 +243,7 @@ class Attack(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Control(Attack):
-    """Random noise that does not query the model, as a control for attacks with the same norm."""
+    """A control for attacks with the same norm: random noise, which does not query the model."""
 
     needs_gradients: ClassVar[bool] = False
     control: ClassVar[bool] = True

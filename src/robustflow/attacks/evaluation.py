@@ -232,7 +232,7 @@ def _differentiated(asked: Sequence[Evaluation]) -> list[Answer]:
         above = np.ascontiguousarray(np.stack([slope for _, slope in slopes]).transpose(0, 3, 1, 2))
         (pulled,) = torch.autograd.grad(flow, images, torch.from_numpy(above).to(flow), allow_unused=True)
     if pulled is None:
-        raise ModelError(f"{_RETURNED} a flow that does not follow from the images; {_EXPECTED}")
+        raise ModelError(f"{_RETURNED} a flow that does not depend on the images; {_EXPECTED}")
     gradients = pulled.cpu().numpy()
     return [Answer(there, value, slope) for there, (value, _), slope in zip(flows, slopes, gradients, strict=True)]
 
@@ -244,4 +244,4 @@ def _check(flow: Any, expected: tuple[int, ...], gradient: bool) -> None:
         raise ModelError(f"{_RETURNED} {type(flow).__name__}; {_EXPECTED}")
     if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
         what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
-        raise ModelError(f"{_RETURNED} {what}; {_EXPECTED}, here {expected}")
+        raise ModelError(f"{_RETURNED} {what}; {_EXPECTED}, in this case of shape {expected}")

@@ -150,8 +150,8 @@ def is_own(name: str) -> bool:
 
 
 def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """Return the user's attacks among some names, including parts of composite attacks, for `register_attack` in
-    workers."""
+    """Return the user's attacks that occur in `names`, including parts of composite attacks, so that workers can pass
+    them to `register_attack`."""
     parts = {part for name in names for part in re.split(r"[:=+]", name)}
     return tuple(made for name, made in _own.items() if name in parts)
 

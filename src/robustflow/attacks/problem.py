@@ -53,7 +53,7 @@ class Problem:
         ball: the ball around the clean pair.
         loss: the loss to maximise.
         pair: the clean pair.
-        clean_flow: the model's flow of the clean pair, float32 (H, W, 2), pixels.
+        clean_flow: the model's flow on the clean pair, float32 (H, W, 2), pixels.
         from_clean: whether the loss is the distance to the clean flow, which has no gradient at the clean pair.
 
     Attributes:
@@ -134,8 +134,8 @@ class Problem:
         return answer.value, answer.flow, gradient
 
     def reproducible(self) -> Any:
-        """Return a context in which PyTorch's results are reproducible and do not depend on the number of threads
-        outside."""
+        """Return a context in which PyTorch's results are reproducible and do not depend on the caller's number
+        of threads."""
         from ..models.torch.reproducible import reproducible
 
         return reproducible(getattr(self.model, "threads", 1))

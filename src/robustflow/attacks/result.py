@@ -12,7 +12,7 @@ from .images import WHITE, Images
 WARNINGS = {
     "answers_differ": "the model is not deterministic: it predicts different flows for the same frames",
     "gradient_not_finite": "the gradient contained NaN or infinite values",
-    "gradient_zero": "the gradient was zero everywhere: the model may hide it",
+    "gradient_zero": "the gradient was zero everywhere: the model may be masking it",
     "nothing_gained": "the attacked pair has no larger error than the clean pair: the attack failed",
     "still_rising": "the attack still improved by more than 2 % in the last quarter of the steps",
     "rounding": "rounding to 8 bits changes the effect by more than 5 %",
@@ -44,8 +44,8 @@ class Attacked:
         budget: the budget in grey levels.
         norm: norm of the budget, "linf" or "rms".
         frames: the attacked pair, RGB uint8 (H, W, 3), inside the budget.
-        flow: the model's flow of the attacked frames, float32 (H, W, 2), pixels.
-        clean_flow: the model's flow of the clean frames, float32 (H, W, 2), pixels.
+        flow: the model's flow on the attacked frames, float32 (H, W, 2), pixels.
+        clean_flow: the model's flow on the clean frames, float32 (H, W, 2), pixels.
         images: the attacked pair before rounding to 8 bits, float32 (2, 3, H, W) in 0..1.
         loss, clean_loss: loss of the attacked 8-bit frames and of the clean frames.
         float_loss: loss of `images`; None if the attack works on 8-bit frames.
@@ -54,7 +54,7 @@ class Attacked:
         way_gone: share of the way from the clean flow to the target, below 0 when the flow moved away from it; None
             without a target.
         trace: the loss at each evaluation, in order.
-        evaluations, gradients: number of flows computed by the attack, and of those with a gradient.
+        evaluations, gradients: number of flows computed by the attack, and number of those with a gradient.
         warnings: keys of `WARNINGS`.
     """
 
@@ -79,7 +79,7 @@ class Attacked:
 
     @property
     def moved(self) -> float:
-        """Mean distance between the flows of the attacked and the clean frames over all pixels, px (RCRE)."""
+        """Mean distance between the flows on the attacked and on the clean frames over all pixels, px (RCRE)."""
         difference = self.flow.astype(np.float64) - self.clean_flow
         return float(np.hypot(difference[..., 0], difference[..., 1]).mean())
 

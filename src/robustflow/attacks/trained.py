@@ -105,7 +105,7 @@ class Trained(Attack):
 
         Args:
             model: a model with gradients.
-            pairs: training pairs, all with the same budget, each with the model's flow of its clean frames.
+            pairs: training pairs, all with the same budget, each with the model's flow on its clean frames.
             rng: the random generator for the first pattern and the positions.
             batch_size: number of pairs per call, for models that support batches.
         """
@@ -141,8 +141,8 @@ class Trained(Attack):
             return None
         if problem.pair.severity not in self.learned:
             raise UsageError(
-                f"attack {self.name} can only be trained by a run (robustflow run --attacks {self.label}); here, "
-                "give file="
+                f"attack {self.name} can only be trained by a run (robustflow run --attacks {self.label}); "
+                "outside a run, give file="
             )
         return self.learned[problem.pair.severity]
 

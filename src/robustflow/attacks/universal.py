@@ -26,7 +26,7 @@ _REACH = 2.5
 class Universal(Trained):
     """Add the same perturbation to every pair, projected to the budget and clipped to 0..255.
 
-    A trained perturbation has the size of the largest training frame; smaller frames use its top left part. A
+    A trained perturbation has the size of the largest training frame; smaller frames use its top-left part. A
     perturbation from a file must have the frames' size; it is reduced if it exceeds the budget, but never amplified.
 
     Args:
@@ -65,7 +65,7 @@ class Universal(Trained):
         return self.placed(problem, pattern, rng)
 
     def first(self, problems: Sequence[Problem], rng: Rng) -> Pattern:
-        """See `Trained.first`; a random perturbation in the size of the largest frame."""
+        """See `Trained.first`; a random perturbation of the size of the largest frame."""
         shapes = [problem.ball.clean.shape[2:] for problem in problems]
         height, width = (max(sizes) for sizes in zip(*shapes, strict=True))
         ball = self._around_grey(problems[0], (height, width))
@@ -107,7 +107,7 @@ class Universal(Trained):
         if shape != frames:
             raise DataError(
                 f"{self.file} is for frames of {shape[1]}x{shape[0]} pixels, but those of sample "
-                f"'{problem.pair.key}' have {frames[1]}x{frames[0]}; give a file for this size"
+                f"'{problem.pair.key}' are {frames[1]}x{frames[0]}; give a file for this size"
             )
         return np.concatenate([first, first if second is None else second])[-2:] if len(first) == 1 else first
 

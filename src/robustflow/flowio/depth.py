@@ -42,7 +42,7 @@ def read_depth_png(path: Path) -> Values:
         if header.bits != 16 or header.channels != 1:
             raise DataError(
                 f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not a depth or disparity map; "
-                "these are 16-bit greyscale PNGs"
+                "expected a 16-bit greyscale PNG"
             )
         try:
             raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

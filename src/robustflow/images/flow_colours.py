@@ -80,7 +80,7 @@ def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
     known = np.asarray(np.isfinite(flow).all(axis=2))
     if valid is not None:
         known = known & valid
-    u, v = np.moveaxis(np.where(known[..., None], flow, 0).astype(np.float64) + 0.0, 2, 0)  # "+ 0.0": no -0.0
+    u, v = np.moveaxis(np.where(known[..., None], flow, 0).astype(np.float64) + 0.0, 2, 0)  # + 0.0 turns -0.0 into 0.0
     wheel = colour_wheel() / 255
     place = (np.arctan2(-v, -u) / np.pi + 1) / 2 * (len(wheel) - 1)
     before = place.astype(np.intp)

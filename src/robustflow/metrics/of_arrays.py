@@ -38,7 +38,7 @@ def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
 def fl_all(flow: Any, truth: Any, valid: Any = None) -> float | None:
     """Return the percentage of outliers in one image: error > 3 px and > 5 % of the ground-truth flow magnitude.
 
-    This is the definition of KITTI 2015. Arguments, exceptions and the case of None are the same as for `epe`.
+    This is the definition of KITTI 2015. Arguments, exceptions and the meaning of None are the same as for `epe`.
 
     >>> import numpy as np
     >>> truth = np.zeros((1, 4, 2))

@@ -24,7 +24,7 @@ frames are finite (for a model that works correctly, all pixels).
 - `ause`, `confidence_spearman`, `error_at_*`, `oracle_at_*` = quality of the confidence over the pixels of `n_valid`
   (see `confidence`): the area between the sparsification curves in pixels, the rank correlation, and the mean error in
   pixels of the 90, 80, ... 10 % most confident or most accurate pixels. `rejected_count` = pixels of `n_all` that fail
-  the forward-backward check. Null in a run without a confidence, or if the value does not exist for its confidence.
+  the forward-backward check. Null in a run without a confidence, or if its confidence source does not define it.
 - `spread_sum` = standard deviation of the flow over the draws of the corruption, summed over the pixels of `n_all`, in
   pixels; null in a run with a single draw.
 - `n_invalid` = pixels whose prediction is not finite, out of all height x width pixels.

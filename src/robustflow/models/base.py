@@ -219,7 +219,7 @@ def naming_errors(where: str) -> Iterator[None]:
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        # Worker processes ignore Ctrl-C, so in these only the model can have raised it.
+        # Worker processes ignore Ctrl-C, so a KeyboardInterrupt in a worker was raised by the model.
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             raise
         raise ModelError(

@@ -71,7 +71,8 @@ def load_model(name: str, **options: Any) -> AnyModel:
     architecture = name.removeprefix(PTLFLOW)
     if name.startswith(PTLFLOW) and (architecture not in methods() or methods()[architecture].frames > 2):
         raise UsageError(
-            f"unknown model '{name}': use {architecture}; the prefix is only for names with a different meaning here"
+            f"unknown model '{name}': use {architecture}; the prefix is only for names that otherwise "
+            "refer to a different model"
         )
     if architecture != name or is_in_ptlflow(name):
         return _load_from_ptlflow(name, architecture, options)

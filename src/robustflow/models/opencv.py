@@ -1,7 +1,7 @@
 """The knowledge-driven methods in OpenCV: Farneback and DIS on greyscale frames.
 
-OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; therefore both adapters use
-a single OpenCV thread, which results in the same flow on every machine.
+For DIS, OpenCV splits the frame into as many stripes as it has threads, and the stripes change the result; therefore
+both adapters use a single OpenCV thread, which yields the same flow on every machine.
 """
 
 from __future__ import annotations

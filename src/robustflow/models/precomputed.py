@@ -33,8 +33,8 @@ class Precomputed:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Return a hash of all files' names and contents, so that different flows are a different model wherever they
-        are stored. File sizes would not be sufficient, because they depend only on the frame sizes.
+        """Return a hash of all files' names and contents, so that different flows count as different models regardless
+        of where they are stored. File sizes would not be sufficient, because they depend only on the frame sizes.
         """
         listing = hashlib.sha256()
         settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]

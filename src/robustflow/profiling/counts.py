@@ -1,4 +1,4 @@
-"""Count the parameters and multiply-accumulates of a network, both exactly and by the rules of the library thop.
+"""Count the parameters and multiply-accumulates of a network, both exactly and by the rules of the thop library.
 
 The paper's table was computed with thop, which only counts modules (convolutions, linear layers, norms, pooling and
 upsampling). It ignores matrix products in correlation volumes and attention, layers that are not executed, and layers

@@ -132,7 +132,7 @@ def explained(warning: str) -> str:
     """Return the text of a warning, or its key if this version does not know the warning.
 
     >>> explained("gradient_zero")
-    'the gradient was zero everywhere: the model may hide it'
+    'the gradient was zero everywhere: the model may be masking it'
     """
     return EXPLAINED.get(warning, warning)
 

@@ -17,8 +17,8 @@ from ..sample import Sample
 
 
 class TexturePairs(Samples):
-    """A dataset without files: smooth textures that move by integer shifts, a different one for each pair, so that the
-    flow is exact.
+    """A dataset without files. Each pair shows a different smooth texture that moves by an integer shift, so the flow
+    is exact.
 
     Args:
         count: number of pairs; their keys are "0", "1", ...

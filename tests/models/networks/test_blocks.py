@@ -240,8 +240,8 @@ def test_every_pixel_is_fetched_where_the_flow_points(padding, align_corners):
     for n, c, y, x in np.ndindex(maps.shape):
         to_x, to_y = x + flow[n, 0, y, x], y + flow[n, 1, y, x]
         if not align_corners:
-            # Coordinates are divided by size - 1, but interpreted as fractions of the full width, half a pixel further
-            # outwards.
+            # Coordinates are normalised by size - 1, but interpreted as fractions of the full width, which extends
+            # half a pixel beyond the outermost pixels.
             to_x, to_y = to_x * WIDTH / (WIDTH - 1) - 0.5, to_y * HEIGHT / (HEIGHT - 1) - 0.5
         if padding == "border":
             to_x, to_y = np.clip(to_x, 0, WIDTH - 1), np.clip(to_y, 0, HEIGHT - 1)

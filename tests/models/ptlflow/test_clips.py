@@ -168,7 +168,7 @@ def test_models_that_need_more(library, name):
     assert not isinstance(model, FlowModel)
     frames = sequence(128)
     short = model.predict_clip(tuple(frames[:3]), 1)
-    assert np.isfinite(short).all(), "a sequence shorter than the window is passed completely"
+    assert np.isfinite(short).all(), "a sequence shorter than the window is passed in full"
     with pytest.raises(UsageError, match="no pair at index 2"):
         model.predict_clip(tuple(frames[:3]), 2)
     with pytest.raises(UsageError, match=f"'{name}' needs a clip, but only two-frame networks can be profiled"):

@@ -173,8 +173,8 @@ LAYOUTS = {
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", ["raft", "csflow", "flowformer"])
 def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
-    """CSFlow's keys have a prefix in ptlflow that the authors' files do not have; FlowFormer would use tiles of the
-    second size.
+    """CSFlow's keys have a prefix in ptlflow that the authors' files do not have. FlowFormer would predict in tiles if
+    the stored `train_size` were applied.
     """
     import torch
 

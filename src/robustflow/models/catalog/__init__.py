@@ -110,8 +110,8 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
-    """Return the public checkpoints of a model; `ptlflow:NAME` has the same as NAME, unless NAME refers to a model of a
-    different library.
+    """Return the public checkpoints of a model; those of `ptlflow:NAME` are those of NAME, unless NAME refers to a
+    different library's model.
 
     >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")
     (True, False)

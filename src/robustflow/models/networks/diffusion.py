@@ -1,5 +1,5 @@
-"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), with deterministic sampling (DDIM
-2021).
+"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), with deterministic sampling
+(DDIM, Song et al. 2021).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow, which is refined at
-1/4.
+"""FlowDiffuser (Luo et al., CVPR 2024): a recurrent decoder denoises Gaussian noise to a flow, which is then
+refined at 1/4 resolution.
 """
 
 from __future__ import annotations

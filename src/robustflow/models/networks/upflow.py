@@ -95,7 +95,8 @@ class UPFlow(nn.Module):
     """UPFlow, which predicts both directions in one coarse-to-fine pass over five levels, with a shared decoder and
     upsampler.
 
-    Images are RGB, float (N, 3, H, W), (value - mean) * 0.0039216 for values in 0..255, of any size above 64 pixels.
+    Images are RGB, float (N, 3, H, W), of any size above 64 pixels; values in 0..255 are normalised to
+    (value - mean) * 0.0039216.
     The state-dict keys are the same as in the authors' files.
     """
 

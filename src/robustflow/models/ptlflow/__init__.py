@@ -1,1 +1,1 @@
-"""Networks of the library ptlflow as flow models."""
+"""Networks from the ptlflow library as flow models."""

@@ -1,4 +1,4 @@
-"""Two-frame models of the library ptlflow, under ptlflow's names.
+"""Two-frame models from the ptlflow library, under ptlflow's names.
 
 Building a model requires the ptlflow extra. Importing ptlflow takes several seconds and prints output, so the import is
 deferred and silenced.

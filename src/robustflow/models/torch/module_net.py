@@ -75,7 +75,7 @@ class ModuleNet(nn.Module):
             return self.call(inputs)
         except RobustFlowError:
             raise
-        except Exception as error:  # from any operator; the last line states the reason, those above the location
+        except Exception as error:  # any operator can fail; the last line of its message is the reason
             reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
             shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
             what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])

@@ -12,8 +12,7 @@ WINDOW = (2 * RADIUS + 1) ** 2
 
 
 def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS) -> Tensor:
-    """Compute the mean over channels of feature 1 at a pixel multiplied by feature 2 at the pixel + (dx, dy); zero
-    outside.
+    """Multiply feature 1 at a pixel by feature 2 at the pixel + (dx, dy), and average over channels; zero outside.
 
     Args:
         features1: features of image 1, (N, C, H, W).

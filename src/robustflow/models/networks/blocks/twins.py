@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from .attention import attend
 from .windows import from_windows, to_windows
 
-# Width of the last of the four stages; of this stage, the checkpoints contain only the norm, which is not used.
+# Width of the last of the four stages; the checkpoints contain only the norm of this stage, which is not used.
 _LARGE = ((128, 256), (4, 8), 1024)
 _SMALL = ((64, 128), (2, 4), 512)
 
