@@ -65,7 +65,7 @@ def test_a_universal_perturbation_under_rms_turns_to_the_gradient_of_a_linear_mo
     model = linear_model()
     _, pattern, _ = _learned("universal", model, 4, [GREY, GREY], norm="rms")
 
-    assert np.corrcoef(pattern.ravel(), model.weights.ravel())[0, 1] > 0.95  # for a random start, almost 0
+    assert np.corrcoef(pattern.ravel(), model.weights.ravel())[0, 1] > 0.95  # almost 0 for a random start
     assert np.sqrt((pattern**2).mean()) == pytest.approx(5 / 255, rel=1e-4)
 
 

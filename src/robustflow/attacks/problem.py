@@ -40,7 +40,7 @@ class Pair:
     severity: int = 0
 
     def stream(self, attack: str) -> Rng:
-        """Return the random stream of an attack on this pair; inside a composite attack, the stream is the same."""
+        """Return the random stream of an attack on this pair, which is the same inside a composite attack."""
         return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 

@@ -24,7 +24,7 @@ class FlowModel(Protocol):
 
     A model may also define `identity() -> dict`, which lists everything that affects its results (parameters,
     checkpoint hash, library version) and becomes part of a run's identity. A model that runs on an accelerator sets the
-    attribute `device` ("cuda:0"), so that separate processes corrupt the frames and measure the flows (see `devices`).
+    attribute `device` ("cuda:0"), so that separate processes corrupt the frames and evaluate the flows (see `devices`).
     A lightweight model that runs in one thread sets `single_threaded = True`; if it is loaded by name, long runs then
     use several processes by default.
     """
@@ -123,7 +123,7 @@ def model_identity(model: Any) -> dict[str, Any]:
         except (TypeError, ValueError, RecursionError) as error:
             raise ModelError(
                 f"the model's identity() cannot be written as JSON ({first_line(error)}); return only "
-                "finite numbers, strings, and lists and dicts of them"
+                "finite numbers, strings, and lists and dicts of these"
             ) from error
         named: dict[str, Any] = json.loads(text)
         return named

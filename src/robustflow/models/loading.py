@@ -177,7 +177,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):
         parameters = parameters_of(target)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-        # If the factory builds a plain module, options that the factory does not accept configure `TorchModel`.
+        # If the factory builds a plain module, options that the factory does not accept are passed to `TorchModel`.
         rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
         factory_options = {key: options[key] for key in options if key not in rest}
         if rest and not any(key in TORCH_OPTIONS for key in rest):

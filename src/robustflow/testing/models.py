@@ -155,8 +155,8 @@ def check_model(model: Any, seed: int = 0) -> str:
         if not np.array_equal(first, again):
             raise ModelError(
                 f"the model {where} returns a different flow for the same frames (off by up to "
-                f"{np.abs(first - again).max():.2g} px) after other predictions: seed all random numbers, and keep "
-                "no state between calls"
+                f"{np.abs(first - again).max():.2g} px) after other predictions: seed all random number "
+                "generators, and keep no state between calls"
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
@@ -232,7 +232,7 @@ def _check_confidence(model: ConfidentModel, clips: list[list[Frame]], flow: Flo
     if not np.array_equal(first, again):
         raise ModelError(
             f"predict_with_confidence returns a different confidence for the same frames {where} after other "
-            "predictions: seed all random numbers, and keep no state between calls"
+            "predictions: seed all random number generators, and keep no state between calls"
         )
 
 

@@ -251,7 +251,9 @@ class _Trial:
             except ModelError as error:
                 failures.append(f"{layout}: {error}")
         if not working:
-            raise ModelError(f"the network does not accept a pair in any common way ({failures[0]}); wrap it in one")
+            raise ModelError(
+                f"the network does not accept a pair in any common way ({failures[0]}); wrap it in a module that does"
+            )
         return working
 
     def rank(self, ways: Sequence[Declared], better_than: _TriedConvention | None = None) -> list[_TriedConvention]:
