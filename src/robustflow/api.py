@@ -168,7 +168,7 @@ def evaluate(
             single-threaded model (`dis`, `tiny`, `farneback`) in runs of 50 cells or more, one per processor, up to 8.
             For a model on a GPU (attribute `device`), the number of processes that corrupt and measure, in addition to
             one per GPU that predicts; by default one per processor. With Ray, one per GPU or processor of the cluster.
-        batch_size: number of cells of one sample in one call of `predict_batch`, and of attacked pairs in one call of a
+        batch_size: number of cells of one sample in one call of `predict_batch`, and of attacked pairs in one call to a
             model with `batched_gradients`. The batch size is not part of a run's identity, although it may change the
             flow by 1e-4 px.
         engine: the execution engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and

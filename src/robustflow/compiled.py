@@ -22,7 +22,7 @@ from typing import Any
 from .errors import UsageError
 
 _yaml = sys.modules.get("yaml")
-sys.modules["yaml"] = None  # type: ignore[assignment]  # numba cannot read settings without it
+sys.modules["yaml"] = None  # type: ignore[assignment]  # without yaml, numba cannot read settings
 try:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "A Numba config file is found")

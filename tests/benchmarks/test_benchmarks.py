@@ -254,8 +254,8 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
 
 
 def test_an_identity_is_the_same_from_version_to_version(kitti):
-    """The hashed content, written out: changing it restarts every run from scratch, so a change is either deliberate or
-    a mistake.
+    """The hashed content, written out. Changing it restarts every run from scratch, so it must never change by
+    mistake.
     """
     benchmark = load_benchmark("kitti-fc", kitti)
     common = Plan(benchmark, RunOptions(seed=3, common_draws=True), {"name": "dis"}).identity()

@@ -1,4 +1,4 @@
-"""At startup, only the options of the named command are built, which the user does not notice."""
+"""At startup, only the options of the named command are built, but the output is the same as with all of them."""
 
 import signal
 import subprocess

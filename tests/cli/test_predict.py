@@ -52,7 +52,7 @@ def test_a_clip_as_a_video(robustflow, tmp_path):
     assert len(frames) == 3
     height = first.shape[0]
     assert frames[0].shape[0] == 2 * height
-    assert np.abs(frames[0][:height].astype(int) - first).mean() < 8  # at the top, the frame compressed again
+    assert np.abs(frames[0][:height].astype(int) - first).mean() < 8  # the frame, compressed again, is at the top
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,8 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
 
 
 def test_only_own_figures_beside_the_published_tables(robustflow, runs):
-    """Farneback is excluded, so only DIS remains: no figure needs the paper, no trend can be computed, and a bar chart
-    needs more than one class.
+    """Farneback is excluded, so only DIS remains. Figures that need the paper's results, a trend, or more than one
+    class are not drawn.
     """
     code, out, _ = robustflow(
         "report", *runs, "--published", "--only-own", "-t", "epe", "-f", "csv", "--figures", "figures"

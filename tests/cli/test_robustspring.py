@@ -42,7 +42,7 @@ def frames(tmp_path):
 def test_what_a_whole_submission_consists_of():
     paths = list(submitted())
     assert len(paths) == len(set(paths)) == 21 * 4 * sum(frames - 1 for frames in SEQUENCES.values())
-    # as many frames per camera as the two thousand images of the test split need
+    # the test split has two thousand images, half of them from each camera
     assert sum(SEQUENCES.values()) == 1000
     assert {path.split("/")[0] for path in paths} == {"clean", *CORRUPTIONS}
     assert "zoom_blur/test/0046/flow_BW_right/flow_BW_right_0117.flo5" in paths

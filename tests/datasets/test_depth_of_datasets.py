@@ -36,8 +36,8 @@ def turned(*angles):
 
 
 def world(rotation, translation, lens=(FOCAL, FOCAL, *CENTRE), second=None):
-    """A tilted plane with a block in front of it, and its flow: depth of frame 1, depth of its points in
-    frame 2, flow.
+    """A tilted plane with a block in front of it: the depth in frame 1, the depth of the same points in frame 2,
+    and the flow.
     """
     rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     depth = 1 / (0.02 + 0.001 * rows + 0.0005 * columns)

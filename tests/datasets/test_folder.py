@@ -148,7 +148,7 @@ def test_a_video_cut_short_is_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
-    """Default decoding hides a changed byte by concealing it with earlier content."""
+    """By default, decoding covers up a changed byte with earlier content."""
     write_video(tmp_path / "a.mp4", 30, 10, crf="5")
     whole, expected = (tmp_path / "a.mp4").read_bytes(), decoded(tmp_path / "a.mp4")
     start, changed, taken = whole.index(b"mdat") + 900, 0, 0

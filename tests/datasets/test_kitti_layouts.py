@@ -54,7 +54,7 @@ def test_kitti_never_pairs_the_wrong_files(tmp_path: Path, lost: str) -> None:
 
 
 def test_a_missing_noc_map_costs_only_what_it_holds(tmp_path: Path) -> None:
-    """The paper needs only flow_occ."""
+    """The paper's evaluation needs only flow_occ."""
     kitti(tmp_path, ["000000", "000001", "000002"])
     (tmp_path / "flow_noc" / "000001_10.png").unlink()
     with pytest.warns(UserWarning, match=r"1 of 3 maps are missing \(000001_10.png") as caught:

@@ -106,7 +106,7 @@ def test_occlusion_against_points_carried_along(number, readout):
 
 @pytest.mark.parametrize("readout", [0.2, 1.0])
 def test_a_rolling_shutter_shows_the_same_point_of_the_scene_at_both_ends_of_its_flow(readout):
-    """The flow is correct to 1e-9 pixels, by the inverse of the motion at the times of the two rows."""
+    """The flow is correct to 1e-9 pixels, according to the inverse of the motion at the times of the two rows."""
     drawn = scene(5)
     points = np.random.default_rng(5).uniform(0, 1, (500, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
     flow, occluded = flow_at(drawn, points, readout)

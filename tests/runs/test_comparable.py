@@ -189,7 +189,8 @@ def test_a_comparison_says_what_it_left_out(base):
 
 
 def test_orders_are_over_common_rows_and_blame_what_differs(base):
-    """A on fog must not be compared with B on three corruptions ("seed 1 (tau -1.00)"), where B is worse under each."""
+    """B is worse than A under every corruption, so comparing A on fog with B on three corruptions would wrongly report
+    a changed order ("seed 1 (tau -1.00)")."""
     only_fog = (CELLS[0], *CELLS[1:3])
     runs = [
         made_run(base, rows(0.0, cells=only_fog), "A"),

@@ -1,5 +1,5 @@
-"""Every changed byte is detected, even one that the file format cannot detect, and whether the file changed between two
-calls, during a call, or after the list of digests was written. Only regular files are opened.
+"""Every changed byte is detected, even if the file format cannot detect it, and regardless of whether the file changed
+between two calls, during a call, or after the list of digests was written. Only regular files are opened.
 """
 
 import os
@@ -139,7 +139,7 @@ def test_a_run_compares_its_files_with_the_list_beside_the_data(frames, tmp_path
 def test_a_second_call_checks_the_whole_data_set(frames):
     assert "2 files" in _digests("--data", frames).output
     before = (frames / DIGEST_LIST).read_bytes()
-    assert "2 files: no change from" in _digests("--data", frames).output
+    assert "2 files: no differences from" in _digests("--data", frames).output
     (frames / "0.bmp").unlink()
     gone = _digests("--data", frames)
     assert isinstance(gone.exception, DataError)

@@ -120,7 +120,7 @@ class Benchmark:
         everywhere.
 
         Raises:
-            UsageError: the benchmark is from the paper, so that its name implies its pairs and their ground truth, or
+            UsageError: the benchmark is from the paper, so its name implies its pairs and their ground truth, or
                 its frames were corrupted beforehand.
         """
         check_still(self.name, self.facts)

@@ -16,14 +16,14 @@ from ..validated import Frozen
 
 class QuickSubset(Frozen):
     """A subset of a benchmark's corruptions and severities that ranks models almost like the full set; means over it
-    are estimates. The subset was chosen on two rankings: of published models, whose tables do not list severities, and
-    of models evaluated on different pairs.
+    are estimates. The subset was chosen by two rankings: one of published models, whose tables do not list severities,
+    and one of models evaluated on different pairs.
 
     Attributes:
         corruptions, severities: corruptions and severities of the subset; every corruption is run at each severity.
         tau: minimum Kendall's tau between the subset's and the full ranking, over EPE, CRE and RCRE and both sets of
             models.
-        trials: number of trials out of 100 with tau of at least 0.95 when the subset is chosen with one model left out.
+        trials: number of trials, out of 100, in which tau is at least 0.95 if the subset is chosen without one model.
         published: number of published models.
         measured: number of models measured.
     """

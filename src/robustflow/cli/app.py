@@ -44,7 +44,7 @@ def app(
     from ..models import ModelSpec
 
     use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as on Ctrl-C, so that the uploads are removed
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as on Ctrl-C, so that the uploads are removed
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
         raise UsageError(f"{options[0][0]} is a model option: give the model with --model")

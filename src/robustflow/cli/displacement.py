@@ -24,7 +24,7 @@ def displacement(
     split: Split = None,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Also store the histogram in a run on these frames, for its pages."),
+        typer.Option("--into", metavar="RUN", help="Also store the histogram in the folder of a run on these frames."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Output folder; 'displacement' unless --into is given.")

@@ -119,7 +119,7 @@ def export(
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
     if severity_scale == "calibrated" and fewer:
         typer.echo(
-            f"not exported at every severity, because the calibrated scale lacks some of them: {', '.join(fewer)}",
+            f"not exported at every severity, because the calibrated scale lacks some severities of {', '.join(fewer)}",
             err=True,
         )
     typer.echo(

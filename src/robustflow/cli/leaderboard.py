@@ -40,8 +40,8 @@ def leaderboard(
     a third of the file size (robustflow gallery draws them). Values computed from a run are cached in its folder.
 
     Results files are CSV, or JSON written by the paper's reference code (results.json) or FlowBench
-    (metrics_DATASET.json). They contain means without rows, so they form separate groups that are labelled as not
-    verifiable.
+    (metrics_DATASET.json). They contain means without rows, so they form separate groups that are labelled as
+    unverifiable.
 
     With --add the source is a folder that several people add records to. Each record is verified and copied into its
     records/ (a run's folder is packed first), and the page is rebuilt from all records. Without --add, a folder of

@@ -17,8 +17,8 @@ _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
 }
-"""Generic models that can contain any method: their source, and the extra they need, named after the module that it
-installs."""
+"""Generic models that can run any method: the source of each, and the extra that it needs, which is named after the
+module that the extra installs."""
 
 
 def list_things(

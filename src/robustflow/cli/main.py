@@ -57,10 +57,10 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
-    """Build the command line; with `arguments`, only the commands named there have options.
+    """Build the command line; with `arguments`, only the commands that they name have options.
 
     Typer evaluates the annotations of every option on every start, which takes a quarter of the time of `--help`.
-    Commands that are only listed need only their description.
+    Commands that are merely listed need nothing but their description.
     """
     app = typer.Typer(
         name="robustflow",

@@ -62,8 +62,8 @@ def show(
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("optics"),
 ) -> None:
-    """Draw each lens with rays, spots, modulation and PSFs, all PSFs on one sheet, and their profiles next to the
-    reference.
+    """Draw each lens with its rays, spots, modulation and PSFs; then all PSFs on one sheet, and their profiles next to
+    those of the reference.
 
     \b
     Examples:

@@ -284,7 +284,7 @@ def numbers(text: str | None) -> list[int] | None:
 
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
-    """Parse `KEY=VALUE` texts as options; numbers and true/false are converted, except for hashes.
+    """Parse `KEY=VALUE` texts as options; numbers and true/false are converted, but hashes remain text.
 
     Raises:
         UsageError: a text has no key or no equals sign.

@@ -49,7 +49,7 @@ def gopro_fc(
     ] = ("veryslow"),
     workers: Annotated[
         int | None,
-        typer.Option(help="Clips prepared in parallel; 1 by default, with Ray as many as fit in the cluster."),
+        typer.Option(help="Clips to prepare in parallel; 1 by default, or with Ray, as many as fit in the cluster."),
     ] = None,
     engine: Annotated[str, typer.Option(help="processes, or ray (one clip per node or processor).")] = "processes",
     address: Annotated[
@@ -140,7 +140,7 @@ def digests(
             f"{folder / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); "
             "copy the data again, or give --overwrite if the change is intended"
         )
-    typer.echo(f"{counted(len(before), 'file')}: no change from {folder / DIGEST_LIST}")
+    typer.echo(f"{counted(len(before), 'file')}: no differences from {folder / DIGEST_LIST}")
     if added := len(found) - len(before):
         typer.echo(f"{counted(added, 'file')} are not listed; --overwrite adds them")
 

@@ -31,7 +31,7 @@ def profile(
     repeat: Annotated[int, typer.Option(help="Number of timed predictions; 0 for no timing.")] = 1,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Also store the cost in a run of this model, for its tables."),
+        typer.Option("--into", metavar="RUN", help="Also store the cost in a run of this model, to show it in tables."),
     ] = None,
     paper: Annotated[
         bool,
@@ -44,7 +44,7 @@ def profile(
 ) -> None:
     """Count the parameters and multiply-accumulates (MACs) of models, and time their predictions.
 
-    The weights are random unless -O checkpoint=FILE is given, which does not change the cost. MACs are half of
+    The weights are random unless -O checkpoint=FILE is given; they do not affect the cost. MACs are half of
     PyTorch's FLOPs. "as thop" is the count in the paper's table, which omits matrix products.
 
     \b

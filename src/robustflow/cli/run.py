@@ -80,7 +80,7 @@ def run(
         typer.Option(
             "--seeds",
             help="Number of runs, with consecutive seeds and one folder each (see compare). With --still, a single "
-            "run with the standard deviation of the flow over the seeds.",
+            "run that also measures the standard deviation of the flow over the seeds.",
             rich_help_panel=WHAT,
         ),
     ] = 1,
@@ -121,7 +121,7 @@ def run(
         int,
         typer.Option(
             "--batch-size",
-            help="Number of corrupted pairs of a sample predicted, or of pairs attacked, in one call, for models that "
+            help="Number of corrupted pairs of a sample to predict, or of pairs to attack, per call, for models that "
             "support batches.",
             rich_help_panel=HOW,
         ),
@@ -130,7 +130,7 @@ def run(
     engine: Annotated[
         str | None,
         typer.Option(
-            help="serial, processes or ray; by default chosen from --device and --workers.", rich_help_panel=HOW
+            help="serial, processes or ray; by default, depends on --device and --workers.", rich_help_panel=HOW
         ),
     ] = None,
     address: Annotated[

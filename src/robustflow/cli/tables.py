@@ -70,7 +70,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     console.print(_sentence(result))
     selected = result.manifest.selection
     if estimate := estimate_remark(benchmark_facts(result.benchmark), selected.corruptions, selected.severities):
-        console.print(f"This is {estimate}; it is only ranked with runs of the same subset.")
+        console.print(f"This is {estimate}; it is ranked only against runs of the same subset.")
     if phantom := phantom_motion(result):
         console.print(f"{plain(phantom, None)}\n{PHANTOM}")
     if attacked is not None:

@@ -111,7 +111,7 @@ class GoProFCPrepared(Samples):
         """See `PreCorrupted.corrupted`. The frames are generated on first use; for a video corruption, this requires a
         pass over the clip.
 
-        At that point a `UserWarning` is issued if bit errors had no effect or caused lost frames.
+        At that point a `UserWarning` is issued if bit errors had no effect or caused frames to be lost.
         """
         first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
         return first, second
@@ -129,8 +129,8 @@ class GoProFCPrepared(Samples):
         return [self._pair(key)[0].master.path]
 
     def with_variant(self, variant: str) -> GoProFCPrepared:
-        """Return the same data with the parameters of a variant ("reference" uses 5 M for the most severe bit
-        errors)."""
+        """Return the same data with the parameters of a variant ("reference" uses the value 5 M for the most
+        severe bit errors)."""
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:

@@ -8,10 +8,10 @@ The numbers for 2015 are from `mapping/train_mapping.txt` in the benchmark's dev
 the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from training.
 
 **Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and the raw data contain either all of
-a drive or nothing. Consecutive pairs without a drive therefore do not share a drive with the pairs before and after
-them, although the number of drives among them is unknown. Such a block of pairs forms one group, which can only treat
-too many pairs as related, never too few. The pairs of 2012 are numbered at random, so neighbours carry no information
-and all pairs without a drive form one group; confidence intervals on 2012 are still too narrow
+a drive or none of it. Consecutive pairs without a drive therefore do not share a drive with the pairs before and after
+them, although the number of drives among them is unknown. Such a block of pairs forms one group, so too many pairs
+may be treated as related, but never too few. The pairs of 2012 are numbered at random, so neighbours carry no
+information and all pairs without a drive form one group; confidence intervals on 2012 are still too narrow
 (`docs/design/uncertainty.md`).
 """
 

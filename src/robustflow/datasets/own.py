@@ -44,7 +44,7 @@ def check_members(dataset: Any, what: str) -> None:
         what: name of the object in messages.
 
     Raises:
-        UsageError: the check failed.
+        UsageError: a check failed.
     """
     for member in ("name", "has_flow", "keys", "load", "files"):
         if not hasattr(dataset, member):

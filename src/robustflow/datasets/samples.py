@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Samples:
-    """Mixin that gives a `Dataset` sequence access through its `keys` and `load`. Samples are read on access.
+    """Mixin that makes a `Dataset` usable as a sequence, through its `keys` and `load`. Samples are read on access.
 
     >>> from robustflow.datasets import load_dataset
     >>> pairs = load_dataset("motorcycle")

@@ -32,7 +32,7 @@ from .pairs import PairDataset, PairFiles, Truth
 _BASELINE = 0.065
 """Stereo baseline, in metres."""
 _SKY = 10_000.0
-"""Largest depth, in metres; that of the sky, whose disparity is zero."""
+"""Largest depth, in metres; also used for the sky, whose disparity is zero."""
 
 
 class Spring(PairDataset):

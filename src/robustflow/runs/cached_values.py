@@ -1,5 +1,5 @@
-"""Cache values that pages show about a run, except for means, in a hidden file in its folder; they are valid only for
-the same rows."""
+"""Cache the values other than means that pages show about a run, in a hidden file in its folder; they are valid only
+for the same rows."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
 """Read and write `examples.json`: which example pictures a run's folder contains and what they show.
 
-RUN/examples/examples.json   with the numbers from the run's rows
-RUN/examples/*.jpg           the folder is complete or absent
+RUN/examples/examples.json   the list, with numbers from the run's rows
+    RUN/examples/*.jpg           the pictures
+
+The folder RUN/examples is complete or absent.
 """
 
 from __future__ import annotations

@@ -103,8 +103,8 @@ def _selection(
 
 
 def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
-    """Return the samples of a run that are not in the plan, if only their files distinguish the data: any two clips
-    have the same frame names.
+    """Return the samples of a run that are not in the plan, if the data can be recognised only by their files, because
+    the frames of all clips have the same names.
 
     Raises:
         RunError: the data do not contain one of these samples.
@@ -154,8 +154,8 @@ def _provenance(before: Provenance, given: Provenance) -> Provenance:
 
 
 def last_changed(plan: Plan, keys: Iterable[str]) -> str:
-    """Return the sample with the most recently changed files, by the file system's change time, which copying dates
-    does not reset."""
+    """Return the sample with the most recently changed files, by the file system's change time, which cannot be
+    copied along with a file, unlike its modification time."""
     return max(
         keys,
         key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key, _depths_read(plan)))), default=0),

@@ -93,7 +93,7 @@ class RunSource:
 
 
 _OF_FILES = ("precomputed", "onnx", "torchscript", "torch_export")
-"""Registered models that are defined only by the user's files."""
+"""Registered models that consist entirely of the user's files."""
 _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
 
 

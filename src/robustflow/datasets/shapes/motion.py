@@ -10,7 +10,7 @@ bit-identical results on every machine. Its slope is limited to 1/2, so that T i
 
 A motion is stored as one row of `MOTION` float64 values:
 
-    cx cy  tx ty  a b c d (A by rows)  e f g h (its inverse)
+    cx cy  tx ty  a b c d (A, row by row)  e f g h (its inverse)
     ax px qx sx  ay py qy sy (d_x = ax w(px x + qx y + sx), ...)
     and two bounding circles of the layer: radius in frame 1, radius in frame 2, centre in frame 2
 """

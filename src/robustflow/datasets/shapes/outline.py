@@ -2,7 +2,7 @@
 
 An outline is stored as one row of `OUTLINE` float64 values:
 
-    cx cy  a b c d (into outline coordinates, by rows)  radius  sides  wobble  kx sx ky sy  then nx ny of each side
+    cx cy  a b c d (matrix to outline coordinates)  radius  sides  wobble  kx sx ky sy  then nx ny of each side
 
 `sides` is 0 for an ellipse and negative for a background, which covers everything.
 """

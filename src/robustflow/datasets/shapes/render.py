@@ -168,7 +168,7 @@ def _flows(
         ):
             top += 1
         mx, my = from_time(motions[top], t, x, y)
-        # The point and the row being read move at constant speeds: they meet once, or outside the frame.
+        # The point and the row being read move at constant speeds: they meet once, possibly outside the frame.
         speed = at_time(motions[top], 1.0, mx, my)[1] - my
         closing = 1.0 - speed * readout / height
         row = (my + speed * _time(1.0, readout, 0.0, height)) / closing if closing != 0.0 else np.inf

@@ -110,7 +110,7 @@ def _length(x: float, y: float) -> float:
 def _motion(
     rng: Rng, centre: tuple[float, float], shift: tuple[float, float], reach: float, strength: float
 ) -> Numbers:
-    """Draw a layer's motion, with rotation and zoom by `strength` about the layer's centre."""
+    """Draw a layer's motion; `strength` scales the rotation and zoom about the layer's centre."""
     cosine, sine = _turn(0.04 * strength * _spread(rng))
     zoom = max(1.0 + 0.04 * strength * _spread(rng), 0.7)
     stretch = max(1.0 + 0.015 * strength * _spread(rng), 0.8)

@@ -28,7 +28,7 @@ COUNT = 32
 _LEAVES = 4000
 _RADII = (4.0, 140.0)
 _MOST_PICTURES = 256
-"""Maximum number of user images, which then take 200 MB."""
+"""Maximum number of user images; that many take 200 MB of memory."""
 
 TextureArray = npt.NDArray[np.uint8]
 """(count, SIZE, SIZE, 3), RGB."""
@@ -90,7 +90,7 @@ def _texture(rng: Rng) -> npt.NDArray[np.uint8]:
 
 @njit(cache=True, nogil=True)
 def _paint(numbers: Any, base: Any, contrast: Any, smallest: Any, largest: Any, out: Any) -> None:
-    """Draw leaves from front to back; each fills the remaining free pixels, wrapping around the borders."""
+    """Draw leaves from front to back; each fills the pixels in it that are still free, wrapping around the borders."""
     size = out.shape[0]
     free = size * size
     ratio = (smallest / largest) ** 2
