@@ -57,7 +57,7 @@ def rows_of(
 
 @dataclass(frozen=True)
 class Truth:
-    """A population of images with flow-like errors: positive, skewed, and with hard images that are hard in every
+    """A population of images with flow-like errors: positive, skewed, and with some images that are hard in every
     condition.
 
     `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, a share `within` of its variance

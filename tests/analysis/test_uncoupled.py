@@ -73,7 +73,9 @@ def test_scores_are_those_of_a_loop_over_images(seed, images):
 
 
 def test_an_error_k_times_as_large_is_ln_k_whatever_the_accuracy():
-    """When the errors of two models double under corruption, CRE calls the less accurate one four times less robust."""
+    """When the errors of two models double under corruption, CRE calls the less accurate one less robust by a factor
+    of four.
+    """
     hard = np.random.default_rng(5).gamma(2, 1, 30) + 0.1
     for scale in (1.0, 4.0):
         rows = rows_of(scale * hard, 2 * scale * hard[:, None] * np.ones(3), hard[:, None] * np.ones(3))
@@ -130,8 +132,8 @@ def test_what_cannot_be_computed_is_none():
 
 
 def test_over_models_noise_in_the_clean_error_couples_both():
-    """In models that differ only by noise in their clean error, CRE seems to fall with it, because CRE contains
-    -EPE_clean.
+    """In models that differ only by noise in their clean error, CRE seems to fall as this error grows, because CRE
+    contains -EPE_clean.
     """
     clean = np.random.default_rng(2).gamma(20, 0.1, 30)
     found = coupling(clean, 7 - clean, np.log(7 / clean))

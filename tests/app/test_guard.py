@@ -133,7 +133,7 @@ def test_half_sent_requests_do_not_shut_others_out(app):
     try:
         for one in sockets:
             one.sendall(b"GET / HTTP/1.1\r\nHost: ")
-        sockets[0].sendall(b"x")  # sending a byte now and then does not extend the time
+        sockets[0].sendall(b"x")  # sending a byte now and then does not extend the time limit
         closed = [one.recv(4096) for one in sockets]
         assert all(data == b"" or b" 503 " in data for data in closed)
         assert app.ask("GET", "/choices")[0] == 200

@@ -24,7 +24,7 @@ from robustflow.report.tables import build_table
 
 
 def _cells_of(results):
-    """Cells by key of each line, in the order of the lines."""
+    """The cells of each line by key, in the order of the lines."""
     boards = boards_of(results, {})
     cells = {line.result: board.cells_of(line) for board in boards for line in board.lines}
     return {line: cells[line] for line in results}

@@ -139,7 +139,7 @@ def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
 
 
 def among(best: int, ranks: Sequence[tuple[int, int]]) -> Verdict:
-    """Return the verdict on whether all models are among the first `best`, given their possible ranks."""
+    """Return the verdict on whether all models have a rank of at most `best`, given their possible ranks."""
     if any(first > best for first, _ in ranks):
         return "does not hold"
     return "holds" if all(last <= best for _, last in ranks) else THIN

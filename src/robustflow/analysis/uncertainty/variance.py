@@ -37,7 +37,7 @@ VARIANCE_METRICS = ("epe", "cre", "rcre")
 
 
 def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
-    """Compute the spread of one model's score due to image, seed, severity and the rest.
+    """Split the variance of one model's score into parts for image, seed, severity and the rest.
 
     Args:
         runs: seed -> rows of the run with this seed; only measurements that all runs have in common are used.

@@ -52,7 +52,7 @@ def clean_against_cre(
     if len(panels) > 1:
         panels.pop("knowledge", None)
     if not panels:
-        raise UsageError("there is no clean and average EPE to draw: this figure needs runs with ground truth")
+        raise UsageError("no model has both a clean and an average EPE: this figure needs runs with ground truth")
     figure, axes = panel_figure(len(panels))
     drawn = [one for models in panels.values() for one in models]
     scale = min(_AREA, _LARGEST / max(*(cre / clean for _, clean, cre in drawn), 1.0))
