@@ -62,7 +62,7 @@ class Block:
 
     @property
     def hidden_command(self) -> bool:
-        """Whether the block contains a command although it has no language."""
+        """Whether the block contains a command but names no language."""
         return not self.language and bool(_COMMAND.match(self.code))
 
 

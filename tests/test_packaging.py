@@ -1,4 +1,4 @@
-"""The package's metadata: pins that its extras resolve to, matching versions, a wheel with every file."""
+"""The package's metadata: extras resolve to the pins, versions match, and the wheel has every file."""
 
 import os
 import re

@@ -141,7 +141,7 @@ def evaluate(
         data: the dataset's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
             own frames.
-        corruptions, severities, limit: one or more corruptions and severities and the number of samples to run; a later
+        corruptions, severities, limit: corruptions, severities (one or more each) and number of samples to run; a later
             call with different values adds its rows to the same folder. A corruption is a name,
             `"module.path:Attribute"`, or a user-defined class or object, whose source is part of the run's identity
             (docs/add-your-corruption.md).
@@ -164,7 +164,7 @@ def evaluate(
             strength.
         severity_scale: "paper", or "calibrated" for severities that are comparable across corruptions; severities that
             do not exist for a corruption are left out and listed in `Result.left_out`.
-        workers: number of worker processes. The default is no extra process unless `timeout` is given; for a named
+        workers: number of worker processes. By default, there are none unless `timeout` is given; but for a named
             single-threaded model (`dis`, `tiny`, `farneback`) in runs of 50 cells or more, one per processor, up to 8.
             For a model on a GPU (attribute `device`), the number of processes that corrupt and measure, in addition to
             one per GPU that predicts; by default one per processor. With Ray, one per GPU or processor of the cluster.

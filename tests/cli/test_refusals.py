@@ -57,7 +57,7 @@ def test_a_module_that_needs_an_extra_names_it(robustflow, tmp_path, monkeypatch
 def test_a_missing_extra_is_refused_before_anything_is_announced(
     robustflow, tmp_path, monkeypatch, library, extra, command
 ):
-    """One line names the extra; the exit code is the same and no folder is made."""
+    """One line names the extra; the exit code is always the same, and no folder is made."""
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else find_spec(name))
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.delitem(sys.modules, "needs", raising=False)

@@ -103,7 +103,7 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
 
 def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, run, frames):
     """`compute_flow_errors` from cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline. Some flows
-    are long or strongly changed, so that Fl's two bounds and 1px differ.
+    are long or strongly changed, so that Fl, with its two bounds, and 1px differ.
     """
     command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission")
     assert robustflow(*command)[0] == 0

@@ -48,7 +48,7 @@ def with_rows(data: bytes, edit: Callable[[pl.DataFrame], pl.DataFrame]) -> byte
 
 
 def put(*path: str | int, value: object) -> Edit:
-    """Make an edit that sets the value at a path of a JSON document."""
+    """Make an edit that sets the value at a path in a JSON document."""
 
     def edit(document: Any) -> None:
         for name in path[:-1]:

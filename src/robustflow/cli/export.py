@@ -54,7 +54,7 @@ def export(
             "--format",
             "-f",
             help="Format for a run: csv or parquet (rows); card, croissant, every-eval-ever or huggingface (results); "
-            "robustspring (the model's flows, as a submission to that server).",
+            "robustspring (the model's flows, as a submission to its server).",
         ),
     ] = None,
     corruptions: Corruptions = None,

@@ -101,7 +101,7 @@ def _models() -> list[str]:
     return [
         *_aligned(lines),
         f"{len(others)} more from ptlflow: {', '.join(others)}.",
-        "'robustflow list models NAME' shows the training data of a model's checkpoints, and the evidence.",
+        "'robustflow list models NAME' shows the training data of a model's checkpoints, and the evidence for it.",
         "Some of them need packages that ptlflow does not install: "
         + "; ".join(f"{name} ({needs})" for name, needs in BESIDES.items())
         + ".",

@@ -18,8 +18,8 @@ def report(
         list[Path] | None,
         typer.Argument(
             metavar="RUN...",
-            help="Folders or records of runs, folders that contain them, or FlowBench's metrics_*.json for its "
-            "attacks.",
+            help="Folders or records of runs, folders that contain them, or FlowBench's metrics_*.json, for a "
+            "table of its attacks.",
         ),
     ] = None,
     published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,

@@ -32,7 +32,9 @@ def reproduce(
             help="Folder of checkpoints with the catalogue's file names, or names such as raft-ood.pth. Repeatable.",
         ),
     ] = None,
-    models: Annotated[str | None, typer.Option("--models", help="Comma-separated; all by default.")] = None,
+    models: Annotated[
+        str | None, typer.Option("--models", help="Comma-separated names of models; all by default.")
+    ] = None,
     random: Annotated[
         bool,
         typer.Option(

@@ -156,8 +156,8 @@ def run(
         str | None,
         typer.Option(
             "--confidence",
-            help="Measure how well confidence predicts errors: confidence from forward-backward consistency (one more "
-            "prediction per cell), or from the model itself (model).",
+            help="Measure how well confidence predicts errors. Source of the confidence: forward-backward "
+            "(consistency, with one more prediction per cell) or model (the model itself).",
             rich_help_panel=WHAT,
         ),
     ] = None,

@@ -84,7 +84,7 @@ class PairDataset(Samples):
             return Sample(key, frames, group=pair.group)
         if truth.flow.shape[:2] != frames[0].shape[:2]:
             raise DataError(
-                f"{pair.flow}: the flow is {_size(truth.flow)}, the frame {pair.frames[0].name} is "
+                f"{pair.flow}: the flow is {_size(truth.flow)}, but the frame {pair.frames[0].name} is "
                 f"{_size(frames[0])}; the files do not match"
             )
         if not truth.valid.any():

@@ -119,5 +119,5 @@ def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:
 def _fitting(path: Path, shape: tuple[int, ...]) -> Mask:
     mask = read_mask(path)
     if mask.shape != shape:
-        raise DataError(f"{path}: {mask.shape[1]}x{mask.shape[0]} pixels, the flow has {shape[1]}x{shape[0]}")
+        raise DataError(f"{path}: {mask.shape[1]}x{mask.shape[0]} pixels, but the flow has {shape[1]}x{shape[0]}")
     return mask

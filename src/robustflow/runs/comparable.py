@@ -35,7 +35,7 @@ _DIGITS = 6
 
 
 def sample_set(run: Run) -> str:
-    """Return a name that identifies what a run measured, independent of its model: the means of runs with the same name
+    """Return a name that identifies what a run measured, regardless of its model: the means of runs with the same name
     may be compared.
 
     The name depends on all parts of the identity that determine the frames, on every row with a pixel to measure (pair,
