@@ -21,7 +21,7 @@ from ...safe_path import safe_path
 REACH_S = 10.0
 """Time limit for the head of a cluster to respond, in seconds."""
 _STORE_BYTES = 200 * 2**20
-"""Size of the object store of a local cluster in bytes, in addition to the data sent to every actor: rows are small."""
+"""Size of the object store of a local cluster in bytes, excluding the data sent to every actor; rows are small."""
 _LONGEST_TMP = 30
 """Maximum length of the path of Ray's folder: Ray puts sockets into it, whose paths may have at most 107 characters."""
 _SETTINGS = b"\4"

@@ -11,8 +11,8 @@ from .prediction_timeout import too_slow
 from .ray_actor import Files, UnitActor
 
 _UNANSWERED_S = 30.0
-"""Time in seconds, beyond the timeout of a prediction, that an actor may be silent; a lost node is detected within this
-time."""
+"""Time in seconds, beyond the timeout of a prediction, for which an actor may be silent; a lost node is detected
+within this time."""
 
 
 class Member:
