@@ -36,7 +36,8 @@ def shared():
 @pytest.fixture(scope="session", autouse=True)
 def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """Outside `with real_pictures():`, runs draw no `report.html` and only blank example panels, and pages omit the
-    embedded pair. A page and two panels take ten times as long as a small run, the embedded pair a hundred times.
+    embedded pair. A page and two panels take ten times as long as a small run, and the embedded pair a hundred times as
+    long.
     """
     from robustflow import api  # imported late: the process that only distributes tests does not need it
     from robustflow.report.site import embedded

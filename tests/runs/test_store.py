@@ -1,4 +1,4 @@
-"""The run folder: shards are complete or absent, merged without losing a row, and damage is reported."""
+"""The run folder: shards are complete or absent, merging them loses no row, and damage is reported."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def estimate_remark(facts: BenchmarkFacts, corruptions: Collection[str], severit
         return ""
     return (
         f"an estimate from the quick subset, whose ranking of {quick.published} published and {quick.measured} "
-        f"measured models agrees with that of all conditions with a Kendall's tau of {quick.tau:.2f}"
+        f"measured models agrees with that of all conditions at a Kendall's tau of {quick.tau:.2f}"
     )
 
 

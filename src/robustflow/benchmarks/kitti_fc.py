@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 class KittiFC:
     """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder.
 
-    The paper drew its 80 pairs without a seed and lists them only in its 44 GB download. Here the pairs come from a
-    documented seed or from `split`: a file, or "drive-disjoint", whose pairs share no drive with the training pairs. If
-    a folder has fewer than 200 pairs, all of them are evaluated.
+    The paper drew its 80 pairs without a seed and lists them only in its 44 GB download. This package draws its pairs
+    with a documented seed, or uses those of `split`: a file, or "drive-disjoint", whose pairs share no drive with the
+    training pairs. If a folder has fewer than 200 pairs, all of them are evaluated.
     """
 
     facts = BenchmarkFacts(

@@ -191,7 +191,7 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, PairFiles]
     if missing:
         warnings.warn(
             f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); for these "
-            "pairs, everything except the errors on visible and on occluded pixels is measured",
+            "pairs, everything is measured except the errors on visible and on occluded pixels",
             stacklevel=3,
         )
     return pairs

@@ -23,7 +23,7 @@ from .still import SharesFrames
 
 _READERS = {".png": read_depth_png, ".npy": read_depth_npy, ".pfm": read_depth_pfm}
 _FOLDERS = 3
-"""Maximum number of a frame's parent folders that DIR may reproduce."""
+"""Maximum number of parent folders of a frame that DIR may mirror."""
 
 
 class OwnDepth:

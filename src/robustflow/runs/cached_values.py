@@ -1,5 +1,5 @@
-"""Cache the values other than means that pages show about a run, in a hidden file in its folder; they are valid only
-for the same rows."""
+"""Cache the values that pages show about a run, apart from its means, in a hidden file in the run's folder. They are
+valid only for the same rows."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class CellScores:
 
 @dataclass(frozen=True)
 class ExampleCell:
-    """A cell to draw, with the reason."""
+    """A cell to draw, and the reason for drawing it."""
 
     kind: Kind
     key: str
