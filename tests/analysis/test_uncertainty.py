@@ -313,7 +313,7 @@ def test_p_and_interval_say_the_same():
 
 
 def test_other_frames_are_not_compared():
-    with pytest.raises(RunError, match=r"different frames under the same name \(sample '00000', clean; 20 of 20"):
+    with pytest.raises(RunError, match=r"different frames in the same cell \(sample '00000', clean; 20 of 20"):
         compare_rows(_rows(5), _rows(5, digest="e"))
     with pytest.raises(RunError, match="no sample, corruption and severity in common"):
         compare_rows(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
