@@ -118,7 +118,7 @@ def test_hostile_flo5(tmp_path: Path) -> None:
         "is float": lambda file: file.create_dataset("flow", data=FLOW.astype("i4")),
         "no dataset 'flow'": lambda file: file.create_dataset("disparity", data=FLOW),
         "plain dataset": lambda file: file.create_group("flow"),
-        "so not a Spring": lambda file: file.__setitem__("flow", h5py.ExternalLink(str(other), "flow")),
+        "so it is not a Spring": lambda file: file.__setitem__("flow", h5py.ExternalLink(str(other), "flow")),
     }
     for match, write in cases.items():
         with h5py.File(path, "w") as file:

@@ -54,7 +54,7 @@ def test_every_vector_has_the_papers_colour(u, v, radius):
     got = flow_colours(np.array([[[u, v]]], np.float32), radius)[0, 0].astype(int)
     expected = np.array(_naive_colour(u + 0.0, v + 0.0, radius))
     length = math.hypot(u, v) / radius
-    if abs(length - 1) > 1e-9:  # at full saturation, a single rounding error makes the difference
+    if abs(length - 1) > 1e-9:  # the colour jumps at full saturation, so a rounding error could change it
         assert np.abs(got - expected).max() <= 1
 
 

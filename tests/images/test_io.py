@@ -51,7 +51,7 @@ def test_grey_becomes_three_equal_channels(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("suffix", ["png", "jpg", "ppm", "tiff", "webp"])
 @pytest.mark.parametrize("size", [12, 90])
 def test_no_truncated_picture_is_taken_for_whole(tmp_path: Path, suffix: str, size: int) -> None:
-    """Smooth content, because decoders replace its missing parts with plausible values."""
+    """The content is smooth, because decoders replace missing parts of such images with plausible values."""
     y, x = np.mgrid[:size, :size]
     image = np.stack([x * 2, y * 2, x + y], axis=-1).astype(np.uint8)
     whole = cv2.imencode(f".{suffix}", image)[1].tobytes()

@@ -1,4 +1,4 @@
-"""A small run that is packed once."""
+"""Fixtures: a small run, and the same run packed as a record."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def verified(data: bytes) -> Verification:
 
 
 def failure(data: bytes) -> tuple[str, str]:
-    """The first check that fails and its message, which must be one printable line."""
+    """Return the first check that fails and its message, which must be a single printable line."""
     found = verified(data)
     assert not found.ok
     check = next(check for check in found.checks if check.status == "failed")

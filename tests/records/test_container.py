@@ -1,4 +1,4 @@
-"""The zip around a record: input that is refused before its contents are read."""
+"""Zip files that are not valid records are refused before their contents are read."""
 
 from __future__ import annotations
 

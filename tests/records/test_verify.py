@@ -74,7 +74,7 @@ def test_a_mean_changed_by_little(packed):
 
 
 def test_better_rows(packed):
-    """Rows are improved and hashes updated, so the means no longer match, or the rows are impossible."""
+    """If a forger improves rows and updates the hashes, the means no longer match or the rows are impossible."""
     half = at(_FOG, epe_sum=pl.col("epe_sum") / 2)
     found = verified(with_rows(packed, half))
     failed = {check.name: check.message for check in found.checks if check.status == "failed"}
@@ -143,7 +143,7 @@ def test_what_a_verified_record_is_about(run, packed):
 
 @pytest.mark.parametrize(
     "column",
-    # the pair has no occlusion map, the run no confidence, and a record contains no attacks
+    # the pair has no occlusion map, the run has no confidence, and the record contains no attacks
     [
         name
         for name, kind in ROW_SCHEMA.items()

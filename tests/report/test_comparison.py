@@ -1,4 +1,4 @@
-"""`Result.compare`: the numbers of the paired test, their signs, and the output."""
+"""`Result.compare` returns the numbers of the paired test with the right signs, and displays them correctly."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_sentence_and_the_table_say_who_is_better():
 
 
 def test_marks_follow_the_level():
-    """499 resamples cannot resolve the level 0.999, so nothing is claimed or marked there."""
+    """499 resamples cannot resolve the level 0.999, so nothing is claimed or marked at that level."""
     for level, expected in ((0.95, True), (0.999, False)):
         found = Comparison(("a", "b"), compare_rows(_BETTER, _WORSE, ("a", "b"), level=level, resamples=499))
         cells = [cell for section in found.table().sections for line in section.lines for cell in line.cells]

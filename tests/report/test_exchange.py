@@ -1,4 +1,4 @@
-"""Export of a run's results to other programs' formats, and detection of files that were changed afterwards."""
+"""Export a run's results to other programs' formats, and detect files that were changed afterwards."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def test_the_frames_shown_are_the_middle_of_the_part(video):
     part = ClipPart(video, shown=4)
     assert (part.count, list(part.shown), part.first_number, part.rate) == (COUNT, [8, 9, 10, 11], 8, Fraction(25))
     for shown, index in zip(part.frames(part.shown), part.shown, strict=True):
-        # The file is lossy, so each frame is close to the written one, and closer to it than to its neighbours.
+        # Encoding is lossy, but each decoded frame is closer to the frame that was written than to its neighbours.
         away = [np.abs(shown.astype(int) - _frame(other)).mean() for other in (index - 1, index, index + 1)]
         assert away[1] == min(away)
     begun = ClipPart(video, start="0.4s", shown=5)
@@ -103,7 +103,7 @@ def test_the_codec_really_ran(video, tmp_path):
         assert name in CLIP
         mild, severe = cells[name, 1], cells[name, 5]
         assert len(mild.frames) == len(severe.frames) == 3
-        assert severe.ssim < mild.ssim or name == "h264_abr"  # a small clip may not need all of the bit rate
+        assert severe.ssim < mild.ssim or name == "h264_abr"  # a small clip may not need the full bit rate
         for frame, clean in zip(mild.frames, shown, strict=True):
             assert np.abs(frame.astype(int) - clean).mean() < 12
     assert cells["h264_crf", 5].ssim < 0.8

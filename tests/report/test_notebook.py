@@ -81,7 +81,7 @@ def test_plots_that_cannot_be(runs, tmp_path):
         runs[0].plot("severities")
     with pytest.raises(UsageError, match="unknown metric"):
         runs[0].plot("severity", "speed")
-    with pytest.raises(UsageError, match="needs 5 models with ground truth: there are 1"):
+    with pytest.raises(UsageError, match="needs at least 5 models with ground truth, found 1"):
         runs[0].plot("relations")
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1])
     with pytest.raises(UsageError, match=r"cannot be drawn together \(.* has fog, severity 1"):

@@ -37,7 +37,9 @@ def read_dataset(path: Path, name: str, kind: str, channels: tuple[int, ...]) ->
         with h5py.File(path, "r") as file:
             # A link or a virtual dataset could refer to any other file on this machine.
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                raise DataError(f"{path}: contains no dataset '{name}', so not a Spring {kind} file; check the file")
+                raise DataError(
+                    f"{path}: contains no dataset '{name}', so it is not a Spring {kind} file; check the file"
+                )
             return _values(h5py, path, file[name], kind, channels)
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
         raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error

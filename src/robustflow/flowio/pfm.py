@@ -25,7 +25,9 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
         header = _HEADER.match(start)
         if header is None:
             if start[:2] == b"Pf":
-                raise DataError(f"{path}: one channel, so a disparity map; flow in .pfm has three channels ('PF')")
+                raise DataError(
+                    f"{path}: has one channel, so it is a disparity map; .pfm flow has three channels ('PF')"
+                )
             raise DataError(f"{path}: not a .pfm flow file (no 'PF' header), or truncated; check the file")
         width, height = int(header[1]), int(header[2])
         claimed_size(path, width, height)

@@ -42,7 +42,7 @@ def pack(
 
     Args:
         run: the run; neither it nor its folder is changed.
-        path: path of the output file; by default the name of the run's folder with `.robustflow`, in the working
+        path: path of the output file; by default the name of the run's folder plus `.robustflow`, in the working
             folder.
         author, link, description: plain text shown with the run; the link must begin with https://.
         partial: whether to pack an unfinished run; the record is marked as partial.
@@ -50,7 +50,7 @@ def pack(
         overwrite: whether to replace an existing file that is not a record of this run.
 
     Returns:
-        The path of the file, which is complete or absent.
+        The path of the file, which is written completely or not at all.
 
     Raises:
         RunError: rows are missing, a text would publish a path, the record would fail verification, or the file exists

@@ -91,7 +91,7 @@ class Reader:
         return f"{len(others)} entries"
 
     def manifest(self) -> str:
-        """Check that `manifest.json` matches its schema, and that its digest is that of its identity."""
+        """Check that `manifest.json` matches its schema, and that its digest matches its identity."""
         content = read_json(self.entries["manifest.json"], "manifest.json")
         if (schema := content.get("schema")) != MANIFEST_SCHEMA or isinstance(schema, bool):
             raise DataError(

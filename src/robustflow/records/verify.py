@@ -21,9 +21,9 @@ from .subject import Subject, subject_of, unproven
 VERIFICATION_CHECKS = {
     "container": "the file contains exactly the entries of a record",
     "record": "this version can read the format",
-    "hashes": "every entry has its SHA-256",
+    "hashes": "every entry matches its SHA-256",
     "manifest": "the description of the run is complete, and matches its digest",
-    "rows": "rows have the right columns, are unique, finite and in range",
+    "rows": "rows have the right columns and are unique, finite and in range",
     "training": "the setting matches the training sets",
     "cells": "all rows were planned, and their corruptions are known",
     "measurements": "rows are plausible and consistent with each other",

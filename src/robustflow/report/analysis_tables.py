@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
     """Tabulate the overall means of runs with confidence intervals, such as "3.21 [2.50, 4.10]". The interval is
-    omitted, with a remark, if there are too few images to compute it. For each group in `seeds`, a line with the mean
-    and standard deviation follows its last run."""
+    omitted, with a remark, if there are too few images to compute it. For each group in `seeds`, a row with the mean
+    and standard deviation follows the group's last run."""
     lines, known = [], []
     values: dict[tuple[str, str], list[float | None]] = {}
     for line in results:
@@ -66,7 +66,7 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
 
 
 def anatomy_table(runs: Sequence[Run]) -> Table:
-    """Break down the error of each run by image region, corruption family and severity slope."""
+    """Tabulate the error of each run by image region and corruption family, and its slope over severities."""
     columns = tuple(map(Column, ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
     sections = []
     for name, run in zip(run_names(runs), runs, strict=True):

@@ -112,7 +112,7 @@ def _concluded(tables: list[Table], results: Sequence[ModelResult]) -> list[Tabl
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
-    """Draw every figure that is possible with the runs and, if requested, the published results. Runs on the same
+    """Draw every figure that the runs and, if requested, the published results allow. Runs on the same
     frames share a figure; runs that are not ranked appear only in figures with one curve per run."""
     from .figures import all_figures, displacement_figure
     from .figures.displacement_histogram import MOST_LINES
@@ -154,7 +154,7 @@ def _by_sample_set(results: Sequence[ModelResult], make: Callable[[Sequence[Mode
 
 
 def _naming_excluded(table: Table, results: Sequence[ModelResult]) -> Table:
-    """Add a remark that lists the omitted runs to a table of statements about models in general."""
+    """Append a remark with the omitted runs to a table whose statements generalise over models."""
     if not (reasons := not_ranked(results)):
         return table
     return replace(table, remarks=(*table.remarks, f"Left out of trends and correlations: {'; '.join(reasons)}."))

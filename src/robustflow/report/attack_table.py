@@ -81,7 +81,7 @@ def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
 
 def attack_table(run: Run) -> Table | None:
     """Tabulate every attack of a run at every severity; return None if the run has no attacks. Warnings are shown as
-    notes on their lines. No value is marked as best."""
+    notes on their rows. No value is marked as best."""
     scores = attack_scores(run)
     if not scores:
         return None
@@ -162,10 +162,10 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
     columns = tuple(map(Column, ("severities", "models", "rank correlation", "95 % low", "95 % high")))
     label = METRIC_LABELS[predicted[0].metric]
     remarks = [
-        f"Spearman's rank correlation over models between the mean {label} over corruptions and the one under the "
-        "attack; interval by Fisher's z. All models are compared on the samples that they have in common. Left out: "
-        "models that are not ranked, and values whose warnings indicate a masked gradient or a model that is not "
-        "deterministic."
+        f"Spearman's rank correlation over models between the mean {label} over corruptions and its value under "
+        "the attack; interval by Fisher's z. All models are compared on the samples that they have in common. "
+        "Left out: models that are not ranked, and values whose warnings indicate a masked gradient or a "
+        "nondeterministic model."
     ]
     if any(len(one.models) < LEAST_MODELS for one in predicted):
         remarks.append(f"No correlation is computed for fewer than {LEAST_MODELS} models.")
@@ -209,8 +209,8 @@ def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
     ]
     labels = ("norm", "budget", "steps", "target", "EPE (px)", "to target (px)", "reached")
     remark = (
-        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are on a scale of 0 to 1; the norm 'frame' is that of the "
-        "change in one frame. Errors are means over images, for frames before rounding to 8 bits."
+        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are on a scale of 0 to 1; the norm 'frame' is the norm of "
+        "the change in one frame. Errors are means over images, for frames before rounding to 8 bits."
     )
     title = "Attacks stored by FlowBench"
     return Table("imported-attacks", title, tuple(map(Column, labels)), tuple(sections), (remark,), "Model, attack")

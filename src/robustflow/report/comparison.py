@@ -86,7 +86,7 @@ class Comparison:
         return str(sentences[0]) if sentences else f"No {METRIC_LABELS[metric]} was measured in both runs."
 
     def table(self, metric: str = "") -> Table:
-        """Return a table for `robustflow.report.render`: the overall lines, then every corruption in one metric.
+        """Return a table for `robustflow.report.render`: the overall rows, then one metric for every corruption.
 
         Args:
             metric: "epe", "cre", "crer" or "rcre"; the headline metric by default.

@@ -1,4 +1,4 @@
-"""The leaderboard: one table per benchmark; a page shows selected columns and lines of it."""
+"""The leaderboard: one table per benchmark, of which a page shows selected columns and rows."""
 
 from __future__ import annotations
 
@@ -267,7 +267,7 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
             "in the paper; knowledge-driven methods are not marked."
         )
     if any(cell.derived for cell in every):
-        yield "In italics: CREr that the paper does not print, computed from the values in the same line."
+        yield "In italics: CREr values that the paper does not print, computed from other values in the same row."
     if any(line.intervals for line in cells):
         yield (
             "In brackets: 95 % confidence intervals of runs, from a bootstrap over images (over sequences if pairs "
@@ -276,7 +276,7 @@ def _remarks(cells: Mapping[ModelResult, Mapping[ValueKey, TableCell]]) -> Itera
     elif any(line.run is not None for line in cells):
         yield "No confidence intervals: too few images or sequences."
     if len({line.frames for line in cells}) > 1:
-        yield "Lines are sorted within their group."
+        yield "Rows are sorted within each group."
 
 
 def _column(metric: str, corruption: str, family: str) -> BoardColumn:

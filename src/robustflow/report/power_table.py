@@ -10,7 +10,7 @@ from .table import Column, Line, Section, Table
 
 
 def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
-    """Tabulate the output of `analysis.uncertainty.power.plan_pairs`: one section per metric, one line per
+    """Tabulate the output of `analysis.uncertainty.power.plan_pairs`: one section per metric, one row per
     comparison."""
     effect = plan["effect"][0]
     columns = (

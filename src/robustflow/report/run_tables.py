@@ -53,8 +53,8 @@ def severities_table(run: Run, metric: str, title: str) -> Table:
 
 
 def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) -> Table:
-    """Tabulate the overall means of runs; without ground truth also the mean length of the clean flow. For each group
-    in `seeds`, a line with the mean and standard deviation follows its last run."""
+    """Tabulate the overall means of runs; without ground truth, also the mean length of the clean flow. For each
+    group in `seeds`, a row with the mean and standard deviation follows the group's last run."""
     without_truth = all(line.number("epe", CLEAN) is None for line in results)
     lines, values = [], {}
     for line in results:
@@ -69,6 +69,6 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
 
 
 def _by_family(lines: Iterable[Line]) -> Iterable[Section]:
-    """Return one line per corruption, in the given order."""
+    """Return one row per corruption, in the given order."""
     for family, of_family in groupby(lines, lambda line: family_label(line.label) or "Others"):
         yield Section(family, tuple(of_family))

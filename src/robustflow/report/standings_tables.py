@@ -65,8 +65,8 @@ def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> T
         sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))
     columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
     about = (
-        "moved: ranks lost relative to the first condition; tau: Kendall's tau between the order and that under the "
-        "first condition."
+        "moved: ranks lost relative to the first condition; tau: Kendall's tau between this order and the order "
+        "under the first condition."
     )
     return Table("stability", "Order of the models", columns, tuple(sections), _remarks(about, remark))
 

@@ -41,8 +41,8 @@ def build_table(
         name: "epe" (Tab. 2), "cre" (Tab. 7), "rcre" (Tab. 8), "gopro-rcre" (Tab. 4) or "cost" (Tab. 3).
         results: published results, results of runs, or both concatenated. A footnote explains why a model is not
             ranked; a separate column gives the share of predicted pixels if a model did not predict all of them.
-        seeds: groups of runs that differ in the seed; a line with their mean and standard deviation follows the last
-            run of each.
+        seeds: groups of runs that differ in the seed; a row with their mean and standard deviation follows the last
+            run of each group.
 
     Raises:
         UsageError: the table is unknown, or the results have no values for it.

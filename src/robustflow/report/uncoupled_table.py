@@ -27,13 +27,13 @@ _COLUMNS = (
 _REMARK = (
     "log ratio: ln(EPE / clean EPE), averaged over images; 0.69 if errors double. Medians are over images. "
     "Fl increase: percentage points of Fl-all. Rank correlation: between corrupted and clean EPE over images, first "
-    "plain, then controlled for the true flow magnitude. CRE is EPE - clean EPE, so it depends on accuracy."
+    "uncontrolled, then controlled for the true flow magnitude. CRE is EPE - clean EPE, so it depends on accuracy."
 )
 
 
 def uncoupled_table(results: Sequence[ModelResult]) -> Table:
-    """Tabulate `uncoupled` for runs. With five or more ranked models on the same frames, add the correlation of CRE and
-    log ratio with accuracy.
+    """Tabulate `uncoupled` for runs. With five or more ranked models on the same frames, add the correlations of CRE
+    and log ratio with accuracy.
 
     Raises:
         UsageError: no run has ground truth.

@@ -1,4 +1,4 @@
-"""Runs for pages: a small real one, and synthetic ones with many images and known rows."""
+"""Fixtures for page tests: a small real run, and synthetic runs with many images and known rows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...analysis.simulated import Truth, rows_of
 
 @pytest.fixture(scope="session")
 def small_run(tmp_path_factory) -> Result:
-    """DIS on the embedded pair, two corruptions at two severities, with example pictures."""
+    """A run of DIS on the embedded pair with two corruptions, two severities and example pictures."""
     folder = tmp_path_factory.mktemp("site") / "dis"
     options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 5]}
     return evaluate("dis", "demo", output=folder, examples=True, **options)

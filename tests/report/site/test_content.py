@@ -1,4 +1,4 @@
-"""Which results a page may show together, and which it must not."""
+"""Check which results a page shows together and which it keeps apart."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
 
 
 def test_no_winner_where_the_difference_is_none(many_images):
-    """The errors are equal, so only the names would determine the order."""
+    """Models with equal errors share the lead; neither wins because of its name."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
     assert len(said) == 1
     assert "A and Bb share the lead (CRE " in said[0]

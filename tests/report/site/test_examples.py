@@ -1,4 +1,4 @@
-"""Example pictures in an untrusted folder: only pixels reach the page, and only from that folder."""
+"""When examples come from an untrusted folder, only pixels reach the page, and only from files in that folder."""
 
 from __future__ import annotations
 

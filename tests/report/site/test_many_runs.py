@@ -30,7 +30,7 @@ def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):
     """Runs in order from worst to best, so that a page cannot rely on their order."""
     runs = [many_images("m" * index, 1 + 0.1 * index) for index in range(9, 0, -1)]
     for run in runs:
-        change_manifest(run, identity_digest=small_run.manifest.identity_digest)  # the runs share its folder
+        change_manifest(run, identity_digest=small_run.manifest.identity_digest)  # the runs share small_run's folder
     (group,) = page_figures(whole_content(runs, published=False))
     (curves,) = (one for one in group.figures if one.title == "Severity curves")
     assert {name for name, _ in curves.lines} == {"m" * index for index in range(1, 9)}

@@ -129,14 +129,14 @@ def test_ids_are_unique_and_every_reference_finds_its_own(published_page):
 def test_hostile_names_are_text(published_page):
     (made,) = parse_results(_CELLS, "made.csv", "file")
     names = [name for name in HOSTILE if name]
-    hostile_settings = (names[0], names[3], "`code` **b** ~~s~~ $$m$$")  # each is a panel of two figures
+    hostile_settings = (names[0], names[3], "`code` **b** ~~s~~ $$m$$")  # each setting is a panel in two figures
     lines = [replace(made, name=name, setting=name if name in hostile_settings else "OOD", note=name) for name in names]
     text = render_site(whole_content([], [(names[0], lines)], published=False))
     page, plain = Page(text), Page(published_page)
     assert {tag for tag, _ in page.tags} <= {tag for tag, _ in plain.tags}
     assert {name for _, attrs in page.tags for name in attrs} <= {name for _, attrs in plain.tags for name in attrs}
     assert [kind for kind, _ in page.scripts] == [kind for kind, _ in plain.scripts]
-    assert "<img src=x onerror=alert(1)>" in "".join(page.texts)  # in a figure's table
+    assert "<img src=x onerror=alert(1)>" in "".join(page.texts)  # in the table of a figure
     assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", text)
     data = data_of(text)
     (entries,) = data["boards"][0]["groups"]

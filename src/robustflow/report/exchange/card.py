@@ -80,7 +80,7 @@ def _markdown(facts: RunFacts) -> str:
 
 
 def _table(means: Sequence[RunMean]) -> list[str]:
-    """Return a Markdown table with one line per condition and one column per metric."""
+    """Return a Markdown table with one row per condition and one column per metric."""
     cells = {(mean.condition, mean.metric): mean for mean in means}
     conditions, metrics = (list(dict.fromkeys(which)) for which in zip(*cells, strict=True))
     head = ["Frames", *(escape(metric_label(metric)) for metric in metrics)]

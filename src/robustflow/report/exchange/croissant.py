@@ -30,7 +30,7 @@ _CONTEXT: dict[str, Any] = {
 
 
 def croissant_files(facts: RunFacts) -> dict[PurePosixPath, bytes]:
-    """Return `croissant.json`, and the rows that it describes as `rows.csv`."""
+    """Return `croissant.json` and the file that it describes, `rows.csv`."""
     rows = rows_to_text(facts.run.rows)
     metadata = {
         "@context": _CONTEXT,

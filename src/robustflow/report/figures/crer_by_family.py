@@ -89,7 +89,7 @@ def crer_by_family(
         axes, legend = axes[: len(shown)], []
         figure.caption = "CREr of each corruption class, with all models on one axis."
         if {"OOD", "ID"} <= {line.setting for line in lines}:
-            figure.caption += " The height of an outlined bar above the filled one is the cost of fine-tuning."
+            figure.caption += " The amount by which an outlined bar exceeds the filled one is the cost of fine-tuning."
     else:
         figure, axes = new_figure(5.0, 3.4)
         reached += _bars(figure, axes[0], lines, families, crer, styles, by_setting)

@@ -38,7 +38,7 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     them.
 
     Raises:
-        UsageError: fewer than `LEAST_MODELS` models have all four.
+        UsageError: fewer than `LEAST_MODELS` models have all four metrics.
     """
     looks = looks or Looks()
     without, styles = not_discussed(results), looks.of(results)
@@ -53,7 +53,8 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     drawn = {line: values for models in points.values() for line, values in models.items()}
     if len(drawn) < LEAST_MODELS:
         raise UsageError(
-            f"the figure of EPE, CRE and RCRE needs {LEAST_MODELS} models with ground truth: there are {len(drawn)}"
+            f"the figure of EPE, CRE and RCRE needs at least {LEAST_MODELS} models with ground truth, "
+            f"found {len(drawn)}"
         )
     figure, axes = new_figure(6.6, 6.4, 2, 2)
     ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _OF.items()}

@@ -27,7 +27,7 @@ def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
         UsageError: there are no points.
     """
     if not points:
-        raise UsageError("this run has no attacks and so no security curves: run it with --attacks")
+        raise UsageError("this run has no attacks and therefore no security curves; run it again with --attacks")
     styles = model_styles(point.attack for point in points)
     norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
     figure, axes = new_figure(4.4 * len(norms), 3.4, 1, len(norms))

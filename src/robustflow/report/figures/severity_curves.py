@@ -56,7 +56,7 @@ def severity_curves(
     }
     corruptions = {corruption for curve in curves.values() for corruption in curve["corruption"]}
     if not corruptions:
-        raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at a severity")
+        raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at any severity")
     shown = ordered(corruptions)
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -86,7 +86,7 @@ def severity_curves(
                 )
         panel.set_title(
             name_text(long_label(corruption)), fontsize=8.5, y=1
-        )  # a fixed position keeps the title out of the layout, as the coordinates below do for the labels
+        )  # fixed positions keep the title out of the layout; the coordinates below do the same for the labels
         panel.xaxis.set_label_coords(0.5, 0)
         panel.yaxis.set_label_coords(0, 0.5)
         panel.set_xticks(SEVERITIES)

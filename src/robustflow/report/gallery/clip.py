@@ -47,8 +47,8 @@ class ClipCell:
 
 
 class ClipPart:
-    """Part of a video or of a folder of frames, with the frames to show: the first ones from `start`, or those in the
-    middle of the clip.
+    """A part of a video or of a folder of frames, with the frames to show: the first frames of the part if `start` is
+    given, otherwise frames from the middle of the clip.
 
     Args:
         path: video file, folder of images, or folder of image folders (the first one is used).

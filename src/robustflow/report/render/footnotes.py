@@ -7,7 +7,7 @@ from ..table import Table
 
 
 def numbered_notes(table: Table) -> dict[str, int]:
-    """Map each note to a number, starting at 1, in the order of the lines.
+    """Map each note to a number, starting at 1, in the order of the rows.
 
     >>> from robustflow.report.table import Line, Section
     >>> lines = (Line("a", (), "3 pairs"), Line("b", ()), Line("c", (), "3 pairs"))

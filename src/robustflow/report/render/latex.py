@@ -1,5 +1,5 @@
 """LaTeX output with booktabs, in the layout of the paper's tables: rotated column headings below their family, a rule
-between settings, and the best value of a column in bold on grey. A line marked as best has a grey background.
+between settings, and the best value of a column in bold on grey. A row marked as best has a grey background.
 
 It requires \\usepackage[table]{xcolor} and \\usepackage{booktabs,graphicx}; `\\ref{tab:robustflow-NAME}` refers
 to a table. Characters that pdfLaTeX cannot typeset are written as code points.

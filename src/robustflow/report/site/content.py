@@ -37,10 +37,10 @@ class Content:
 
     Attributes:
         title: title of the page.
-        lines: lines from the runs, followed by those from the files and those from the paper.
+        lines: lines from the runs, then from the files, then from the paper.
         pages: id of the model's page for each line.
         group_titles: heading for each sample set.
-        alone: whether the page is about its runs, and the paper's results are shown only for comparison, without
+        alone: whether the page is only about its runs; the paper's results are then shown for comparison only, without
             figures, observations or audit.
         of_paper: whether the averages of runs are restricted to the paper's corruptions, for comparison with the
             published averages.

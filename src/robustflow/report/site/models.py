@@ -57,7 +57,7 @@ def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPic
 
     Args:
         content: content of the whole page.
-        panels: pictures of predictions, by line of a run.
+        panels: pictures of predictions, keyed by the line of their run.
     """
     by_page: dict[str, list[ModelResult]] = {}
     for line, page in content.pages.items():
