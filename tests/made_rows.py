@@ -42,7 +42,7 @@ def _filled(row: dict[str, Any], clean: dict[str, Any]) -> dict[str, Any]:
 
 
 def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model", **identity: Any) -> Run:
-    """A run of imaginary rows: the manifest of `base`, with the given model and parts of the identity.
+    """A run with invented rows. Its manifest is that of `base`, except for the given model and parts of the identity.
 
     Args:
         base: any run.
@@ -89,7 +89,7 @@ def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **
 
 
 def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
-    """The values in lines of tables as rows of a results file, one row per value."""
+    """Convert results to the rows of a results file, one row per value."""
     columns = ("benchmark", "sample_set", "setting", "model", "note", "metric", "corruption")
     rows = [
         (line.benchmark, line.frames, line.setting, line.name, line.note, *key, *astuple(value))

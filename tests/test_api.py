@@ -1,4 +1,4 @@
-"""The top level of the package: tab completion, printing, and progress that is shown only where it is visible."""
+"""Test the top level of the package: tab completion, printing, and progress, shown only where a user sees it."""
 
 import os
 import pty

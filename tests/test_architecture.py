@@ -1,5 +1,5 @@
-"""The floors of the architecture (docs/design/architecture.md): contracts in pyproject.toml, checked by
-import-linter."""
+"""Test the layers of the architecture (docs/design/architecture.md): import-linter checks the contracts in
+pyproject.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled functions: their cache when several processes fill it at the same time."""
+"""Test the cache of compiled functions when several processes fill it at the same time."""
 
 import importlib.util
 import subprocess

@@ -1,4 +1,4 @@
-"""The documentation's sources: the reference has every public name, pages are generated from the code,
+"""Test the documentation's sources: the reference has every public name, pages are generated from the code, and
 notebooks run.
 """
 

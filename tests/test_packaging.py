@@ -1,4 +1,4 @@
-"""The package's metadata: extras resolve to the pins, versions match, and the wheel has every file."""
+"""Test the package's metadata: extras resolve to the pins, versions match, and the wheel has every file."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Sizes given as HEIGHTxWIDTH."""
+"""Test the parsing of sizes given as HEIGHTxWIDTH."""
 
 import pytest
 

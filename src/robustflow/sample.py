@@ -69,7 +69,7 @@ class Camera:
         if turn.shape != (3, 3) or not (np.abs(turn @ turn.T - np.eye(3)) < 1e-3).all() or not np.linalg.det(turn) > 0:
             raise DataError("camera: the rotation is not a rotation matrix of shape (3, 3)")
         if moved.shape != (3,) or not (np.abs(moved) <= _FARTHEST).all():
-            raise DataError("camera: the translation must have the shape (3,) and at most 1e6 m along each axis")
+            raise DataError("camera: the translation must have shape (3,) and be at most 1e6 m along each axis")
 
     def intrinsics(self, index: int) -> tuple[float, float, float, float]:
         """Return (fx, fy, cx, cy) of frame `index`, 0 or 1."""

@@ -67,7 +67,8 @@ class App:
         return f"robustflow-{self.host.rpartition(':')[2]}={self.token}"
 
     def ask(self, method: str, path: str, body: bytes | str | None = None, **headers: str) -> tuple[int, bytes, Any]:
-        """Status, body and headers; a header passed as `content_type=` replaces the usual one, and "" omits it."""
+        """Return status, body and headers. A header passed as, for example, `content_type=` replaces the usual one; ""
+        omits it."""
         own = {"Cookie": self.cookie, "Host": self.host, "Origin": f"http://{self.host}"}
         own |= {name.replace("_", "-").title(): value for name, value in headers.items()}
         connection = http.client.HTTPConnection(self.host, timeout=60)

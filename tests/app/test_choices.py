@@ -21,7 +21,7 @@ def _needs_weights():
 def test_an_error_of_loading_names_the_field_and_no_option(monkeypatch):
     models = Models([ModelSpec("net")])
     monkeypatch.setattr(ModelSpec, "load", lambda spec: _needs_weights())
-    with pytest.raises(ModelError, match=r"give its path in the field Checkpoint$"):
+    with pytest.raises(ModelError, match=r"give its path in the Checkpoint field$"):
         models.load("net")
 
 

@@ -1,4 +1,4 @@
-"""Requests that the app accepts, by host, origin and token; and the headers of every response."""
+"""Test which requests the app accepts, depending on host, origin and token, and which headers every response has."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _begin_preview(running: App, model: str) -> http.client.HTTPConnection:
 
 
 def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
-    """While the model holds the lock, neither Python code nor a signal handler runs. The time limit is 15 s."""
+    """While the model holds the interpreter lock, no Python code runs, not even a signal handler. The limit is 15 s."""
     with running_app(tmp_path, "--model", "models_for_app:HoldsTheLock") as running:
         connection = _begin_preview(running, "models_for_app:HoldsTheLock")
         time.sleep(1)
@@ -187,7 +187,7 @@ def test_a_port_that_is_taken(refusal):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--port", "70000"), "port 70000 does not exist"),
+        (("--port", "70000"), "port 70000 is out of range"),
         (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),
         (("-O", "preset=fast"), "preset is a model option"),
     ],

@@ -64,7 +64,7 @@ def test_every_pair_of_a_clip(app, tmp_path):
         result = app.preview(source=found["source"], index=index)[1][-1]["result"]
         expected = direct_numbers(sample.frames, None, "fog", 3, 0, sample.key)
         assert result["numbers"]["rcre"] == pytest.approx(expected["rcre"])
-    assert "does not exist: it has 5" in app.preview(source=found["source"], index=5)[1][-1]["error"]
+    assert "does not exist: choose 1 to 5" in app.preview(source=found["source"], index=5)[1][-1]["error"]
 
 
 def _claims(width: int, height: int) -> bytes:

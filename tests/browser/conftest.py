@@ -1,4 +1,4 @@
-"""A real browser: Debian's chromium through Playwright, with its network and console recorded."""
+"""Fixtures for a real browser: Debian's Chromium, driven by Playwright, with its requests and console recorded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robustflow.report.site import render_site, run_content, whole_content
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# Without these, chromium requests updates and a variations seed at startup.
+# Without these, Chromium requests updates and a variations seed at startup.
 _QUIET = (
     "--no-sandbox",
     "--disable-gpu",

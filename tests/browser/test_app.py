@@ -1,4 +1,4 @@
-"""The app's page in a real browser: the demo pair, uploads, keyboard, clicks, and accessibility."""
+"""Test the app's page in a real browser: the demo pair, uploads, keyboard, clicks, and accessibility."""
 
 from __future__ import annotations
 

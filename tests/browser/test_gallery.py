@@ -1,4 +1,4 @@
-"""The gallery page, opened from disk in a real browser."""
+"""Test the gallery page, opened from disk in a real browser."""
 
 from __future__ import annotations
 

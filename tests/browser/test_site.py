@@ -1,4 +1,4 @@
-"""The pages in a real browser, opened from disk: they work with pointer and keyboard, and make no network requests."""
+"""Opened from disk in a real browser, the pages work with pointer and keyboard and make no network requests."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def test_a_model_page_begins_at_its_top_at_once(opened):
 
 
 def test_everything_by_keyboard(opened):
-    """The skip link, a chip, a sort button, a row's link, back, and a figure's marks work without a pointer."""
+    """The skip link, a chip, a sort button, a row's link, the back link and a figure's marks work without a pointer."""
     page = opened("leaderboard", "#benchmark=KITTI-FC")
     keys = page.keyboard
     keys.press("Tab")

@@ -1,4 +1,4 @@
-"""`robustflow app` when it cannot start; all other cases are in tests/app."""
+"""Test `robustflow app` when it cannot start; tests/app has all other cases."""
 
 from robustflow import extras
 

@@ -1,4 +1,4 @@
-"""The command line as a user sees it: output, exit codes, one-line errors."""
+"""Test the command line as a user sees it: output, exit codes, and one-line errors."""
 
 from __future__ import annotations
 

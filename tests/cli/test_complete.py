@@ -1,4 +1,4 @@
-"""Shell completion, requested as a shell would."""
+"""Test shell completion, requested the way a shell does."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,5 +1,5 @@
-"""`displacement`: the embedded pair's histogram is that of its disparity, and a run stores the histogram of its
-frames."""
+"""Test `displacement`: the embedded pair's histogram equals that of its disparity, and a run stores the histogram of
+its frames."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Rows for other programs, and a folder of records to which several people contribute."""
+"""Test the export of rows for other programs, and a folder of records to which several people contribute."""
 
 import io
 import re

@@ -1,4 +1,4 @@
-"""Exported networks through the command line."""
+"""Run exported networks from the command line."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`leaderboard`, and `report` as a page, on the command line."""
+"""Test the commands `leaderboard` and `report --format page`."""
 
 import json
 import shutil

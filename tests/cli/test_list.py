@@ -1,4 +1,4 @@
-"""`list`: the available names, and the training data of each model's checkpoints."""
+"""Test the command `list`: the available names, and the training data of each model's checkpoints."""
 
 from __future__ import annotations
 

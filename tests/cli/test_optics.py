@@ -1,4 +1,4 @@
-"""`robustflow optics` on the command line."""
+"""Test the command `robustflow optics`."""
 
 import json
 

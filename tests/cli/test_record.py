@@ -1,4 +1,4 @@
-"""`pack` and `verify` on the command line, and records used as runs."""
+"""Test the commands `pack` and `verify`, and records used as runs."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""The commands `report`, `audit` and `compare`."""
+"""Test the commands `report`, `audit` and `compare`."""
 
 import csv
 import io
@@ -207,7 +207,7 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
     assert out.count("average RCRE") == 3
     code, out, err = robustflow("compare", "dis", "farneback", "dis", "--metric", "cre")
     assert code == 1
-    assert "no two of these runs have a common average CRE" in err
+    assert "no two of these runs have comparable CRE averages" in err
 
 
 @pytest.mark.parametrize(

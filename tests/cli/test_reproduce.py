@@ -1,4 +1,4 @@
-"""The `reproduce` command."""
+"""Test the `reproduce` command."""
 
 import csv
 

@@ -1,4 +1,4 @@
-"""`robustflow train` on the command line: the plan, and input that is refused before any heavy import."""
+"""Test the command `robustflow train`: the plan, and bad input that is refused before any heavy import."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ SCRIPT_OF_SEVERAL = SCRIPT.replace(
             stops.append(stop.code)
     sys.exit(next(filter(None, stops), 0))""",
 )
-"""The same for several commands with "then" between them: one import of the package instead of one per command."""
+"""Like `SCRIPT`, but for several commands separated by "then", which import the package only once."""
 
 
 def _python(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:

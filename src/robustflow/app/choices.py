@@ -94,9 +94,9 @@ def _for_the_page(message: str) -> str:
     """Reword an error about a command-line option for the page's field.
 
     >>> _for_the_page("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
-    "model 'raft' needs its checkpoint: get it, and give its path in the field Checkpoint"
+    "model 'raft' needs its checkpoint: get it, and give its path in the Checkpoint field"
     """
-    return message.replace("as --checkpoint", "in the field Checkpoint").replace("--checkpoint", "the field Checkpoint")
+    return message.replace("as --checkpoint", "in the Checkpoint field").replace("--checkpoint", "the Checkpoint field")
 
 
 def _runs_on_pairs(method: MethodEntry) -> bool:

@@ -1,4 +1,4 @@
-"""The available pairs: the demo pair, uploaded pairs, and pairs of uploaded clips. Only the most recent uploads are
+"""The available pairs: the demo pair, uploaded pairs, and pairs from uploaded clips. Only the most recent uploads are
 kept."""
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class OnePair:
 
 
 class UploadedClip:
-    """A source with the pairs of adjacent frames of the video at `path`. `folder` is removed together with the
+    """A source of pairs of adjacent frames from the video at `path`. `folder` is removed together with the
     source."""
 
     classes: Mapping[str, type[Corruption]] = MappingProxyType({})

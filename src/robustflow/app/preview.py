@@ -84,7 +84,7 @@ class PreviewRequest(Frozen):
 
 
 class Previewer:
-    """Computes previews, and caches the flow on the most recent clean frames. Used from one thread."""
+    """Computes previews, and caches the flow for the most recent clean frames. Used from one thread only."""
 
     def __init__(self, sources: SourceStore, models: Models) -> None:
         self._sources = sources
@@ -99,7 +99,7 @@ class Previewer:
         """
         source = self._sources.get(wanted.source)
         if wanted.index >= source.pairs:
-            raise UsageError(f"pair {wanted.index + 1} of {source.name} does not exist: it has {source.pairs}")
+            raise UsageError(f"pair {wanted.index + 1} of {source.name} does not exist: choose 1 to {source.pairs}")
         sample = source.sample(wanted.index)
         stage("loading the model")
         model = self._models.load(wanted.model, wanted.checkpoint)

@@ -107,7 +107,7 @@ class _Server(uvicorn.Server):
 def _listen(host: str, port: int | None) -> socket.socket:
     """Return a socket on the requested port, or on any port if none was requested and the default port is in use."""
     if port is not None and not 0 <= port <= 65535:
-        raise UsageError(f"port {port} does not exist: give 1 to 65535, or 0 for any")
+        raise UsageError(f"port {port} is out of range: give 1 to 65535, or 0 for any")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for number in (DEFAULT_PORT, 0) if port is None else (port,):
         listening = socket.socket(family, socket.SOCK_STREAM)

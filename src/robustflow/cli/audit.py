@@ -20,7 +20,7 @@ def audit(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """List numbers that are inconsistent with the others beyond rounding, with the printed and the recomputed value.
+    """List numbers that contradict the others by more than rounding, each with its printed and its recomputed value.
 
     Recomputes CRE from EPE, averages, CREr, ranks and highlighted best values; detects swapped or shifted rows, and
     FlowBench attacks that exceed their budget. Exit codes: 0 if everything is consistent, 3 if not, 1 if the source

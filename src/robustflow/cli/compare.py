@@ -81,7 +81,8 @@ def compare(
         if frame.is_empty():
             label = METRIC_LABELS[chosen]
             raise RunError(
-                f"no two of these runs have a common average {label}; compare two runs, or choose a different --metric"
+                f"no two of these runs have comparable {label} averages; compare two runs, or choose a different "
+                "--metric"
             )
         ranked = [line.name for line in lines if not line.excluded]
         sound = frame.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))

@@ -58,9 +58,9 @@ def examples(
 ) -> None:
     """Draw the worst and the median sample of a run: frames, corrupted frames, flows and error maps.
 
-    Model and data are expected where they were during the run; if they have moved, use the options. If the model is
-    your own code (module:Attribute) or a file, give it with --model or --checkpoint: for safety, nothing is loaded just
-    because it is named in a run's folder. The pictures are written to RUN/examples and RUN/report.html.
+    The model and the data are read from where they were during the run; if they have moved, use the options. If the
+    model is your own code (module:Attribute) or a file, give it with --model or --checkpoint: for safety, nothing is
+    loaded just because it is named in a run's folder. The pictures are written to RUN/examples and RUN/report.html.
 
     \b
     Examples:

@@ -123,7 +123,8 @@ def export(
             err=True,
         )
     typer.echo(
-        f"{output}: {len(chosen.keys)} pairs; clean and corrupted, {fresh} written and {total - fresh} already present"
+        f"{output}: {len(chosen.keys)} pairs; clean and corrupted copies: {fresh} written and {total - fresh} already "
+        "present"
     )
 
 

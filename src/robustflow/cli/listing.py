@@ -17,8 +17,8 @@ _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
 }
-"""Generic models that can run any method: the source of each, and the extra that it needs, which is named after the
-module that the extra installs."""
+"""For each generic model, what it loads a method from and the extra it needs. Each extra is named after the module
+that it installs."""
 
 
 def list_things(
