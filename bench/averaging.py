@@ -3,8 +3,8 @@
     python bench/averaging.py [--pairs 9901]
 
 The script generates a run with every image-pair corruption at every severity (101 rows per pair), in shards of the same
-size as those of `run`. A separate process then computes the means; the script also prints its memory use before it
-reads the run.
+size as those that `run` writes. A separate process then computes the means; the script also prints the memory use of
+this process before it reads the run.
 """
 
 from __future__ import annotations

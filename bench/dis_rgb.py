@@ -2,8 +2,8 @@
 
     python bench/dis_rgb.py [--data kitti2015=~/kitti2015 middlebury=~/middlebury ...] [--points 1,2,3] [--rounds 3]
 
-The script prints the mean end-point error in pixels and the median milliseconds with one thread, for each pair and as
-the average of each dataset (by default for the embedded pair only). There is one column for each operating point of
+The script prints the mean end-point error in pixels and the median milliseconds with one thread, for each pair and
+averaged over each dataset (by default for the embedded pair only). There is one column for each operating point of
 `dis_rgb`; for OpenCV with the same scales, patches and iterations, with and without spatial propagation (which the
 paper's method does not have); and for OpenCV's presets.
 """

@@ -1,4 +1,4 @@
-"""Run all GPU checks in a single command, which takes at most nine minutes and needs no network:
+"""Run all GPU checks with a single command, which takes at most nine minutes and needs no network:
 
     python bench/gpu.py [--device cuda] [--data FOLDER_OF_KITTI_2015] [--output gpu-results] [--quick] [SECTION ...]
 

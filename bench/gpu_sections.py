@@ -337,7 +337,7 @@ class _Corrupted:
 
 
 def attacks(bench: Bench) -> None:
-    """Run PGD and PCFA on RAFT at KITTI's frame size, and PGD on a batch; report seconds and numbers of flows."""
+    """Run PGD and PCFA on RAFT at KITTI's frame size, and PGD on a batch; report times and the number of flows."""
     import robustflow as rf
     from robustflow.attacks import load_attack
     from robustflow.attacks.api import attack_pairs

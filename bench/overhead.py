@@ -6,9 +6,9 @@ cell.
 The model sleeps, to imitate a GPU model that leaves the CPU idle. The data are pairs of 375x1242 pixels (from KITTI, or
 generated textures without --data) under the paper's 20 image-pair corruptions at five severities. The
 predictions take two minutes for 30 pairs at 40 ms each, or for 60 pairs at 20 ms each. *Start-up* is the time until the
-first row is on disk; *steady* is the remaining time relative to the time of the predictions made in it, at best 1. The
-fused engine (`serial`) is measured first. A second table lists the CPU time of all work except the model, by stage and
-corruption, in one thread; it is the minimum over three runs of every cell.
+first row is on disk; *steady* is the ratio of the remaining time to the model's prediction time in that period (ideally
+1). The fused engine (`serial`) is measured first. A second table lists the CPU time of all work except the model, by
+stage and corruption, in one thread; it is the minimum over three runs of every cell.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def kitti(folder: Path | None, pairs: int) -> Benchmark:
 
 
 def run(benchmark: Benchmark, milliseconds: float, engine: str, workers: int | None) -> str:
-    """Measure one run and format it as a line of the table."""
+    """Measure one run and format it as a row of the table."""
     model = ModelSpec("overhead:Sleeper", (("milliseconds", milliseconds),))
     setup = set_up(model, benchmark)
     clock = Clock()

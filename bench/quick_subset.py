@@ -65,7 +65,7 @@ class Population:
 
     def tau(self, chosen: Sequence[int], without: int = -1) -> float:
         """The smallest tau of the three metrics between the rankings by the chosen corruptions and by all corruptions,
-        without the model `without`."""
+        excluding the model `without`."""
         first, second = np.triu_indices(self.errors.shape[1], 1)
         kept = (first != without) & (second != without)
         means, full = self.errors[:, :, list(chosen)].mean(-1), self.full.mean(-1)
@@ -74,7 +74,7 @@ class Population:
 
 
 Without = tuple[int, int]
-"""Index of the model that is left out of each of the two populations, -1 for none."""
+"""Index of the model that is left out of each of the two populations; -1 if none is."""
 
 
 def quality(populations: Sequence[Population], chosen: Sequence[int], without: Without) -> tuple[float, float]:
@@ -273,7 +273,7 @@ def measure(output: Path, data: Sequence[str]) -> None:
         names.append(name)
         errors.append(cells)
         np.savez(output, methods=list(predictors), pairs=names, clean=clean, errors=errors)
-        print(f"{len(names)}/{PAIRS} {name}: {time.process_time() - start:.0f} s of one core", flush=True)
+        print(f"{len(names)}/{PAIRS} {name}: {time.process_time() - start:.0f} s on one core", flush=True)
 
 
 def main() -> None:

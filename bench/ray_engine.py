@@ -4,8 +4,8 @@
 
 The model sleeps for 40 ms, like a model that waits for a GPU; the frames are as large as KITTI's, and the corruptions
 are the default ones. The engines alternate, and neighbouring runs are compared. *Steady* is the second half of a run,
-when every process has started and compiled its functions. CPU time includes all processes that a run starts, Ray's too.
-On a busy machine, compare only the CPU times. Linux only.
+when every process has started and compiled its functions. CPU time covers all processes that a run starts, including
+Ray's. On a busy machine, compare only the CPU times. Linux only.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ def main() -> None:
             other, ray = (run(folder, engine) for engine in ("processes", "ray"))
             for name in ray:
                 ratios.setdefault(name, []).append(ray[name] / other[name])
-    print("ray relative to processes, median and all pairs of runs (goal of the steady wall time: at most 1.05)")
+    print("ray relative to processes, median and all pairs of runs (goal for the steady wall time: at most 1.05)")
     for name, values in ratios.items():
         print(f"  {name:24} {statistics.median(values):.2f}   {' '.join(f'{value:.2f}' for value in values)}")
 
 
 class Clock:
-    """Records when each unit was on disk, and the CPU time spent until then."""
+    """Records when each unit was written to disk, and the CPU time spent up to that point."""
 
     def __init__(self) -> None:
         self.begun = time.perf_counter()
@@ -91,7 +91,7 @@ def run(folder: Path, engine: str) -> dict[str, float]:
 
 
 def cpu_seconds() -> float:
-    """CPU seconds of this process and all processes that it started, directly or not, and that are still running."""
+    """CPU seconds of this process and all of its child and descendant processes that are still running."""
     parents, seconds = {}, {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:

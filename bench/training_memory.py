@@ -54,7 +54,7 @@ def kept_bytes(method: str, crop: tuple[int, int], iterations: int) -> tuple[int
 
 
 def row(method: str) -> str:
-    """Format a line of the table."""
+    """Format a row of the table."""
     counts, terms, learning, rest = [], [], 0, 0
     for crop in CROPS:
         for iterations in ITERATIONS:

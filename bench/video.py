@@ -1,4 +1,4 @@
-"""Measure the frames per second of every video stage at 720p on one core, and compare it with the ffmpeg program.
+"""Measure the frames per second of every video stage at 720p on one core, and compare encoding with the ffmpeg program.
 
     python bench/video.py [--frames 48] [--preset veryslow] [--ffmpeg /usr/bin/ffmpeg]
 

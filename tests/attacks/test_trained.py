@@ -362,7 +362,7 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
     keys = tmp_path / "keys.txt"
     keys.write_text("1\n3\n")
 
-    with pytest.raises(UsageError, match=r"would be trained on sample '1', which is measured \(1 such"):
+    with pytest.raises(UsageError, match=r"would be trained on sample '1', which this run measures \(1 such"):
         _run(tmp_path / "run", f"universal:train={keys}")
     with pytest.raises(UsageError, match="needs 3 training samples that are not measured, but only 2 are available"):
         _run(tmp_path / "run", "universal:train=3")

@@ -10,7 +10,7 @@ from robustflow.images.io import write_image
 from ..corruptions.pictures import picture
 
 FRAMES = 6
-"""Frames of `clip_folder`."""
+"""Number of frames in `clip_folder`."""
 FAST = ("contrast", "high_light", "over_exposure", "impulse_noise")
 """Corruptions that take a few milliseconds."""
 

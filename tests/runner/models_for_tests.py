@@ -85,7 +85,7 @@ def blackens(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 class BlackensPairs:
-    """Does the same in batches."""
+    """Overwrites its input after predicting from it in batches."""
 
     def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
         return [self.predict(*pair) for pair in zip(frames1, frames2, strict=True)]
@@ -149,7 +149,7 @@ class AcceleratedFiveFrames(FiveFrames):
 
 
 class AcceleratedTrouble(Accelerated):
-    """Behaves as its option says, starting with the second call."""
+    """Behaves as its option specifies, starting with the second call."""
 
     def __init__(self, device: str = "cuda:0", trouble: str = "", pause: float = 0.0) -> None:
         super().__init__(device, pause)

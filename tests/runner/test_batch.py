@@ -1,4 +1,4 @@
-"""Batches predict several severities in one call and give the same rows; invalid results raise a clear error."""
+"""Predicting several severities in one call yields the same rows, and invalid results raise a clear error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order in which cells are assigned, and the units that the rows are collected into."""
+"""Cells are assigned in the right order, and their rows are collected into units."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st

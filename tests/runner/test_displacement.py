@@ -1,4 +1,4 @@
-"""Flow magnitude histograms compared with a pixel-by-pixel count."""
+"""Flow magnitude histograms match a pixel-by-pixel count."""
 
 import math
 from itertools import pairwise

@@ -126,7 +126,7 @@ def test_what_a_killed_run_left_is_cleared(tmp_path):
 
 def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
     class Drifts:
-        """Predicts a larger motion at every call."""
+        """Predicts a larger motion with every call."""
 
         calls = 0
 
@@ -168,7 +168,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("what", HOSTILE)
 def test_a_run_folder_cannot_name_code_or_files(what, drawn, tmp_path, monkeypatch, capsys):
-    """Nothing that `source.json` of a received folder names is imported or opened unless the user names it too."""
+    """Nothing named in the `source.json` of a received folder is imported or opened unless the user names it too."""
     (tmp_path / "marker_module.py").write_text("import pathlib; pathlib.Path('ran').touch()\ndef touch(*_): pass\n")
     monkeypatch.chdir(tmp_path)
     source = shutil.copytree(drawn.path, tmp_path / "run") / "source.json"

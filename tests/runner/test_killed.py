@@ -72,7 +72,7 @@ def _compare(tmp_path: Path, kills: int) -> None:
     assert (tmp_path / "killed/summary.json").read_bytes() == (tmp_path / "whole/summary.json").read_bytes()
     asked = Counter(line.split(" ", 1)[1] for line in (tmp_path / "killed.log").read_text().splitlines())
     again = sum(asked.values()) - len(asked)
-    in_flight = 5  # the severities of the one unit that each worker has
+    in_flight = 5  # each worker has one unit in flight, with this many severities
     drawn = 3  # the clean, worst and median cells are predicted again for the images
     compared = 1  # a clean row is measured again before a run is resumed
     assert again <= kills * (WORKERS * in_flight + drawn + compared) + drawn

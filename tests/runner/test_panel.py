@@ -1,4 +1,4 @@
-"""Panels: error colours, sparse maps, odd sizes and malicious names."""
+"""Panels show the right colours, and handle sparse maps, odd sizes and malicious names."""
 
 from __future__ import annotations
 

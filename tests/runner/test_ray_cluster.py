@@ -42,7 +42,7 @@ PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
-    """A folder of a few small frames, with at least as many unrelated pairs as workers that may be lost."""
+    """A folder of a few small frames, with at least as many unrelated pairs as workers that the test may lose."""
     folder = tmp_path_factory.mktemp("frames")
     draws = np.random.default_rng(0)
     for number in range(PAIRS + 1):
@@ -262,7 +262,7 @@ def test_a_node_without_the_data_is_named(frames, tmp_path):
             size,
             r"gone\.png cannot be read \(No such file or directory\); make the data available on every node",
         ),
-        (frames / "00.png", size + 1, rf"00\.png has {size} bytes there but {size + 1} here; use the same"),
+        (frames / "00.png", size + 1, rf"00\.png has {size} bytes on that node but {size + 1} bytes on this"),
     ):
         kind, (error, message, _) = actor.begin(job, {}, [(str(file), seen)])
         assert (kind, error) == ("error", "DataError")

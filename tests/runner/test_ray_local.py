@@ -105,7 +105,7 @@ def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     ],
 )
 def test_an_address_where_no_cluster_is(tmp_path, monkeypatch, address, error, words):
-    # the value of "auto", even while the cluster of a different test is running
+    # "auto" uses this address even if a different test's cluster is running
     monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
     started = time.monotonic()
     with pytest.raises(error, match=words):

@@ -83,7 +83,7 @@ def test_a_clip_reaches_a_multi_frame_model_in_order(clip_folder, tmp_path, mode
 
 
 def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
-    """A feeder whose device never responds; larger frames get fewer slots."""
+    """The device never responds, so the feeder stops when its slots are full; larger frames get fewer slots."""
     size = (700, 1000)
     driver, theirs = multiprocessing.Pipe()
     device, link = multiprocessing.Pipe()

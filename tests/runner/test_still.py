@@ -160,7 +160,7 @@ class Pairs(BrightnessFlow):
 
 
 class Clips:
-    """The same, as a multi-frame model whose flow depends on all its frames."""
+    """A multi-frame model that stores every flow that it predicts; its flow depends on all its frames."""
 
     window = (1, 1)
 

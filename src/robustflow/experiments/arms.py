@@ -10,7 +10,7 @@ from ..corruptions import FAMILIES, IMAGE_PAIR
 TRAINED = ("digital", "illumination", "weather", "noise", "blur")
 """Corruption families for training frames; families for whole clips cannot be applied to a pair of images."""
 LEFT_OUT = ("noise", "weather")
-"""Families held out from training and used for evaluation: the two with the largest increase in error."""
+"""Families held out from training and used for evaluation: the two that increase the error the most."""
 PLAIN, ALL = "plain", "all"
 
 
@@ -43,7 +43,7 @@ def members(family: str) -> list[str]:
 
 def arms() -> list[Arm]:
     """Return the arms: one without corruptions, one with all families, and for each held-out family one with all
-    families except this one.
+    families except that one.
 
     >>> [arm.name for arm in arms()]
     ['plain', 'all', 'no_noise', 'no_weather']

@@ -54,9 +54,9 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
         seeds: seeds to compare, see `left_out`.
 
     Returns:
-        One row per arm, condition (a family, a corruption, or "clean") and quantity, with a flag for whether the arm
-        was trained with the condition (null for "clean") and the fields of `Effect`. CREr is a ratio of means over
-        pairs and seeds, because a pair with a clean error near zero would dominate a mean of ratios; CREr has no
+        One row per arm, condition (a family, a corruption, or "clean") and quantity, with a flag that indicates whether
+        the arm was trained with the condition (null for "clean") and the fields of `Effect`. CREr is a ratio of means
+        over pairs and seeds, because a pair with a clean error near zero would dominate a mean of ratios; CREr has no
         interval.
     """
     names = [arm.name for arm in arms()]
@@ -131,7 +131,7 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
         part = rows.filter(pl.col("corruption").is_in(names))
         if set(part["corruption"]) != set(names):
             raise UsageError(
-                f"{run.path} does not have all of {', '.join(names)}; measure all corruptions of the experiment"
+                f"{run.path} must contain all of {', '.join(names)}; measure all corruptions of the experiment"
             )
         epe = _by_pair(part, "epe", pairs)
         scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _by_pair(part, "rcre", pairs)}

@@ -65,8 +65,8 @@ class TrainingExperiment:
     Attributes:
         output: path of the output folder.
         evaluation_sets: sets of pairs on which every network is evaluated.
-        seeds: number of seeds, counted from 0. A seed determines the initial weights, and the order, augmentation and
-            corruption of the training data.
+        seeds: number of seeds, which are numbered from 0. A seed determines the initial weights, and the order,
+            augmentation and corruption of the training data.
         steps: number of updates of each training run; None for the number in the recipe.
         severities: severities to evaluate.
         loaders: number of processes that prepare batches in advance.
@@ -107,7 +107,7 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
 def run_experiment(
     experiment: TrainingExperiment, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
 ) -> Runs | None:
-    """Train and evaluate the missing networks, all arms of a seed before the next seed.
+    """Train and evaluate the missing networks, completing all arms of one seed before starting the next seed.
 
     Several processes can share a folder: each one works on the next network that no other process has claimed, and
     finally waits for the others.
@@ -175,7 +175,7 @@ def _started(
     with claimed(folder) as mine:
         if not mine:
             return None
-        say(f"seed {seed}: from random weights")
+        say(f"seed {seed}: training from random weights")
         return _trained(experiment, seed, None, None, stop)
 
 

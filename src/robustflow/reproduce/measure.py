@@ -25,8 +25,8 @@ def measure_variants(
 
     The result also contains the missing variants, in the same order.
 
-    A model with random weights stands for a method in both settings and is evaluated once. A variant that fails counts
-    as missing, with the reason; the remaining variants still run.
+    A model with random weights represents a method in both settings and is evaluated only once. A variant that fails
+    counts as missing, with the reason; the remaining variants still run.
 
     Args:
         artefact: table or figure to reproduce.

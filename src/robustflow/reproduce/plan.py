@@ -1,4 +1,4 @@
-"""Determine which of the paper's variants can be run here, with which weights, and what the remaining ones require."""
+"""Determine which of the paper's variants can be run here, with which weights, and what the other variants require."""
 
 from __future__ import annotations
 

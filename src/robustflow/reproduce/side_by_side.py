@@ -57,7 +57,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
     differs = setting not in (runnable.variant.setting, "untrained")
     notes = (
         runnable.weights,
-        f"{setting}, not the setting of this line" if differs else "",
+        f"{setting}, not the setting of this row" if differs else "",
         comparison_note(run, beside_published=True),
         "" if len(measured) == len(_of_paper(artefact)) else "the published average is over the same corruptions",
         "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",
@@ -130,8 +130,8 @@ def _with_families(values: MetricValues) -> MetricValues:
 
 
 def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:
-    """Return three lines for each variant with a run (published, here, difference), and one line for each variant
-    without."""
+    """Return three rows for each variant with a run (published, here, difference), and one row for each variant
+    without a run."""
     columns = columns_of(artefact, variants)
     keys = [key for _, key in columns]
     sections = []
@@ -169,7 +169,7 @@ def _difference(published: MetricValues, here: MetricValues, key: tuple[str, str
 
 
 def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:
-    """Return one line per value: setting, model, metric, corruption (or family), published, here, difference, note."""
+    """Return one row per value: setting, model, metric, corruption (or family), published, here, difference, note."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])

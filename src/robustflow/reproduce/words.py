@@ -1,4 +1,4 @@
-"""Messages about variants that cannot be run, how to obtain their weights, and missing data."""
+"""Messages that list the variants that can be run, and how to obtain weights and data for the others."""
 
 from __future__ import annotations
 

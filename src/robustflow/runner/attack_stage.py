@@ -56,8 +56,8 @@ class AttackStage:
         and the sample's key.
 
         Args:
-            targets: for each cell (sample key, attack, severity), its sample with clean frames and ground truth, the
-                flow between the clean frames, float32 (H, W, 2), in pixels, and the cell.
+            targets: one tuple per cell: the sample with its clean frames and ground truth; the flow between the clean
+                frames, float32 (H, W, 2), in pixels; and the cell (sample key, attack, severity).
 
         Raises:
             ModelError: the attack needs gradients, but the model does not provide any.
@@ -117,7 +117,7 @@ def check_attacks(benchmark: Benchmark, seed: int, variant: str, model: AnyModel
 
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
-    """Return the columns that only the rows of attacks have."""
+    """Return the columns that appear only in rows of attacks."""
     capped = median = None
     if sample.flow is not None and sample.valid is not None:
         usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid

@@ -50,8 +50,8 @@ def training_keys(attack: Attack, benchmark: Benchmark, seed: int) -> tuple[str,
     keys = read_split(attack.trains, every)
     if both := [key for key in keys if key in measured]:
         raise UsageError(
-            f"attack {attack.label} would be trained on sample '{both[0]}', which is measured ({len(both)} such "
-            "samples); remove these samples from the file, or measure different ones with --split"
+            f"attack {attack.label} would be trained on sample '{both[0]}', which this run measures ({len(both)} such "
+            "samples in total); remove these samples from the file, or measure different ones with --split"
         )
     return tuple(keys)
 

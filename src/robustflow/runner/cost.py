@@ -12,7 +12,7 @@ from ..runs.run import Run
 
 
 def keep_cost(run: Run, model: Any) -> None:
-    """Store the cost of one prediction of a run's model for its tables and pages, unless the cost is already stored.
+    """Store the cost of one prediction by a run's model for the run's tables and pages, unless it is already stored.
 
     The cost is known only for this project's PyTorch networks; nothing is stored for other models. No flow is
     predicted, so this takes about a second.
@@ -25,7 +25,7 @@ def keep_cost(run: Run, model: Any) -> None:
         DataError: the folder cannot be written.
     """
     if "torch" not in sys.modules or (run.path / PROFILE).exists():
-        # without PyTorch loaded, the model is not a network; importing PyTorch would take longer than a small run
+        # if PyTorch is not loaded, the model cannot be a network; importing it would take longer than a small run
         return
     from ..profiling.counts import count
     from ..profiling.network_of import network_of

@@ -16,8 +16,8 @@ from ..text import file_name
 
 
 def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None = None) -> Path:
-    """Return the default folder of a run: `runs/<benchmark>_<model>_<identity>`, followed by the name of the data if
-    they are a user's own frames, which the identity does not distinguish."""
+    """Return the default folder of a run: `runs/<benchmark>_<model>_<identity>`, followed by the name of the data
+    for a user's own frames, because the identity does not depend on which frames they are."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
     benchmark = plan.benchmark.name
     if moving_name(benchmark) == OWN_FRAMES and data is not None:

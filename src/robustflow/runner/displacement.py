@@ -118,7 +118,7 @@ def _flows(
         sample = benchmark.dataset.load(key)
         if key in digests and frames_digest(sample.frames[:2]) != digests[key]:
             raise RunError(
-                f"{benchmark.name}, sample '{key}': these are not the frames of the run; use the run's --data"
+                f"{benchmark.name}, sample '{key}': these are not the frames of the run; use the --data of the run"
             )
         progress(number, len(benchmark.keys))
         yield _of_truth(benchmark, sample) if model is None else _of_model(model, sample)

@@ -137,7 +137,7 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
 def _error_scale(figure: Figure, axes: Axes) -> None:
     shade = ScalarMappable(LogNorm(LOWEST, HIGHEST), colormaps[COLOUR_MAP])
     bar = figure.colorbar(shade, cax=axes, orientation="horizontal", extend="both")
-    bar.minorticks_off()  # drawing axes would take a quarter of the time for a panel
+    bar.minorticks_off()  # drawing the ticks would take a quarter of the time needed for a panel
     bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} px"))
     bar.ax.tick_params(labelsize=13)
 

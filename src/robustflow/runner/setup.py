@@ -170,7 +170,7 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
 def set_up_frames(
     identity: Identity, data: str | Path | None, data_options: dict[str, Any]
 ) -> tuple[Dataset, RunOptions]:
-    """Return the dataset and options to recompute the frames of a run without its model.
+    """Return the dataset and options needed to recompute the frames of a run without its model.
 
     Raises:
         RunError: the data, the severities or the user's files differ from those of the run.

@@ -79,7 +79,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     """Load the model of a run again.
 
     Raises:
-        RunError: the run's model was a Python object, or the loaded model is a different model.
+        RunError: the run's model was a Python object, or the loaded model is a different one.
         UsageError: the run used flow files, which cannot be used for different frames.
         ModelError: the model cannot be loaded.
     """
@@ -127,7 +127,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
 
 
 def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path) -> Iterator[Submitted]:
-    """Predict FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 and so on; existing flows are kept.
+    """Write the flows to FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 etc.; existing files are kept.
 
     Args:
         model: model from `model_of`.

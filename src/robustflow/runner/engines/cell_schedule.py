@@ -105,8 +105,8 @@ class CellSchedule:
             self._blocked.add(key)
 
     def _choice(self, cells: list[Cell], has_backlog: bool) -> int:
-        """Return the index of the next cell: the clean cell if it remains; with a backlog, the last cell of unknown
-        cost, or the costliest; otherwise the cheapest cell of known cost, or the first."""
+        """Return the index of the next cell: the clean cell if it has not been assigned; with a backlog, the last cell
+        of unknown cost, or the costliest; otherwise the cheapest cell of known cost, or the first."""
         if cells[0][1] == CLEAN:
             return 0
         costs = [self._cost.get(corruption) for _, corruption, _ in cells]

@@ -1,6 +1,6 @@
 """A child process that can be monitored and that exits when its parent does.
 
-Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread of
+Each child has a pipe for messages (kind, value). When the parent dies for any reason, a second pipe closes; a thread in
 the child waits for this, so even a child that hangs inside a model exits.
 """
 
@@ -80,7 +80,7 @@ class Child:
             self._process.join(5)
             code = self._process.exitcode
             if not self._began and code == 1:
-                raise RunError(f"a worker process failed to start; the usual cause: {_UNGUARDED}") from None
+                raise RunError(f"a worker process failed to start; a guard may be missing: {_UNGUARDED}") from None
             raise RunError(
                 f"a worker process exited without an error message (exit code {code}) while computing {doing}; "
                 f"the usual causes are lack of memory or a crash inside the model: {advice}"
@@ -165,7 +165,7 @@ def _no_interrupt() -> Iterator[None]:
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     came: list[
         int
-    ] = []  # a different thread of this process may still receive the signal and make the main thread raise
+    ] = []  # any other thread of this process may still receive the signal, and the main thread would then raise
     in_charge = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
     try:

@@ -38,7 +38,7 @@ class _OpenSample:
     slot_bytes: int
     clean: Answer | None = None
     unmeasured: int = 0
-    """Cells whose flow has not arrived yet, including the clean one."""
+    """Cells whose flow has not arrived yet, including the clean cell."""
 
 
 @dataclass(frozen=True)

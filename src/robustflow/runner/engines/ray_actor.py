@@ -167,8 +167,8 @@ class UnitActor:
                 ) from error
             if here != size:
                 raise DataError(
-                    f"node {self._host}: {os.path.abspath(path)} has {here} bytes there but {size} here; use the same "
-                    "data on every node"
+                    f"node {self._host}: {os.path.abspath(path)} has {here} bytes on that node but {size} bytes on "
+                    "this machine; use the same data on every node"
                 )
 
 

@@ -23,7 +23,7 @@ REACH_S = 10.0
 _STORE_BYTES = 200 * 2**20
 """Size of the object store of a local cluster in bytes, excluding the data sent to every actor; rows are small."""
 _LONGEST_TMP = 30
-"""Maximum length of the path of Ray's folder: Ray puts sockets into it, whose paths may have at most 107 characters."""
+"""Maximum length of the path of Ray's folder, because the paths of its sockets may have at most 107 characters."""
 _SETTINGS = b"\4"
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
 """The client preface of HTTP/2, the protocol of Ray's ports; a server responds with its settings (RFC 9113, 3.4)."""

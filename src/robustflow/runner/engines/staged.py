@@ -108,7 +108,7 @@ class _FeederHandle:
         self._last_key: str | None = None
         self._has_backlog = False
         self._unmade: deque[Cell] = deque()
-        """Cells of the feeder whose frames are not prepared yet, in the order of work."""
+        """Cells assigned to the feeder whose frames are not prepared yet, in processing order."""
 
     def handle_message(self, schedule: CellSchedule) -> FinishedUnit | None:
         """Read one message, and return the unit that it completes, if any."""
