@@ -1,4 +1,4 @@
-"""Error breakdown for rows with known components."""
+"""The error breakdown is correct for rows with known components."""
 
 from __future__ import annotations
 

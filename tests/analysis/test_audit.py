@@ -1,4 +1,4 @@
-"""The audit finds the inconsistencies in the published tables and deliberately added ones, and none in consistent
+"""The audit finds the inconsistencies in the published tables and those added deliberately, but none in consistent
 tables."""
 
 from __future__ import annotations

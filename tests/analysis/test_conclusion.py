@@ -1,5 +1,5 @@
-"""Conclusions from runs on a user's own frames: the run's numbers, the evidence, and no positive conclusion about a
-model that ignores its frames.
+"""Conclusions about a user's own frames state the run's numbers and the evidence, and never favour a model that
+ignores its frames.
 """
 
 from __future__ import annotations

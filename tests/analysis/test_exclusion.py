@@ -33,7 +33,7 @@ _HARD *= 1 / _HARD.mean()
 
 
 def _rows(clean: float, moved: float, motion: float = 50.0, truth: bool = True) -> pl.DataFrame:
-    """Forty images with given mean clean EPE, changes in error and in flow under corruption, and lengths of both
+    """Forty images with the given mean clean EPE, changes in error and in flow under corruption, and lengths of both
     flows."""
     rows = rows_of(clean * _HARD, (clean + moved) * _HARD[:, None] * np.ones(3), moved * _HARD[:, None] * np.ones(3))
     lengths = {name: pl.lit(motion * PIXELS) for name in ("magnitude_sum", "pred_magnitude_sum")}

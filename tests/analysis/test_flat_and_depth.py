@@ -1,4 +1,4 @@
-"""Flat corruptions and their 3D counterparts, on models with given errors."""
+"""Flat corruptions are compared with their 3D counterparts for models with known errors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The observations for the published data, and for synthetic results with known verdicts."""
+"""The observations are checked against the published data and against synthetic results with known verdicts."""
 
 from __future__ import annotations
 
@@ -261,7 +261,7 @@ def test_two_models_or_three_pairs_are_too_little_evidence():
         assert any(part.verdict != "cannot be computed" for part in whole.parts)
         assert thin.verdict == "too little evidence"
         weighed = [part for part in thin.parts if part.verdict != "cannot be computed"]
-        assert all("3 image pairs, at least 20 are needed" in part.message for part in weighed)
+        assert all("3 image pairs, but at least 20 are needed" in part.message for part in weighed)
         assert [part.numbers for part in thin.parts] == [part.numbers for part in whole.parts]
     two = _of_pairs([line for line in published_results() if line.name in ("RAFT", "ARFlow")], 80)
     verdicts = {observation.verdict for observation in observations(two)}

@@ -1,4 +1,4 @@
-"""Ranks are equal to SciPy's; SciPy itself is not imported because that takes a second."""
+"""Ranks match SciPy's; the package itself does not import scipy.stats, because that takes a second."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Runs in tables with the published rows: values, names, settings, and marks."""
+"""Runs listed next to published results have the right values, names, settings and marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sources of a score's variance, the ranking with ties, and the order of models under different conditions."""
+"""Test the sources of a score's variance, rankings with ties, and the order of models under different conditions."""
 
 from __future__ import annotations
 

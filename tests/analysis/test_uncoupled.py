@@ -1,4 +1,4 @@
-"""Log ratios, medians, the increase of Fl and partial correlations compared with float64 loops over images."""
+"""Log ratios, medians, the increase in Fl and partial correlations compared with float64 loops over images."""
 
 from __future__ import annotations
 

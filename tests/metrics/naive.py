@@ -1,4 +1,4 @@
-"""The metrics as plain Python loops over float64 pixels, written from their definitions."""
+"""The metrics implemented as plain Python loops in float64, directly from their definitions."""
 
 import math
 

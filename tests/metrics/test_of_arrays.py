@@ -1,4 +1,4 @@
-"""Metrics of plain arrays match plain loops for every array library, dtype and mask."""
+"""Metrics computed from arrays match plain Python loops for every array library, dtype and mask."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Change rows and manifest of a run as an expert in the format would, with valid digests."""
+"""Edit the rows and manifest of a run as someone who knows the format could, so that all digests remain valid."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from .mean_rows import COUNTS, TWO_IMAGES, row
 
 
 def test_image_averaging_by_hand():
-    """Averaging images first gives clean (1 + 3) / 2; fog 3.5 and 6.5; snow 1.0."""
+    """Averaging each image first gives (1 + 3) / 2 for the clean frames, 3.5 and 6.5 for fog, and 1.0 for snow."""
     summary = summarize(rows_frame(TWO_IMAGES))
     assert summary.epe_clean == 2.0
     fog, snow = summary.corruptions["fog"], summary.corruptions["snow"]
@@ -35,8 +35,8 @@ def test_image_averaging_by_hand():
 
 
 def test_pixel_averaging_by_hand():
-    """Averaging pixels first gives clean (10 + 90) / 40; fog (20 + 150) / 40 and (40 + 270) / 40; snow
-    (0 + 60) / 40.
+    """Pooling all pixels gives (10 + 90) / 40 for the clean frames, (20 + 150) / 40 and (40 + 270) / 40 for fog, and
+    (0 + 60) / 40 for snow.
     """
     summary = summarize(rows_frame(TWO_IMAGES), "pixel")
     assert summary.epe_clean == 2.5

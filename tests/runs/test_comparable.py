@@ -1,4 +1,4 @@
-"""Comparability follows from the rows and the recipe of the frames, and every difference is described."""
+"""Rows and the way frames were made decide which runs are comparable, and every difference is described."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Costs stored with runs: read strictly, shown in the cost table, and ranked only among runs on the same frames."""
+"""Costs stored with runs are validated, shown in the cost table, and ranked only for runs on the same frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from robustflow.sealed import sealed
 
 
 class Shifted:
-    """Predicts a constant flow, which determines its errors."""
+    """A model that predicts the same flow at every pixel, which determines its errors."""
 
     def __init__(self, name: str, shift: float, trained_on: str | None = None) -> None:
         self._name, self._shift = name, shift
@@ -51,7 +51,7 @@ def measured(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def no_exclusions(monkeypatch):
-    """Models that move every pixel alike hardly depend on the frames, but only their ranks are tested here."""
+    """Turn off exclusions, which would apply to models that move every pixel alike; only ranks are tested here."""
     monkeypatch.setattr("robustflow.analysis.run_results.exclusions", lambda runs: [""] * len(runs))
 
 
@@ -160,7 +160,7 @@ def test_a_pipe_is_not_waited_for(runs):
 
 def test_only_the_model_of_the_run(runs):
     check_profiled_model(runs[0], {"name": "one", "device": "cuda", "checkpoint": "abc"})
-    with pytest.raises(UsageError, match='its name is "one", but here it is "two"'):
+    with pytest.raises(UsageError, match='its name is "one", but the given model has "two"'):
         check_profiled_model(runs[0], {"name": "two"})
-    with pytest.raises(UsageError, match="its iterations is null, but here it is 24"):
+    with pytest.raises(UsageError, match="its iterations is null, but the given model has 24"):
         check_profiled_model(runs[0], {"name": "one", "iterations": 24})

@@ -1,4 +1,4 @@
-"""The histogram stored with a run's rows: computed from the ground truth, drawn in its pages, and checked."""
+"""The histogram stored with a run's rows is computed from the ground truth, drawn on the run's pages, and validated."""
 
 import json
 import math

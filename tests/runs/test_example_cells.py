@@ -1,4 +1,4 @@
-"""The cells to draw compared with a plain loop over made-up rows."""
+"""The cells chosen for drawing match those found by a plain loop over made-up rows."""
 
 from __future__ import annotations
 

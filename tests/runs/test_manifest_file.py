@@ -1,4 +1,4 @@
-"""A manifest of the wrong shape is refused in one sentence that names the file and the remedy."""
+"""A manifest with the wrong structure is rejected with a one-sentence message that names the file and the remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cells of a run, written out by hand."""
+"""The planned units and cells of a run match lists written by hand."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Means and report are kept while nothing changes, and never used for different rows."""
+"""Stored means and reports are reused while nothing changes, and never used for different rows."""
 
 import json
 import shutil

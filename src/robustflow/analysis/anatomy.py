@@ -32,12 +32,12 @@ class ErrorPart:
 
     Attributes:
         label: name of the region or the family.
-        share: percent of the valid pixels; None for a family.
+        share: percentage of the valid pixels; None for a family.
         contribution: contribution of a family to the overall CRE, px; negative if it reduces the error. If only the
             paper's corruptions were run, the contributions add up to the CRE. Percentages would be misleading: if one
             family has a negative contribution, the others add up to more than 100 %.
         cre, crer, rcre: means as in the run's summary.
-        broken: net percent of the pixels that became Fl outliers.
+        broken: net percentage of the pixels that became Fl outliers.
     """
 
     label: str

@@ -33,7 +33,7 @@ class Prediction:
         metric: "cre", or "rcre" without ground truth; used for both the corruptions and the attack.
         models: names of the compared models.
         left_out: model name -> reason for leaving the model out.
-        lower_bounds: models whose attack has a warning of `LOWER_BOUND`.
+        lower_bounds: models for which the attack has a warning in `LOWER_BOUND`.
         rho: Spearman's rank correlation; None with fewer than `LEAST_MODELS` models or if one variable is constant.
         interval: 95 % confidence interval of `rho`.
     """
@@ -51,8 +51,8 @@ class Prediction:
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
     """Compute the rank correlation for every attack that at least two runs have in common, in order of appearance.
 
-    A model is left out for an attack if its result has a warning other than `LOWER_BOUND`, and for all attacks if it
-    should not be ranked. Errors are computed over the cells that all runs have in common.
+    A model is left out for an attack if its result has a warning that is not in `LOWER_BOUND`, and for all attacks
+    if it should not be ranked. Errors are computed over the cells that all runs have in common.
 
     Raises:
         RunError: the runs have no frames in common.
@@ -100,7 +100,7 @@ def _warnings(run: Run) -> dict[tuple[str, int], set[str]]:
 
 
 def _common_rows(runs: Mapping[str, Run], attack: str, samples: Collection[str]) -> dict[str, pl.DataFrame]:
-    """Return the rows of an attack that all runs with this attack have in common, with clean rows, by model name."""
+    """Return, by model name, the clean rows and the attack's rows that all runs with this attack have in common."""
     rows = {
         name: run.attack_rows.filter(pl.col("corruption") == attack, pl.col("sample").is_in(list(samples)))
         for name, run in runs.items()

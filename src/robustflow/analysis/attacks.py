@@ -20,7 +20,7 @@ _BEATEN = {
     "square": "square_above_white_box",
     "transfer": "transfer_above_white_box",
 }
-"""Attack -> warning for white-box attacks that are weaker than this attack; a key of `BESIDE_OTHERS`."""
+"""Attack -> key in `BESIDE_OTHERS` of the warning given to white-box attacks that are weaker than this attack."""
 
 
 @dataclass(frozen=True)

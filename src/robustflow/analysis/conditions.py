@@ -174,7 +174,7 @@ def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
 
 
 def _named(parts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> dict[str, str]:
-    """Name each condition after what its runs have in common and the runs of other conditions do not."""
+    """Name each condition after what its runs share and the runs of other conditions lack."""
     shared: dict[str, dict[str, str]] = {}
     for one, key in zip(parts, keys, strict=True):
         known = shared.setdefault(key, dict(one))

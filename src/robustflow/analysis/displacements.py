@@ -1,4 +1,4 @@
-"""The flow-magnitude histograms stored with runs, one per sample set, with labels for a figure."""
+"""Collect the flow-magnitude histograms stored with runs, one per sample set, and label them for a figure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .labels import benchmark_label
 
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
-    """Return the bins for the figure by label, with one histogram per sample set, from ground truth if a run has it."""
+    """Return the figure's histograms by label, one per sample set, computed from the ground truth if a run has it."""
     by_samples: dict[str, DisplacementFile] = {}
     benchmarks: dict[str, str] = {}
     for run in runs:

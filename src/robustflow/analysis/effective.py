@@ -78,7 +78,7 @@ def effective_robustness(
     }
     if not of_setting:
         raise UsageError(
-            f"effective robustness needs {LEAST_MODELS} models in one setting with both clean and corrupted EPE"
+            f"effective robustness needs at least {LEAST_MODELS} models in one setting with clean and corrupted EPE"
         )
     return of_setting
 

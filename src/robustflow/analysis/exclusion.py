@@ -59,7 +59,7 @@ def exclusions(runs: Sequence[Run]) -> list[str]:
             if others and length < ACCURATE_BELOW * median_low(others):
                 reasons[index].append(
                     f"its clean flow is {length:.2f} px long on average, less than half of the "
-                    f"{median_low(others):.2f} px of the other models (median)"
+                    f"{median_low(others):.2f} px median of the other models"
                 )
     return list(map(" and ".join, reasons))
 

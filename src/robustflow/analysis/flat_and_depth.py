@@ -24,7 +24,7 @@ TWINS = (
     ("defocus_blur", "far_focus"),
     ("camera_motion_blur", "motion_blur_3d"),
 )
-"""Pairs of a corruption from the paper and the depth-dependent corruption of the same kind."""
+"""Pairs consisting of a corruption from the paper and its depth-dependent counterpart."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class TwinErrors:
         model: name of the model.
         flat, deep: mean increase in error, or mean change in flow, under each of the two corruptions, px.
         difference: `deep` minus `flat`, px.
-        low, high: ends of the 95 % confidence interval of `difference` over pairs or groups of pairs, px; None with too
-            few of them.
+        low, high: ends of the 95 % confidence interval of `difference` over pairs or groups of pairs, px; None if there
+            are too few.
         excluded: reason why the model is left out of the correlation; "" if it is included.
     """
 

@@ -1,4 +1,4 @@
-"""`ModelResult`: one line of any table, from a run, the paper, or a results file."""
+"""`ModelResult`: one line of a results table, from a run, the paper, or a results file."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class PrintedCost(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class ModelResult:
-    """One line of any table. Values derived from a run's rows are computed on first use and cached.
+    """One line of a results table. Values derived from a run's rows are computed on first use and cached.
 
     Attributes:
         benchmark, setting, name: name of the benchmark, setting (how the training data relate to the benchmark), and

@@ -95,7 +95,7 @@ def _columns(values: Sequence[Sequence[float]]) -> list[float]:
 
 
 def _setting(run: Run) -> str:
-    """Return the model's setting on RobustSpring's frames, whatever benchmark the run used."""
+    """Return the model's setting on RobustSpring's frames, regardless of which benchmark the run used."""
     manifest = run.manifest
     setting = manifest.provenance.on(
         ROBUSTSPRING.dataset, list(manifest.samples), manifest.identity.frames.protocol

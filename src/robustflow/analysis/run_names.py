@@ -25,7 +25,7 @@ _NOT_A_DIFFERENCE = {"name", "spec", "object", "source", "options"}
 
 def run_names(runs: Sequence[Run]) -> list[str]:
     """Give each run a unique name: the model's name, followed by what differs between runs with the same name, such as
-    the benchmark, a model option or the seed, or by the run's digest (and a number) where nothing readable differs."""
+    the benchmark, a model option or the seed, or by the run's digest (and a number) if nothing readable differs."""
     of_name: dict[str, list[int]] = {}
     for index, run in enumerate(runs):
         of_name.setdefault(run.name, []).append(index)

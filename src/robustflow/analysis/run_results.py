@@ -1,4 +1,4 @@
-"""Convert runs to lines of tables: means from run folders, with the remarks that a reader needs before comparing
+"""Convert runs to lines of results tables: means from run folders, with remarks that readers need before comparing
 them."""
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ def run_results(
 ) -> list[ModelResult]:
     """Collect the EPE, CRE, CREr and RCRE of runs, per corruption, clean and average.
 
-    For comparison with published results (`beside_published`), a run with all of the paper's corruptions and additional
-    ones is averaged over the paper's corruptions only (`Summary.paper`). Each corruption has an interval if `detailed`.
+    For comparison with published results (`beside_published`), a run with all of the paper's corruptions plus
+    others is averaged over the paper's corruptions only (`Summary.paper`). Each corruption has an interval if
+    `detailed`.
 
     Runs with the same sample set can be compared. `note` describes what was measured, by default the run's
     `comparison_notes`. Runs with the same name get names that show their differences.

@@ -36,8 +36,8 @@ class CurvePoint:
 
 
 def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
-    """Compute the curve of every attack of a run over all budgets, starting with the clean frames; attacks in the order
-    of the run.
+    """Compute each attack's curve over all budgets, starting with the clean frames; the attacks are in the order of the
+    run.
 
     Args:
         run: run with attacks.

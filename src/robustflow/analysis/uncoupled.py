@@ -168,7 +168,7 @@ def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[f
 
 
 def _images(rows: pl.DataFrame) -> pl.DataFrame:
-    """Build one line per corrupted row with ground truth: EPE, clean EPE over the same pixels, Fl of both, motion."""
+    """Tabulate the corrupted rows that have ground truth: EPE, clean EPE over the same pixels, Fl of both, motion."""
     counted = rows.filter(pl.col("n_valid") > 0)
     clean = counted.filter(pl.col("corruption") == CLEAN).select("sample", _fl="fl_count", _n="n_valid")
     counted = counted.filter(pl.col("corruption") != CLEAN).join(clean, on="sample", maintain_order="left")

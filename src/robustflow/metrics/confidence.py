@@ -91,7 +91,7 @@ def ause(error: Any, confidence: Any) -> float | None:
 def error_at(error: Any, confidence: Any, coverage: float) -> float | None:
     """Return the mean error of the most confident fraction of the pixels, or None if every error is NaN.
 
-    The arrays are the same as for `sparsification`, and so are the errors raised.
+    Takes the same arrays and raises the same errors as `sparsification`.
 
     Args:
         coverage: fraction of the pixels to keep, 0.01 to 1 in steps of 0.01.

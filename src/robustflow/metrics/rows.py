@@ -161,7 +161,7 @@ def measure(
     if pred.shape[:2] != sample.shape or (regions is not None and regions.valid.shape != sample.shape):
         raise DataError(
             f"sample '{sample.key}' is {sample.shape[1]}x{sample.shape[0]}: the prediction "
-            f"(shape {pred.shape}) and the regions must be of that size"
+            f"(shape {pred.shape}) and the regions must have that size"
         )
     if (regions is None) != (sample.flow is None):
         raise DataError(f"sample '{sample.key}': the regions belong to a different sample; pass Regions.of(sample)")

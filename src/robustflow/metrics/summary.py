@@ -12,7 +12,8 @@ from .rows import ROW_SCHEMA_VERSION
 
 Averaging = Literal["image", "pixel"]
 """`image` (as in the paper): average over the pixels of each image, then over the images. `pixel`: average over the
-pixels of all images together. In both cases, then average over severities and finally over corruptions.
+pixels of all images together. In both cases, the results are then averaged over severities and finally over
+corruptions.
 """
 
 METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage", "spread")

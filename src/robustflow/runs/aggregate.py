@@ -200,7 +200,7 @@ def _regions(rows: pl.DataFrame | pl.LazyFrame, where: RowPlaces, averaging: Ave
 
 
 def summary_in_order(summary: Summary) -> Summary:
-    """Sort the keys of a summary read from a file as in a computed one."""
+    """Sort the keys of a summary loaded from a file into the order of a computed summary."""
     return summary.model_copy(
         update={
             "corruptions": {name: summary.corruptions[name] for name in ordered(summary.corruptions)},

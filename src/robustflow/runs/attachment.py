@@ -1,4 +1,4 @@
-"""Read small JSON files stored with a run's rows. Each belongs to exactly one run, and is untrusted."""
+"""Read small JSON files stored with a run's rows. Each file belongs to exactly one run and is untrusted."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Cache the values that pages show about a run, apart from its means, in a hidden file in the run's folder. They are
-valid only for the same rows."""
+valid only for the rows from which they were computed."""
 
 from __future__ import annotations
 

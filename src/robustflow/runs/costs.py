@@ -94,8 +94,8 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
         before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
         if before != here:
             raise UsageError(
-                f"{run.path} has a different model: its {key} is {plain(before)}, but here it is {plain(here)}; "
-                "profile the run's model with the run's options"
+                f"{run.path} has a different model: its {key} is {plain(before)}, "
+                f"but the given model has {plain(here)}; profile the run's model with the run's options"
             )
 
 

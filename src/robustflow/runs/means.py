@@ -1,4 +1,4 @@
-"""Compute means over images, and means of these, exactly and independently of the order: `math.fsum(...) / count`."""
+"""Compute means over images, and means of those means, exactly and regardless of order: `math.fsum(...) / count`."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class RowPlaces:
         return cls(samples, sample_of, out)
 
     def present(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
-        """Return the numbers of samples and conditions, and the number of rows of each sample under each condition."""
+        """Return the index of each sample and condition, and the number of rows of each sample under each condition."""
         count = np.zeros((len(self.samples), len(self.places)), np.int32)
         for number, mine in enumerate(self.places.values()):
             count[:, number] = np.bincount(self.sample_of[mine], minlength=len(self.samples))

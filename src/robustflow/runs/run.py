@@ -184,7 +184,7 @@ class Run:
             note_made(self.path, SUMMARY, self._source)
 
     def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
-        """Return a value that is costly to compute from the rows, from the cache if it was computed from the same rows.
+        """Return a value that is costly to compute, from the cache if the cached value was computed from the same rows.
 
         Args:
             name: name of the value.
@@ -198,8 +198,8 @@ class Run:
         return name in self._cached
 
     def keep(self) -> None:
-        """Store the means and the values computed so far with the run, if its folder can be written; a page of many
-        runs then does not need to read rows."""
+        """Store the means and the values computed so far with the run, if its folder is writable; a page about
+        many runs then does not need to read their rows."""
         try:
             self.write_means()
             self._cached.write()

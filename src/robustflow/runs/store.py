@@ -250,5 +250,5 @@ def _unit_name(unit: Unit) -> str:
 
 
 def _slug(text: str) -> str:
-    """Return a readable file name that is unique to a text."""
+    """Return a readable file name that is unique to the given text."""
     return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest_of_bytes(text.encode(), size=4)}"

@@ -85,7 +85,7 @@ _ABSENT = object()
 
 
 def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Yield the path of every leaf together with its value on each side, where either may be missing."""
+    """Yield the path of every leaf together with its value on each side; either value may be missing."""
     if isinstance(left, dict) and isinstance(right, dict):
         for name in dict.fromkeys((*left, *right)):
             yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))

@@ -1,4 +1,4 @@
-"""Import results that other benchmarks' programs wrote, as lines of tables.
+"""Import results written by the programs of other benchmarks, as lines of results tables.
 
 These results are means without the underlying rows, so they cannot be verified. Every imported line has a note that
 states this (`NOTE`).

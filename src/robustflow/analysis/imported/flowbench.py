@@ -125,7 +125,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]
         if not levels:
             raise DataError(
                 f"FlowBench, {model} {checkpoint} on {dataset}: its corruptions have no severity in common, so their "
-                "means cannot be compared; give files of a single severity"
+                "means cannot be compared; give only files with the same severity"
             )
         values = {name: fsum(errors[name, level] for level in levels) / len(levels) for name in names}
         values[AVERAGE] = fsum(values.values()) / len(names)

@@ -74,7 +74,7 @@ def _weighed(observation: Observation, families: int, pairs: int | None) -> Obse
     few = []
     if families < LEAST_FAMILIES:
         words = counted(families, "family of models", "families of models")
-        few.append(f"{words}, at least {LEAST_FAMILIES} are needed")
+        few.append(f"{words}, but at least {LEAST_FAMILIES} are needed")
     if pairs is not None and pairs < LEAST_PAIRS:
-        few.append(f"{counted(pairs, 'image pair')}, at least {LEAST_PAIRS} are needed")
+        few.append(f"{counted(pairs, 'image pair')}, but at least {LEAST_PAIRS} are needed")
     return without_verdict(observation, "; ".join(few)) if few else observation

@@ -60,7 +60,7 @@ class Margin:
 
     @property
     def in_px(self) -> str:
-        """The text of a number in pixels.
+        """The margin of a number in pixels, as text.
 
         >>> Margin(1.45, 0.921, 1.983, "9 families").in_px
         '+1.45 px [+0.92, +1.98] over 9 families'

@@ -215,7 +215,7 @@ def cost_considered(evidence: Evidence) -> Observation:
         for setting in ("ood", "id")
     }
     known = any("CSFlow" in ranked for ranked in csflow.values())
-    single = "one rank for each model, so no interval"
+    single = "only one rank for each model, so there is no interval"
     parts = [
         part(claim, gap.verdict, f"{message}; supervised - unsupervised {gap}", True),
         part("ARFlow ranks first", UNKNOWN if first is None else THIN, f"rank {first}; {single}"),

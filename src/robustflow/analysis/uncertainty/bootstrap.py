@@ -36,7 +36,7 @@ _BLOCK = 2**22
 """Number of weights in one block. Resamples are drawn in blocks to limit memory use."""
 
 _WIDTH = 512
-"""Maximum number of columns multiplied by the weights at a time."""
+"""Maximum number of columns to multiply by the weights at a time."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -72,7 +72,7 @@ def bootstrap(
     """Compute intervals and p-values for several statistics from the same data and the same resamples.
 
     Args:
-        statistics: name -> statistic, all over the same clusters.
+        statistics: name -> statistic; all statistics must be over the same clusters.
         clusters: number of clusters, G.
         level: confidence level of the intervals, at least 0.5 and below 1.
         resamples: number of resamples; the p-value cannot be below 1 / (resamples + 1).
@@ -94,7 +94,7 @@ def bootstrap(
     if not 0.5 <= level < 1:
         raise UsageError(f"a level of {level:g} is not a confidence level: it must be at least 0.5 and below 1")
     if not 99 <= resamples <= 1_000_000:
-        raise UsageError(f"{resamples} resamples are out of range: give 99 to 1000000")
+        raise UsageError(f"{resamples} resamples is out of range: give a number from 99 to 1000000")
     whole = np.ones((1, clusters))
     estimates_of = {key: statistic(whole) for key, statistic in statistics.items()}
     if not enough_clusters(clusters, level):

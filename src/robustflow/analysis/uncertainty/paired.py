@@ -39,7 +39,7 @@ COMPARISON_SCHEMA: dict[str, Any] = {
     "level": pl.Float64,
     "sentence": pl.String,
 }
-"""`difference` is first minus second, so negative if the first is lower. `p_holm` is corrected for `comparisons`
+"""`difference` is first minus second, and thus negative if the first is lower. `p_holm` is corrected for `comparisons`
 tests."""
 
 
@@ -55,7 +55,7 @@ def compare_rows(
     """Test whether two models differ in clean EPE and in EPE, CRE, CREr and RCRE, on average and per corruption.
 
     Only measurements on the same frames and ground truth are compared (`runs.comparable`). p-values are corrected over
-    all lines of one metric.
+    all rows of one metric.
 
     Args:
         first, second: rows of two runs over the same samples.
@@ -90,10 +90,10 @@ def compare_all(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Compare all pairs of models in the average of one metric, corrected over all pairs (`COMPARISON_SCHEMA`).
+    """Compare all pairs of models on the average of one metric, corrected over all pairs (`COMPARISON_SCHEMA`).
 
     Only measurements of all models on the same frames and ground truth are compared, so a model has the same value in
-    every line.
+    every row.
 
     Raises:
         RunError: if the runs have nothing in common on the same frames and ground truth.

@@ -70,7 +70,7 @@ def difference_sentence(
 
 
 def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float | None) -> str:
-    """Explain what the lower value means. The gaps are those of the model with the lower value minus those of the other
+    """Explain what the lower value means. Each gap is the value of the model that `lower` names minus that of the other
     model. Only RCRE measures how much a flow changes."""
     if metric == "epe":
         return f"{lower} is more accurate"

@@ -70,7 +70,7 @@ class Mean:
         return self.total @ placed, self.count[:, [places.index(place) for place in range(len(column_of))]]
 
     def estimates(self, weights: Array) -> Estimates:
-        """Compute the estimates and the influence of each cluster, for weights of float64 (B, G)."""
+        """Compute the estimates and the influence of each cluster for the given weights, float64 (B, G)."""
         return weighted_means(self.total, self.count, self.share, weights)
 
 

@@ -118,9 +118,9 @@ class ClusterSums:
 
 
 def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return one line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe,
-    cre and rcre in pixels, null where nothing could be measured. Both errors in CRE are over the same pixels; without
-    ground truth, RCRE is over all pixels."""
+    """Tabulate, for each row of a run, the sample, group, corruption, severity and frames_digest, and the image's mean
+    epe, cre and rcre in pixels, null where nothing could be measured. Both errors in CRE are over the same pixels;
+    without ground truth, RCRE is over all pixels."""
     without_truth = pl.col("n_valid").is_null()
     images = rows.select(
         "sample",
