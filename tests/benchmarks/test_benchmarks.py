@@ -1,4 +1,4 @@
-"""The samples and corruptions of a benchmark; export and reading back."""
+"""Test the samples and corruptions of benchmarks, and that exported benchmarks can be read back."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
 
 @pytest.fixture
 def only_noc(kitti, tmp_path):
-    """The same pairs with only `flow_noc/`."""
+    """A folder with the same pairs, but only with `flow_noc/`."""
     root = tmp_path / "noc"
     for folder in ("image_2", "flow_noc"):
         shutil.copytree(kitti / "training" / folder, root / "training" / folder)
@@ -234,9 +234,9 @@ def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_p
 
 def test_a_folder_of_another_data_set_is_named(kitti, tmp_path):
     (tmp_path / "training" / "colored_0").mkdir(parents=True)
-    with pytest.raises(DataError, match="looks like that of --benchmark kitti2012"):
+    with pytest.raises(DataError, match="looks like the data of --benchmark kitti2012"):
         load_benchmark("kitti-fc", tmp_path)
-    with pytest.raises(DataError, match="looks like that of --benchmark kitti-fc"):
+    with pytest.raises(DataError, match="looks like the data of --benchmark kitti-fc"):
         load_benchmark("sintel", kitti)
 
 
@@ -254,8 +254,8 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
 
 
 def test_an_identity_is_the_same_from_version_to_version(kitti):
-    """The hashed content, written out. Changing it restarts every run from scratch, so it must never change by
-    mistake.
+    """Compare the hashed content with its literal value. Changing it restarts every run from scratch, so it must never
+    change by mistake.
     """
     benchmark = load_benchmark("kitti-fc", kitti)
     common = Plan(benchmark, RunOptions(seed=3, common_draws=True), {"name": "dis"}).identity()

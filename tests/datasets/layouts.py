@@ -44,7 +44,7 @@ def mask(path: Path, values: np.ndarray) -> None:
 
 
 def kitti(folder: Path, keys: list[str], images: str = "image_2", noc: bool = True, occ: bool = True) -> None:
-    """Pairs in KITTI's layout, with the first column occluded and the last row unknown."""
+    """Write pairs in KITTI's layout, with the first column occluded and the last row unknown."""
     known = np.ones((HEIGHT, WIDTH), bool)
     known[-1] = False
     visible = known.copy()

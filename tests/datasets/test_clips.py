@@ -1,4 +1,4 @@
-"""Frames around a pair, in every dataset that has them."""
+"""Test the frames around a pair for every dataset that provides them."""
 
 import pickle
 

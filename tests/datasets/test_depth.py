@@ -1,4 +1,4 @@
-"""Depth of samples: filled in, warped to frame 2, and read from the files of datasets."""
+"""Test that the depth of samples is filled in, warped to frame 2, and read from the files of datasets."""
 
 import io
 
@@ -220,7 +220,7 @@ def test_without_a_focal_length_it_is_the_longer_side_of_the_frames(tmp_path, sh
 
 
 def hostile_maps():
-    """Files that are not depth maps, and the messages about them."""
+    """Files that are not valid depth maps, and the expected error messages."""
     pickled = io.BytesIO()
     np.save(pickled, np.array([[{"a": 1}]]), allow_pickle=True)
     header = io.BytesIO()

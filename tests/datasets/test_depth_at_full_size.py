@@ -1,4 +1,4 @@
-"""Depth and cameras read from full-size files that independent code writes: Pillow, h5py or plain bytes."""
+"""Read depth and cameras from full-size files written by independent code: Pillow, h5py or plain bytes."""
 
 import struct
 from array import array
@@ -36,8 +36,8 @@ P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.2
 
 
 def test_kitti_at_full_size_has_the_depth_of_the_development_kits_formula(tmp_path):
-    """Depth is 721.5377 px times 0.5327 m / (value / 256), with files written by Pillow, and a calibration in
-    KITTI's format.
+    """Depth is 721.5377 px times 0.5327 m / (value / 256), for files written by Pillow and a calibration in KITTI's
+    format.
     """
     shape, training = (375, 1242), tmp_path / "training"
     for number in (10, 11):
@@ -62,7 +62,7 @@ def test_kitti_at_full_size_has_the_depth_of_the_development_kits_formula(tmp_pa
 
 
 def test_sintel_at_full_size_has_the_depth_and_cameras_of_its_development_kits_layout(tmp_path):
-    """The files are packed byte by byte: tag, width, height and rows; tag, 3x3 and 3x4 matrices."""
+    """The files are packed byte by byte: tag, width, height and rows for depth; tag and two matrices for cameras."""
     shape, training = (436, 1024), tmp_path / "training"
     metres = 300 / (1 + at_full_size(shape))
     lens = [1120.0, 0.0, 511.5, 0.0, 1120.0, 217.5, 0.0, 0.0, 1.0]
@@ -111,7 +111,7 @@ def test_tartanair_at_full_size_moves_the_camera_along_the_axes_of_a_north_east_
 
 
 def test_spring_at_full_size_has_the_depth_of_its_formula_and_a_sky_at_10_km(tmp_path):
-    """Maps of 3840x2160 values in pixels of the frames; depth is fx times 0.065 m / disparity."""
+    """Disparity maps have 3840x2160 values, in pixels of the frames; depth is fx times 0.065 m / disparity."""
     h5py = pytest.importorskip("h5py")
     shape, sequence = (1080, 1920), tmp_path / "train" / "0001"
     disparity = at_full_size((2160, 3840)).astype(np.float32)

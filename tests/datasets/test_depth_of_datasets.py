@@ -1,4 +1,4 @@
-"""Depth and cameras from the files of datasets, in their own formats, for a scene of planes in front of a moving
+"""Read depth and cameras from files in each dataset's own format, for a scene of planes in front of a moving
 camera.
 """
 

@@ -1,4 +1,4 @@
-"""A user's own frames: images, folders of images, videos."""
+"""Test a user's own frames as a dataset: images, folders of images, and videos."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_a_video_cut_short_is_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
-    """By default, decoding covers up a changed byte with earlier content."""
+    """With default settings, FFmpeg conceals a changed byte with earlier content."""
     write_video(tmp_path / "a.mp4", 30, 10, crf="5")
     whole, expected = (tmp_path / "a.mp4").read_bytes(), decoded(tmp_path / "a.mp4")
     start, changed, taken = whole.index(b"mdat") + 900, 0, 0
@@ -224,5 +224,5 @@ def test_a_part_of_frames(tmp_path: Path) -> None:
     for number in range(6):
         picture(tmp_path / f"{number}.png")
     assert load_dataset("folder", tmp_path, start=2, stop=5).keys() == ["2", "3"]
-    with pytest.raises(UsageError, match="images have no times"):
+    with pytest.raises(UsageError, match="images have no timestamps"):
         load_dataset("folder", tmp_path, start="1s")

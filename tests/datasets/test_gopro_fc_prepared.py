@@ -1,4 +1,4 @@
-"""GoPro-FC as a dataset: prepared folder, released folder, and all 24 corruptions end to end."""
+"""Test GoPro-FC as a dataset: the prepared folder, the released folder, and all 24 corruptions end to end."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def test_two_images_are_not_enough():
 
 
 def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
-    """From a prepared folder to the printed table, and the same rows with two workers."""
+    """Run from a prepared folder to the printed table; two workers produce the same rows."""
     tables = []
     for workers in (1, 2):
         with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""The table of drives compared with the facts in the development kit's documentation."""
+"""Compare the table of drives with the facts in the development kit's documentation."""
 
 from itertools import pairwise
 
@@ -23,7 +23,7 @@ def test_the_evaluated_pairs_in_drives():
     known = drives("kitti2015")
     mapped = [key for key in evaluation if key in known]
     assert (len(mapped), len({known[key] for key in mapped})) == (56, 22)
-    assert len(related(evaluation, training)) == 45  # four in five
+    assert len(related(evaluation, training)) == 45  # four in five evaluated pairs
     assert len({drive_groups("kitti2015")[key] for key in evaluation}) == 30
 
 

@@ -1,4 +1,4 @@
-"""Readers of KITTI and KITTI-FC on small folders: the files that belong together, and refused input."""
+"""Readers of KITTI and KITTI-FC find the files that belong together in small folders, and reject invalid input."""
 
 from __future__ import annotations
 

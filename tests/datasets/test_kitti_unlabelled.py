@@ -1,4 +1,4 @@
-"""KITTI's multi-view extension and raw data: their pairs, and the messages for a wrong folder."""
+"""Test the pairs of KITTI's multi-view extension and raw data, and the messages for a wrong folder."""
 
 from __future__ import annotations
 

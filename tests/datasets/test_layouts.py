@@ -1,4 +1,4 @@
-"""Readers of datasets other than KITTI on small folders: the files that belong together, and refused input."""
+"""Readers of non-KITTI datasets find the files that belong together in small folders, and reject invalid input."""
 
 from __future__ import annotations
 
@@ -296,7 +296,7 @@ def test_gopro_plain_sequences(tmp_path: Path) -> None:
         picture(tmp_path / "GOPR0384_11_00" / f"{number:06d}.png")
     dataset = load_dataset("gopro", tmp_path)
     assert dataset.keys() == ["GOPR0384_11_00/000001", "GOPR0384_11_00/000009"]
-    refused("gopro", tmp_path / "GOPR0384_11_00", "a single sequence; give the folder above it")
+    refused("gopro", tmp_path / "GOPR0384_11_00", "a single sequence; give its parent folder")
 
 
 ROOTS = {

@@ -19,7 +19,7 @@ MANIFEST = shared_root() / "data" / "MANIFEST.md"
 
 
 class Row(NamedTuple):
-    """A line of the manifest's table of pairs with ground truth."""
+    """A row of the manifest's table of pairs with ground truth."""
 
     folder: str
     truth: str

@@ -1,4 +1,4 @@
-"""Every dataset opens by its name, checks its options, and is a sequence."""
+"""Every dataset can be opened by its name, checks its options, and behaves like a sequence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RobustSpring's corrupted frames as a benchmark: its pairs, files and names."""
+"""Test RobustSpring's corrupted frames as a benchmark: pairs, files and names."""
 
 from __future__ import annotations
 

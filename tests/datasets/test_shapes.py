@@ -1,4 +1,4 @@
-"""Flying shapes: exact flow, occlusion compared with brute force, the same bytes everywhere."""
+"""Flying shapes have exact flow, occlusion that agrees with a brute-force test, and the same bytes on every machine."""
 
 import hashlib
 import pickle

@@ -1,4 +1,4 @@
-"""Splits do not depend on order, and invalid ones are refused."""
+"""Splits do not depend on the order of the keys, and invalid splits are rejected."""
 
 from __future__ import annotations
 

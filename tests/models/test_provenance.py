@@ -126,7 +126,7 @@ def test_in_domain_is_granted_by_the_evaluated_pairs():
 def test_a_near_duplicate_is_noted():
     keys = [f"{number:06d}" for number in range(200)]
     near = _on_kitti("K:train", kitti_split(keys).evaluation)
-    assert near.note == "pairs: 45 of the 56 evaluated with a known drive share it with training pairs"
+    assert near.note == "pairs: 45 of the 56 evaluated with a known drive share that drive with training pairs"
     apart = _on_kitti("K:drive-disjoint", drive_disjoint_split(keys).evaluation)
     assert apart.setting == "ID"
     assert not apart.note

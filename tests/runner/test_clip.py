@@ -195,7 +195,8 @@ def test_another_window_is_another_run(clip_folder, tmp_path):
 def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_path):
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     with pytest.raises(
-        UsageError, match=r"needs 5 frames, but 'motorcycle' contains only pairs; data with clips: .*sintel, .*folder"
+        UsageError,
+        match=r"needs 5 frames, but 'motorcycle' contains only pairs; datasets with clips: .*sintel, .*folder",
     ) as e:
         rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **chosen)
     assert "\n" not in str(e.value)

@@ -100,7 +100,7 @@ def test_lost_tail_and_middle(tmp_path):
 
 def test_unreadable_stream_is_one_clear_error(tmp_path):
     clip = clips.clip(tmp_path / "a.mp4", 10)
-    with pytest.raises(DataError, match=r"none of the 10 frames .* choose a milder severity"):
+    with pytest.raises(DataError, match=r"none of the 10 frames .* choose a lower severity"):
         decode(clip, ruined(read_packets(clip), set(range(10))))
 
 

@@ -1,4 +1,4 @@
-"""Encoding and decoding: lossless encoding, time stamps, a single thread, and reproducible files."""
+"""Test encoding and decoding: lossless encoding, time stamps, single-threaded use, and reproducible files."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""RGB <-> I420 compared with the definition in the standard, in floating point, and with FFmpeg's converter."""
+"""Compare RGB <-> I420 conversion with the standard's definition in floating point and with FFmpeg's converter."""
 
 from __future__ import annotations
 

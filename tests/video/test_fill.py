@@ -1,4 +1,4 @@
-"""Filling of lost frames compared with a simple definition of the result, for any loss and any order."""
+"""Compare the filling of lost frames with a simple definition of the result, for any loss and any order."""
 
 from __future__ import annotations
 

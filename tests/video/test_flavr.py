@@ -1,4 +1,4 @@
-"""FLAVR: the network and the interpolator."""
+"""Test the FLAVR network and the interpolator that uses it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Interpolation: positions of frames, and the flow-based method on a scene with known ground truth."""
+"""Test interpolation: the positions of frames, and the flow-based method on a scene with known ground truth."""
 
 from __future__ import annotations
 

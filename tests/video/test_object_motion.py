@@ -1,4 +1,4 @@
-"""Object motion blur: arithmetic, and deviation from the exact time integral of a moving scene."""
+"""Test object motion blur: its arithmetic, and its deviation from the exact time integral of a moving scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preparing clips: reproducible files and rejected input."""
+"""Preparing clips produces reproducible files and rejects invalid input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rolling shutter: source frame for each row, and deviation from a moving scene."""
+"""Test rolling shutter: the source frame of each row, and the deviation from an exact rendering of a moving scene."""
 
 from __future__ import annotations
 

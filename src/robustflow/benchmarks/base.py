@@ -55,7 +55,7 @@ class Benchmark:
 
     @property
     def depths(self) -> Depths | None:
-        """Return the source of depth for the samples, or None without depth."""
+        """Return the source of depth for the samples, or None if there is no depth."""
         if self.own_depth is not None and not isinstance(self.dataset, Still):
             return self.own_depth
         return self.dataset if isinstance(self.dataset, Depths) else None
@@ -152,7 +152,7 @@ class Benchmark:
         if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
             return
         if len(parts) > 1:
-            raise UsageError(f"{name} cannot be made: a corruption of the whole clip cannot be stacked")
+            raise UsageError(f"{name} cannot be created: a corruption of the whole clip cannot be stacked")
         videos = [file for file in self.dataset.files(self.keys[0]) if file.suffix.lower() in VIDEO_SUFFIXES]
         video = f" --data {videos[0]}" if videos else ", which also accepts a video file"
         instead = getattr(load_corruption(name), "instead", "")
@@ -167,11 +167,11 @@ def _several(given: Any) -> Iterable[Any]:
 
 
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:
-    """Select `limit` keys spread evenly over all keys, in the same order; return all keys if there are no more, or if
-    `limit` is None.
+    """Select `limit` keys spread evenly over all keys, in the same order; return all keys if there are at most
+    `limit`, or if `limit` is None.
 
-    The first key is in the middle, the next keys at the quarters, then at the eighths, so that a larger limit only adds
-    keys and a run can be extended in the same folder.
+    The middle key is chosen first, then those at the quarters, then those at the eighths, so that a larger limit only
+    adds keys and a run can be extended in the same folder.
 
     >>> [spread("abcdefgh", limit) for limit in (1, 3, 5)]
     [('e',), ('c', 'e', 'g'), ('b', 'c', 'e', 'f', 'g')]

@@ -34,7 +34,7 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
         protocol |= NON_OCCLUDED
         warnings.warn(
             f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is easier "
-            f"than {facts.title}'s usual ground truth; unpack flow_occ/ there to use that",
+            f"than {facts.title}'s usual ground truth; unpack flow_occ/ there to use it",
             stacklevel=5,
         )
     about = facts_of_dataset(facts)

@@ -15,9 +15,9 @@ from ..validated import Frozen
 
 
 class QuickSubset(Frozen):
-    """A subset of a benchmark's corruptions and severities that ranks models almost like the full set; means over it
-    are estimates. The subset was chosen by two rankings: one of published models, whose tables do not list severities,
-    and one of models evaluated on different pairs.
+    """A subset of a benchmark's corruptions and severities that ranks models almost as the full set does; means over
+    the subset are estimates. It was chosen using two rankings: one of published models, whose tables do not list
+    severities, and one of models evaluated on different pairs.
 
     Attributes:
         corruptions, severities: corruptions and severities of the subset; every corruption is run at each severity.
@@ -142,7 +142,7 @@ def is_still(benchmark: str) -> bool:
 
 
 def sample_noun(benchmark: str) -> str:
-    """Return the noun for a benchmark's samples when they are counted.
+    """Return the noun used when a benchmark's samples are counted.
 
     >>> sample_noun("sintel-still"), sample_noun("sintel")
     ('still frame', 'pair')
@@ -174,7 +174,7 @@ def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
 
 def check_still(name: str, facts: BenchmarkFacts) -> None:
     """Raise if still scenes under a benchmark's name would be misleading, because the name implies certain pairs and
-    ground truth, like those of the paper's benchmarks.
+    ground truth, as do the names of the paper's benchmarks.
 
     Raises:
         UsageError: the name implies pairs and ground truth.

@@ -68,8 +68,8 @@ def _prepared(dataset: GoProFCPrepared) -> Benchmark:
         if span is not None:
             warnings.warn(
                 f"{clip.name} has {float(clip.master.fps):g} frames per second, so object_motion_blur averages over up "
-                f"to {float(span):.2f} s instead of 0.03 s as at the paper's 960, and the readout of rolling_shutter "
-                "takes as long; prepare it with --factor to shorten both",
+                f"to {float(span):.2f} s instead of 0.03 s as at the paper's 960 frames per second, and the readout "
+                "of rolling_shutter takes equally long; prepare it with --factor to shorten both",
                 stacklevel=2,
             )
     protocol = {"frames": "prepared", "clips": dataset.identity()}

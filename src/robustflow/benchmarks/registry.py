@@ -107,7 +107,7 @@ def _loaded(name: str, data: str | Path | None, split: str | Path | None, option
         fitting = benchmark_of_folder(root) if root is not None else None
         if fitting is None or fitting == name:
             raise
-        raise DataError(f"{error}; this folder looks like that of --benchmark {fitting}") from error
+        raise DataError(f"{error}; this folder looks like the data of --benchmark {fitting}") from error
 
 
 def _benchmark_of(root: Path) -> str:
@@ -121,7 +121,7 @@ def _benchmark_of(root: Path) -> str:
         raise DataError(f"{root}: no such file or folder; check the path")
     if (fitting := benchmark_of_folder(root)) is not None:
         raise UsageError(
-            f"{root} looks like the data of {fitting}: give --benchmark {fitting}, or another one that reads it "
+            f"{root} looks like the data of {fitting}: give --benchmark {fitting} or another that reads it "
             "(see robustflow list datasets)"
         )
     return "folder"

@@ -102,7 +102,7 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
     near = related(known, trained)
     if not near:
         return "ID", ""
-    return "ID", f"{len(near)} of the {len(known)} evaluated with a known drive share it with training pairs"
+    return "ID", f"{len(near)} of the {len(known)} evaluated with a known drive share that drive with training pairs"
 
 
 def _raw_note(training_set: str, keys: Collection[str]) -> str:

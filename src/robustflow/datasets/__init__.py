@@ -1,4 +1,4 @@
-"""Dataset readers, one for each dataset, for the layout in which it is distributed."""
+"""Dataset readers: one per dataset, each for the layout in which the dataset is distributed."""
 
 from .base import Dataset, FromClips, PreCorrupted
 from .facts import DatasetFacts

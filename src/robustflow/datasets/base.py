@@ -59,7 +59,7 @@ class PreCorrupted(Protocol):
 
 @runtime_checkable
 class Depths(Protocol):
-    """Source of the depth of samples: a dataset with depth, or the user's depth maps."""
+    """A source of depth for samples: a dataset with depth, or the user's depth maps."""
 
     def depth(self, sample: Sample) -> SceneDepth:
         """Return the depth of a loaded sample.
@@ -80,7 +80,7 @@ class Depths(Protocol):
 def no_depth(corruption: str, dataset: str) -> UsageError:
     """Return the error for a corruption that needs depth on a dataset without depth."""
     return UsageError(
-        f"{corruption} needs scene depth, which '{dataset}' does not have: choose a dataset that has it "
+        f"{corruption} needs scene depth, which '{dataset}' does not have: choose a dataset with depth "
         "('robustflow list datasets'), or give your own maps with --depth DIR"
     )
 

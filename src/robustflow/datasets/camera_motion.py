@@ -21,7 +21,7 @@ from ..sample import Camera, Flow, Mask
 _MOST, _LEAST = 20_000, 50
 """Maximum number of points used, and minimum number required."""
 _SCALES = (*(64.0 / 2**step for step in range(7)), *(1.0,) * 12)
-"""The value of c in each step, in pixels."""
+"""The value of c at each step, in pixels."""
 
 
 Matrix = npt.NDArray[np.float64]

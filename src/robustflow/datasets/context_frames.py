@@ -1,8 +1,8 @@
 """The frames around a pair, for multi-frame models: find and read them, corrupt them with the pair's random draw, and
 put them in order.
 
-Within a run these frames follow the pair, so that everything that uses a pair (metrics, digests, pictures) sees the
-same bytes as with a two-frame model.
+Within a run, these frames come after the two frames of the pair, so that everything that uses a pair (metrics,
+digests, pictures) sees the same bytes as with a two-frame model.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
         return None
     raise UsageError(
         f"this model needs {window.before + 2 + window.after} frames, but '{dataset.name}' contains only pairs; "
-        f"data with clips: {_with_clips()}"
+        f"datasets with clips: {_with_clips()}"
     )
 
 
 def _with_clips() -> str:
-    """Return the names of the datasets with additional frames around their pairs as text, starting with those that
+    """Return, as text, the names of the datasets with additional frames around their pairs, starting with those that
     always have them."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}
     with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
@@ -80,7 +80,7 @@ class ContextFrames:
         for number, frame in around.items():
             if frame.shape != sample.frames[0].shape:
                 raise DataError(
-                    f"sample '{sample.key}': the frame {number} steps from its first is {frame.shape[1]}x"
+                    f"sample '{sample.key}': the frame {number} steps from its first frame is {frame.shape[1]}x"
                     f"{frame.shape[0]}, but the pair is {sample.shape[1]}x{sample.shape[0]}; all frames of a clip must "
                     "have the same size"
                 )
@@ -89,7 +89,7 @@ class ContextFrames:
     def corrupt(
         self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
     ) -> tuple[Frame, ...]:
-        """Return the frames of a sample from `add`, corrupted as one clip."""
+        """Return the frames of a sample returned by `add`, corrupted as one clip."""
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
         clip = corrupt_clip(

@@ -101,7 +101,7 @@ def table_of(path: Path, columns: int) -> npt.NDArray[np.float64]:
         why = getattr(error, "strerror", None) or first_line(error)
         raise DataError(f"{path}: cannot be read as numbers ({why}); restore the file") from error
     if table.ndim != 2 or table.shape[1] != columns or not np.isfinite(table).all():
-        raise DataError(f"{path}: not {columns} numbers in every line; restore the file")
+        raise DataError(f"{path}: expected {columns} numbers on every line; restore the file")
     return table
 
 

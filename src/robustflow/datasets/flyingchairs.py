@@ -71,7 +71,7 @@ def _marks(folder: Path, numbers: list[int]) -> list[str]:
     path = next((place for place in places if place.is_file()), None)
     if path is None:
         raise DataError(
-            f"{folder}: no {' or '.join(_SPLIT_FILES)} in it or in its parent folder; add it, or use split 'all'"
+            f"{folder}: no {' or '.join(_SPLIT_FILES)} here or in the parent folder; add one, or use split 'all'"
         )
     marks = path.read_text(errors="replace").split()
     if not set(marks) <= {"1", "2"} or len(marks) < max(numbers):

@@ -6,7 +6,7 @@
 Or the authors' subset for optical flow, without the most extreme scenes:
 
     train/image_clean/left/0000000.png ...          (or image_final; val for the test scenes)
-    train/flow/left/into_future/0000000.flo ...     none at the end of a scene
+    train/flow/left/into_future/0000000.flo ...     none for the last frame of a scene
 
 Source: Mayer et al., CVPR 2016.
 """

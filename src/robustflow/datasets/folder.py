@@ -35,7 +35,7 @@ ALONE = "frames"
 
 
 class FrameFolder(PairDataset):
-    """Pairs from a folder of frames, or from every folder of frames inside one.
+    """Pairs from a folder of frames, or from every folder of frames inside a folder.
 
     Args:
         root: path of the folder.
@@ -107,7 +107,7 @@ def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
 def _frame_number(option: str, value: Position) -> int | None:
     chosen = position(option, value)
     if isinstance(chosen, float):
-        raise UsageError(f"{option} {value}: images have no times; give a frame number, counted from 0")
+        raise UsageError(f"{option} {value}: images have no timestamps; give a frame number, counted from 0")
     return chosen
 
 

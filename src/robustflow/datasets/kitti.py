@@ -209,7 +209,7 @@ def _calibration(path: Path) -> tuple[Camera, float]:
         raise DataError(f"{path}: no calibration with P_rect_02 and P_rect_03; restore the file") from error
     scale = at_left - at_right
     if not all(0 < value < 1e6 for value in (fx, fy, scale)):
-        raise DataError(f"{path}: a focal length or baseline is not above 0; restore the file")
+        raise DataError(f"{path}: a focal length or baseline is not positive; restore the file")
     return Camera((fx, fy), (cx, cy)), scale
 
 

@@ -75,7 +75,7 @@ class Motorcycle(Samples):
         return Sample(key, (read_image(self._files[0]), read_image(self._files[1])), *self._truth())
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. The camera motion is the baseline, to the right."""
+        """See `Depths.depth`. The camera moves to the right by the baseline."""
         flow, valid = self._truth()
         depth = np.zeros(valid.shape, np.float32)
         depth[valid] = _FOCAL * _BASELINE / (_OFFSET - flow[valid, 0].astype(np.float64))

@@ -80,8 +80,8 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
 
 
 def own_source(target: str, made: object) -> str:
-    """Return a hash, 16 hexadecimal digits, of the source of a user's object: its class, and the module in the
-    target."""
+    """Return a hash (16 hexadecimal digits) of the source code of a user's object: its class, and the module named
+    in the target."""
     return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
 
 

@@ -42,9 +42,9 @@ class OwnDepth:
     def __init__(self, folder: str | Path, dataset: Dataset, focal: float | None = None) -> None:
         self._folder, self._dataset = user_path(folder), dataset
         if not self._folder.is_dir():
-            raise UsageError(f"--depth {self._folder}: no such folder; give the folder that has a map for every frame")
+            raise UsageError(f"--depth {self._folder}: no such folder; give the folder with a map for every frame")
         if focal is not None and (isinstance(focal, bool | str) or not 0 < focal < float("inf")):
-            raise UsageError(f"--focal {focal}: give the focal length in pixels, above 0")
+            raise UsageError(f"--focal {focal}: give a positive focal length in pixels")
         self._focal = focal
 
     def depth(self, sample: Sample) -> SceneDepth:
@@ -61,7 +61,7 @@ class OwnDepth:
 
     @cached_property
     def digest(self) -> str:
-        """Return a hash, 16 hexadecimal digits, of the maps of all samples and the focal length."""
+        """Return a hash (16 hexadecimal digits) of the maps of all samples and of the focal length."""
         whole = hashlib.blake2b(repr(self._focal).encode(), digest_size=8)
         for key in list(self._dataset.keys()):
             for frame in self._frames(key):
@@ -104,8 +104,8 @@ class OwnDepth:
         frames = tuple(Path(name) for name in names if isinstance(name, Path))
         if len(frames) != 2 or any(frame.suffix.lower() not in IMAGE_SUFFIXES for frame in frames):
             raise UsageError(
-                f"--depth needs maps named like the files of the frames, but those of '{dataset.name}' are not "
-                "images; give a folder of images"
+                f"--depth needs maps named like the files of the frames, but the files of '{dataset.name}' are "
+                "not images; give a folder of images"
             )
         return frames
 

@@ -64,7 +64,7 @@ class PairDataset(Samples):
 
     def __init__(self, pairs: Mapping[str, PairFiles], where: Path) -> None:
         if not pairs:
-            raise DataError(f"{where}: no image pair of {self.name} found in it; check that it was unpacked completely")
+            raise DataError(f"{where}: contains no image pair of {self.name}; check that it was unpacked completely")
         self._pairs = dict(sorted(pairs.items()))
 
     def keys(self) -> list[str]:
@@ -127,7 +127,7 @@ class PairDataset(Samples):
 
     @cached_property
     def _steps(self) -> tuple[dict[Path, Path], dict[Path, Path]]:
-        """Return the next frame of each frame, and the previous frame of each frame."""
+        """Return two mappings: from each frame to the next one, and from each frame to the previous one."""
         steps = list(self.steps())
         return dict(steps), {second: first for first, second in steps}
 

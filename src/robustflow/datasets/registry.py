@@ -62,7 +62,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     parameters = inspect.signature(factory).parameters
     takes_root = needs_folder(name)
     if takes_root and root is None:
-        raise UsageError(f"dataset '{name}' is read from a folder: give it with --data FOLDER (root=... in Python)")
+        raise UsageError(f"dataset '{name}' is read from a folder: specify it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
         raise UsageError(f"dataset '{name}' needs no folder; omit --data (root=... in Python)")
     for option in options:

@@ -123,7 +123,7 @@ class RobustSpring(Samples):
         return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
 
     def _check_whole(self, folder: Path) -> None:
-        """Raise if a clean frame has no corrupted version. Lists each folder once instead of testing every file."""
+        """Raise if a clean frame has no corrupted version. List each folder once instead of testing every file."""
         clean = self._clean["FW"]
         wanted: dict[Path, set[str]] = {}
         for key in clean.keys():  # noqa: SIM118

@@ -4,8 +4,8 @@ The paper evaluates 80 of KITTI's 200 training pairs and fine-tunes on the other
 sample. Our split is reproducible: every key is hashed together with the seed, and the pairs with the 80 smallest hashes
 are evaluated. The hash of a pair does not depend on which other pairs exist, or on their order.
 
-Four in five evaluated pairs with a known drive have a training pair from the same drive, often a second away, so a
-model trained on the 120 pairs is evaluated on near duplicates of its training data. The paper's split is also drawn
+Four in five evaluated pairs with a known drive have a training pair from the same drive, often only a second apart, so
+a model trained on the 120 pairs is evaluated on near duplicates of its training data. The paper's split is also drawn
 pair by pair, and has the same problem. `drive_disjoint_split` has the same number of pairs, but no drive occurs in both
 parts.
 """
@@ -22,7 +22,7 @@ from ..random.rng import key_of
 from .kitti_drives import drive_groups
 
 KITTI_SPLIT_SEED = 0
-"""The seed of the project's KITTI split. Independent of the run's seed, which does not change the pairs."""
+"""The seed of the project's KITTI split. It is independent of the run's seed, which does not change the pairs."""
 
 DRIVE_DISJOINT = "drive-disjoint"
 """The value of `--split` that selects `drive_disjoint_split`."""
@@ -61,7 +61,7 @@ def drive_disjoint_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> S
     """Return 80 pairs for evaluation and 120 for training, with no drive of KITTI 2015 in both parts.
 
     Complete drives, and complete blocks of pairs without a drive (see `kitti_drives`), are added in the order of their
-    hashes, skipping those that do not fit, until there are 80 pairs. In a folder with fewer than 200 pairs, the
+    hashes until there are 80 pairs; those that do not fit are skipped. In a folder with fewer than 200 pairs, the
     existing pairs remain in their usual part.
 
     >>> keys = [f"{number:06d}" for number in range(200)]
@@ -91,7 +91,7 @@ KITTI_SPLITS: Mapping[str, Callable[[Sequence[str]], Split]] = {
 
 
 def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
-    """Return the keys that `--split` selects by a named split or a file, in the order of the dataset.
+    """Return the keys that a named split or a file given with `--split` selects, in the order of the dataset.
 
     Args:
         split: "drive-disjoint", or the path of a file for `read_split`.

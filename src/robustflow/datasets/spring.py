@@ -43,7 +43,7 @@ class Spring(PairDataset):
         direction: direction of the flow: "FW" (to the next frame) or "BW" (to the previous frame).
 
     Raises:
-        DataError: the layout is different, a frame is missing within a sequence, or flow has no frames.
+        DataError: the layout is different, a frame is missing within a sequence, or a flow map has no frames.
     """
 
     name = "spring"
@@ -82,15 +82,15 @@ class Spring(PairDataset):
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
     def depth(self, sample: Sample) -> SceneDepth:
-        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, at every second value, like the flow, and at most
-        10 km. The camera motion is fitted to depth and true flow (`camera_motion`)."""
+        """See `Depths.depth`. Depth is fx times 0.065 m / disparity, limited to 10 km; like the flow, it is
+        taken at every second value. The camera motion is fitted to depth and true flow (`camera_motion`)."""
         *maps, intrinsics = self.depth_files(sample.key)
         table = table_of(intrinsics, 4)
         depths, lenses = [], []
         for path in maps:
             place = int(path.stem[-4:]) - 1
             if place >= len(table) or not (table[place, :2] > 0).all():
-                raise DataError(f"{intrinsics}: no focal lengths above 0 for frame {place + 1}; restore the file")
+                raise DataError(f"{intrinsics}: no positive focal lengths for frame {place + 1}; restore the file")
             fx, fy, cx, cy = table[place].tolist()
             lenses.append((fx, fy, cx, cy))
             disparity = read_dsp5(path)[::2, ::2]

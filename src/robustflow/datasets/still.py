@@ -51,8 +51,8 @@ class Still(Samples):
     def __init__(self, dataset: Dataset, keys: Iterable[str], depths: Depths | None = None) -> None:
         if isinstance(dataset, PreCorrupted):
             raise UsageError(
-                f"still scenes cannot be made from '{dataset.name}', whose frames are corrupted beforehand or as "
-                "clips; give uncorrupted frames: --benchmark folder, kitti2015, sintel, ..."
+                f"still scenes cannot be made from '{dataset.name}', whose frames are already corrupted or are "
+                "corrupted as clips; give uncorrupted frames: --benchmark folder, kitti2015, sintel, ..."
             )
         self.name = dataset.name
         self._dataset = dataset

@@ -134,7 +134,7 @@ def _world_to_camera(pose: list[float], path: Path) -> npt.NDArray[np.float64]:
     tx, ty, tz, x, y, z, w = pose
     squared = x * x + y * y + z * z + w * w
     if not 0.5 < squared < 2:
-        raise DataError(f"{path}: a quaternion of length {squared**0.5:.3g}; restore the file")
+        raise DataError(f"{path}: contains a quaternion of length {squared**0.5:.3g}; restore the file")
     s = 2 / squared
     right = (s * (x * y - z * w), 1 - s * (x * x + z * z), s * (y * z + x * w))
     down = (s * (x * z + y * w), s * (y * z - x * w), 1 - s * (x * x + y * y))

@@ -11,7 +11,9 @@ Make = Callable[[Callable[[int], Frame], int, Sequence[int]], dict[int, Frame]]
 
 
 class AroundKeyFrames:
-    """Key frames of one clip with one corruption; recent frames are cached because each key frame belongs to two pairs.
+    """The key frames of one clip under one corruption.
+
+    Recent frames are cached, because each key frame belongs to two pairs.
 
     Args:
         make: function that maps `frame_at`, a key frame index and `parameters` to a dict from parameter to RGB uint8

@@ -63,7 +63,7 @@ class FolderCache:
 
     def _make(self, entry: Path, make: Callable[[Path], object]) -> None:
         temporary = self.root / f".making-{entry.name}"
-        shutil.rmtree(temporary, ignore_errors=True)  # left by a killed process
+        shutil.rmtree(temporary, ignore_errors=True)  # left behind by a killed process
         try:
             make(temporary)
             (temporary / _DIGEST).write_text(_digest(temporary))

@@ -121,10 +121,10 @@ class ClipReader:
     def picture(self, index: int) -> I420:
         """Return frame `index` as I420; callers must not modify it."""
         if not 0 <= index < self.clip.count:
-            raise IndexError(f"{self.clip.path.name} has frames 0 to {self.clip.count - 1}, not {index}")
+            raise IndexError(f"{self.clip.path.name} has frames 0 to {self.clip.count - 1}, but no frame {index}")
         if index in self._recent:
             return self._recent[index]
-        # a seek goes back to the start of a group of pictures (x264: 250), so for near frames, decoding is faster
+        # a seek goes back to the start of a group of pictures (250 frames in x264), so decoding is faster if it is near
         if self._rest is None or not self._next <= index < self._next + 250:
             self._rest, self._next = read_pictures(self.clip, index), index
         for number, picture in self._rest:
@@ -145,4 +145,4 @@ def _open(clip: ClipFile) -> Any:
 
 
 def _damaged(clip: ClipFile, why: object) -> DataError:
-    return DataError(f"{clip.path}: not the prepared clip ({why}); delete its folder and prepare it again")
+    return DataError(f"{clip.path}: differs from the prepared clip ({why}); delete its folder and prepare it again")

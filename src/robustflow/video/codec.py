@@ -59,11 +59,11 @@ def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
 EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", "amd64") else "asm=0"),)
 """Options for all lossy encodings, chosen so that the same frames result in the same stream on every machine.
 
-x264's macroblock tree controls the quality of each part of a frame. Its AVX-512 code (core 165) reads uninitialised
-memory, so the stream differs between calls. The code for SSSE3 and later instruction sets rounds sums differently
-from the C code, and SSE2 uses reciprocal instructions, whose results differ between processor vendors. With MMX2, the
-tree is computed in C, and all other code uses exact integer arithmetic with any instruction set. Lossless encoding does
-not use the tree, so it may use all instruction sets of the processor.
+x264's macroblock tree controls the quality of each part of a frame. Its AVX-512 code (as of x264 core 165) reads
+uninitialised memory, so the stream differs between calls. The code for SSSE3 and later instruction sets rounds sums
+differently from the C code, and SSE2 uses reciprocal instructions, whose results differ between processor vendors. With
+MMX2, the tree is computed in C, and all other code uses exact integer arithmetic with any instruction set. Lossless
+encoding does not use the tree, so it may use all instruction sets of the processor.
 """
 
 
@@ -88,7 +88,7 @@ def configure(context: Any, height: int, width: int, fps: Fraction, encoding: En
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.framerate, context.time_base = fps, 1 / fps
     context.thread_count, context.thread_type = 1, "NONE"
-    context.flags |= Flags.global_header  # as in MP4 files; otherwise, the rate control includes the header
+    context.flags |= Flags.global_header  # as in MP4 files; otherwise, rate control would count the header
     context.options = dict(encoding.options)
 
 

@@ -14,7 +14,7 @@ CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yu
 """Allowed demuxers; playlists are excluded because they can refer to other files or URLs."""
 
 STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
-"""Decoder options that cause an error if data cannot be decoded, instead of concealing the damage. A single thread is
+"""Decoder options that raise an error if data cannot be decoded, instead of concealing the damage. A single thread is
 used because with several threads, the H.264 decoder does not report the error.
 """
 
@@ -85,7 +85,7 @@ def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
         position = start + length
     if position != size:
         state = "cut short" if position > size else "damaged"
-        raise DataError(f"{path}: {state}: it has {size} bytes, but its segments declare {position}; {_CUT}")
+        raise DataError(f"{path}: {state}: the file has {size} bytes, but its segments declare {position}; {_CUT}")
 
 
 _TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
@@ -125,7 +125,7 @@ def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
         length = int.from_bytes(head[4:], "little")
         position += 8 + length + length % 2
     if position - size not in (0, 1):
-        raise DataError(f"{path}: cut short: it has {size} bytes, but its header declares {position}; {_CUT}")
+        raise DataError(f"{path}: cut short: the file has {size} bytes, but its header declares {position}; {_CUT}")
 
 
 def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:

@@ -80,7 +80,7 @@ def check_room(estimate: DiskEstimate, output: Path) -> None:
         DataError: there is not enough free space for masters, key frames and temporary files.
     """
     if estimate.kept + estimate.temporary > estimate.free:
-        raise DataError(f"{output}: not enough disk space: {estimate}; choose a different --output, or fewer clips")
+        raise DataError(f"{output}: not enough disk space: {estimate}; choose a different --output or fewer clips")
 
 
 def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:

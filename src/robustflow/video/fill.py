@@ -24,7 +24,7 @@ class Fill:
 
     Attributes:
         count: number of frames in the clip.
-        lost: runs of lost frames, `(first, last, source)`: frames first to last are replaced with decoded frame
+        lost: runs of lost frames, `(first, last, source)`: frames `first` to `last` are replaced with decoded frame
             `source`.
         dropped: number of unused frames: decoded twice, too late, or with a time outside the clip.
     """
@@ -86,7 +86,7 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
         next_index = index + 1
     if previous is None:
         raise DataError(
-            f"none of the {fill.count} frames could be decoded from the damaged stream; choose a milder severity"
+            f"none of the {fill.count} frames could be decoded from the damaged stream; choose a lower severity"
         )
     if next_index < fill.count:
         source, shown = previous

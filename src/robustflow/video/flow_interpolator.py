@@ -35,7 +35,7 @@ class FlowInterpolator:
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
         """Return `factor - 1` frames between the middle two frames of the window; `factor` is at least 2."""
         if factor < 2:
-            raise UsageError(f"nothing to interpolate with a factor of {factor}: must be at least 2")
+            raise UsageError(f"nothing to interpolate with a factor of {factor}: the factor must be at least 2")
         first, second = (np.ascontiguousarray(frame) for frame in window[1:3])
         forward, backward = _dis(first, second), _dis(second, first)
         seen_first, seen_second = _visible(forward, backward), _visible(backward, forward)

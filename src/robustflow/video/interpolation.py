@@ -1,4 +1,4 @@
-"""Increase the frame rate of a clip of any length with an interpolator, as a stream."""
+"""Increase the frame rate of a clip with an interpolator, as a stream, so that the clip can have any length."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def load_interpolator(
         AssetError: FLAVR was requested without a checkpoint.
     """
     if factor < 1:
-        raise UsageError(f"--factor {factor}: must be at least 1 (no interpolation)")
+        raise UsageError(f"--factor {factor}: must be at least 1 (1 means no interpolation)")
     if factor == 1:
         return None
     if name == "flow":

@@ -1,4 +1,4 @@
-"""Read the key frames of a prepared clip with the five corruptions that require an entire clip.
+"""Read the key frames of a prepared clip under the five corruptions that require an entire clip.
 
 Object motion blur and rolling shutter use master frames, which are decoded on demand. Video corruptions transcode the
 master once per severity; the key frames are stored in a cache of limited size.

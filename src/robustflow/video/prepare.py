@@ -1,6 +1,6 @@
 """Create the lossless master and key frames of a clip from its source; resumable and in constant memory.
 
-A source is interpolated in segments, which are separate lossless files and remain after an interruption. A single
+A source is interpolated in segments, which are separate lossless files and survive an interruption. A single
 encoder then writes the master from all segments, so interruptions do not affect the file, and the key frames are
 written in the same pass. `clip.json` is written last.
 """

@@ -160,7 +160,7 @@ def _camera(folder: Path, name: str) -> PictureFolder:
     if not pictures_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
         raise DataError(
             f"{folder}: this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
-            "frames per second, which are in GoPro_Large_all"
+            "frames per second: use GoPro_Large_all"
         )
     source = PictureFolder(folder, name)
     source.fps = CAMERA_FPS

@@ -62,7 +62,7 @@ class VideoReader:
             DataError: the frame cannot be decoded.
         """
         if not 0 <= index < self._count:
-            raise IndexError(f"{self._path} has frames 0 to {self._count - 1}, not {index}")
+            raise IndexError(f"{self._path} has frames 0 to {self._count - 1}, but no frame {index}")
         if self._pid != os.getpid():
             self._close()
         if self._image is None or index != self._position:

@@ -77,8 +77,8 @@ class ShortClip:
             wanted: indices of the frames, ascending.
 
         Returns:
-            The frames, RGB uint8 (H, W, 3), and whether the stream was changed before the end of the last of them; bit
-            errors change nothing if the stream is too short for their rate.
+            The frames, RGB uint8 (H, W, 3), and whether the stream was changed before the end of the last one;
+            bit errors change nothing if the stream is too short for their rate.
         """
         master = self._master
         stream = corrupted_stream(master, corruption, parameter)

@@ -91,7 +91,7 @@ class VideoFile:
             low, high = self.variable
             raise DataError(
                 f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); use --fps "
-                f"{float(self.fps or 30):.4g} to treat its frames as evenly spaced, or resample it in time: "
+                f"{float(self.fps or 30):.4g} to treat its frames as evenly spaced, or convert it to a constant rate: "
                 f"{resample_command(path, self.fps)}"
             )
         first = next(self.frames(), None)
@@ -118,7 +118,9 @@ class VideoFile:
                     frame = upright(picture, self.path)
                     size = size or frame.shape
                     if frame.shape != size:
-                        raise DataError(f"{self.path}: the frame size changes at frame {read - 1}; split it there")
+                        raise DataError(
+                            f"{self.path}: the frame size changes at frame {read - 1}; split the file there"
+                        )
                     yield frame
             except (av.error.FFmpegError, OSError) as error:
                 raise DataError(f"{self.path}: damaged at frame {read} ({reason(error)}); convert it again") from error
@@ -126,7 +128,7 @@ class VideoFile:
             raise DataError(f"{self.path}: {read} of {self.count} frames can be decoded; copy or convert it again")
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind, codec, pixel format, declared rate, and the frame intervals if the rate is variable."""
+        """Return the kind, codec, pixel format and declared rate, and the frame intervals if the rate is variable."""
         return {
             "kind": "video",
             "file": self.path.name,

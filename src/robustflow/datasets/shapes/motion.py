@@ -54,7 +54,7 @@ def forward(m: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def backward(m: Any, x: Any, y: Any) -> Any:
-    """Return the point of frame 1 that is at (x, y) in frame 2, by Newton's method up to rounding."""
+    """Return the point of frame 1 that is at (x, y) in frame 2, computed by Newton's method up to rounding."""
     u, v = x - m[0] - m[2], y - m[1] - m[3]
     goal_x, goal_y = m[0] + m[8] * u + m[9] * v, m[1] + m[10] * u + m[11] * v
     if m[12] == 0.0 and m[16] == 0.0:

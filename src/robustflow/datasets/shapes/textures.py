@@ -28,7 +28,7 @@ COUNT = 32
 _LEAVES = 4000
 _RADII = (4.0, 140.0)
 _MOST_PICTURES = 256
-"""Maximum number of user images; that many take 200 MB of memory."""
+"""Maximum number of user images; with this many, they take 200 MB of memory."""
 
 TextureArray = npt.NDArray[np.uint8]
 """(count, SIZE, SIZE, 3), RGB."""
@@ -36,7 +36,7 @@ TextureArray = npt.NDArray[np.uint8]
 
 @lru_cache(maxsize=2)
 def procedural_textures(seed: int, split: str) -> TextureArray:
-    """Return the textures of a seed, shared by all its pairs; generated once per process in a few seconds."""
+    """Return the textures that all pairs of a seed share; they are generated once per process in a few seconds."""
     return np.stack([_texture(Rng.of(seed, "shapes", split, "texture", index)) for index in range(COUNT)])
 
 
@@ -59,7 +59,7 @@ def texture_files(folder: str) -> list[Path]:
         raise UsageError(f"textures={folder}: no such folder; give a folder of images")
     files = sorted(path for path in root.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     if not 1 <= len(files) <= _MOST_PICTURES:
-        raise UsageError(f"textures={folder}: {len(files)} images in it; give 1 to {_MOST_PICTURES}")
+        raise UsageError(f"textures={folder}: contains {len(files)} images; give 1 to {_MOST_PICTURES}")
     return files
 
 
@@ -90,7 +90,7 @@ def _texture(rng: Rng) -> npt.NDArray[np.uint8]:
 
 @njit(cache=True, nogil=True)
 def _paint(numbers: Any, base: Any, contrast: Any, smallest: Any, largest: Any, out: Any) -> None:
-    """Draw leaves from front to back; each fills the pixels in it that are still free, wrapping around the borders."""
+    """Draw leaves from front to back; each leaf fills its pixels that are still free, wrapping around the borders."""
     size = out.shape[0]
     free = size * size
     ratio = (smallest / largest) ** 2
