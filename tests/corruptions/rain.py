@@ -1,4 +1,4 @@
-"""A user-defined corruption: rain, with a parameter defined in a second module."""
+"""A user-defined rain corruption with a parameter defined in a second module."""
 
 import textwrap
 

@@ -1,4 +1,4 @@
-"""Corruptions produce the same bytes with the instruction set of a 2003 processor as with that of this machine."""
+"""Corruptions produce the same bytes with this machine's instruction set as with a 2003 processor's."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""Linear motion blur compared with a float64 sum over the taps."""
+"""Compare linear motion blur with a float64 sum over the taps."""
 
 import math
 

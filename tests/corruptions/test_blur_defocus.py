@@ -1,4 +1,4 @@
-"""Disk sums compared with direct convolution with the reference code's kernel."""
+"""Compare disk sums with a direct convolution that uses the reference code's kernel."""
 
 import cv2
 import numpy as np

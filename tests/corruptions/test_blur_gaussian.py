@@ -1,4 +1,4 @@
-"""Gaussian filtering compared with SciPy's in float64."""
+"""Compare the Gaussian filter with SciPy's filter in float64."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The shuffle compared with simple loops over pixels, and tests of the blurs before and after it."""
+"""Compare the shuffle with simple loops over pixels, and test the blurs before and after it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""PSF blur: comparison with images from the reference implementation, the shipped lenses, and stacks from files."""
+"""Test PSF blur with the shipped lenses and stacks from files, and compare it with the reference implementation."""
 
 import io
 import json
@@ -266,7 +266,9 @@ def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, sever
 @pytest.mark.fidelity
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_strength_is_that_of_the_reference(reference, severity):
-    """For the shipped lenses, PSNR is within 1 dB, gradient loss within 30 %, and channel means within 0.6 levels."""
+    """With the shipped lenses, PSNR is within 1 dB of the reference, gradient loss within 30 % and channel means within
+    0.6 grey levels.
+    """
     statistics, frames = reference
     wanted = statistics[f"s{severity}"]
     for number, (frame, blurred) in enumerate(zip(frames, corrupt(*frames, "psf_blur", severity), strict=True), 1):

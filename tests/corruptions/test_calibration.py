@@ -1,4 +1,4 @@
-"""The calibrated scale: paths, shipped table, and handling of severities that do not exist."""
+"""Test the calibrated scale: paths, the shipped table, and the handling of severities that do not exist."""
 
 import json
 import sys

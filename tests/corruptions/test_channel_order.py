@@ -1,4 +1,4 @@
-"""The variant "reference-bgr": the reference code's corruptions applied to frames in OpenCV's channel order."""
+"""Test the variant "reference-bgr": the reference code's corruptions applied to frames in OpenCV's channel order."""
 
 import cv2
 import numpy as np

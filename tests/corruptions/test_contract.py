@@ -1,4 +1,4 @@
-"""Requirements for every registered pair corruption, tested on frames of many sizes."""
+"""Test the requirements for every registered pair corruption on frames of many sizes."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -174,7 +174,7 @@ def test_every_name_of_the_paper_is_registered():
 
 def test_the_paper_has_seven_temporal_corruptions():
     """The temporal corruptions in section 3 of the paper: object motion blur, exposure, snow and the three video
-    ones.
+    corruptions.
     """
     temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
     assert temporal == [

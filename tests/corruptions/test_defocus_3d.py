@@ -1,4 +1,4 @@
-"""Near and far focus: the thin lens, and pixels on both sides of an edge."""
+"""Test near and far focus: the thin-lens model, and pixels on both sides of an edge."""
 
 import numpy as np
 import pytest

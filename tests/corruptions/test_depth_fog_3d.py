@@ -1,4 +1,4 @@
-"""3D fog compared with Koschmieder's law in float64."""
+"""Compare 3D fog with Koschmieder's law in float64."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Digital corruptions compared with Pillow, a naive float64 loop and exact fractions."""
+"""Compare digital corruptions with Pillow, a naive float64 loop and exact fractions."""
 
 import io
 from fractions import Fraction
@@ -66,7 +66,7 @@ def test_contrast_by_the_formula(severity, variant, width):
 
 
 def exact_saturation(pixel, alpha, beta):
-    """The paper's S' = S alpha + beta with V and hue unchanged, in exact fractions, rounded half to even."""
+    """Compute the paper's S' = S alpha + beta, with V and hue unchanged, in exact fractions; round half to even."""
     top, low = max(pixel), min(pixel)
     if top == 0:
         return [0, 0, 0]

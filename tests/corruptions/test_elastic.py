@@ -1,4 +1,4 @@
-"""The smooth field compared with SciPy on the same noise, and the warp compared with `map_coordinates`."""
+"""Compare the smooth field with SciPy's result for the same noise, and the warp with `map_coordinates`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Frost without photographs: generated textures, and a check that the README's first command needs no network."""
+"""Test frost without photographs: generated textures, and that the README's first command needs no network."""
 
 import hashlib
 import os
@@ -41,8 +41,8 @@ main()
 
 @pytest.fixture
 def no_photographs(monkeypatch, tmp_path):
-    """Simulate a machine without the photographs: every request for one fails, even if they were used in other
-    tests.
+    """Simulate a machine without the photographs: every request for a photograph fails, even if other tests have
+    used it.
     """
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     photograph.cache_clear()

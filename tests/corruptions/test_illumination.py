@@ -1,4 +1,4 @@
-"""Illumination corruptions compared with exact fractions and an HSV round trip; choice of the exposed frame."""
+"""Compare illumination corruptions with exact fractions and an HSV round trip; test which frame is exposed."""
 
 from fractions import Fraction
 

@@ -1,4 +1,4 @@
-"""3D motion blur compared with points and planes projected in float64."""
+"""Compare 3D motion blur with points and planes projected in float64."""
 
 from dataclasses import replace
 
@@ -66,7 +66,9 @@ def test_a_plane_that_moves_up_or_a_little_is_the_mean_of_shifted_frames(severit
 @settings(max_examples=30)
 @given(path=st.floats(5.1, 480), sign=st.sampled_from([-1, 1]), index=st.integers(0, 1))
 def test_a_plane_that_moves_far_sideways_is_the_integral_along_its_path(path, sign, index):
-    """Pixels are weighted by the path length in each; path ends are on a grid of 1/64 px (1/8 px beyond 60 px)."""
+    """Each pixel is weighted by the length of the path inside it; path ends are on a grid of 1/64 px (1/8 px for
+    paths longer than 60 px).
+    """
     frame = picture(9, 90)
     depth = moving(level(frame.shape[:2], 10.0), by=(sign * path / 10, 0, 0))
     wide = np.pad(frame, ((0, 0), (300, 300), (0, 0)), mode="edge").astype(np.float64)
@@ -134,9 +136,9 @@ def test_a_near_block_is_smeared_over_the_wall_and_the_wall_is_seen_through_its_
 
 @pytest.mark.parametrize(("far", "by"), [(16.0, 1.2), (7.0, 0.6)])
 def test_many_edges_are_close_to_the_mean_of_many_views_in_float64(far, by):
-    """Blocks at three depths that move sideways, compared with 401 views in which the nearest surface is seen.
+    """Compare blocks that move sideways at three depths with the mean of 401 views of the nearest surface.
 
-    Only pixels whose views all show content of the frame are compared, because the rest has no reference value.
+    Only pixels whose views all show content of the frame are compared, because the others have no reference value.
     """
     rng = np.random.default_rng(3)
     metres = rng.choice([4.0, 6.0, far], (4, 14)).astype(np.float32).repeat(8, axis=0).repeat(11, axis=1)

@@ -1,4 +1,4 @@
-"""Noise: exact distributions, the generator lane used for each sample, and independence between frames."""
+"""Test noise: exact distributions, the generator lane used for each sample, and independence between frames."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""3D rain and snow: positions of the particles, and occlusion of and by particles."""
+"""Test 3D rain and snow: the positions of the particles, and which particles and surfaces hide each other."""
 
 import math
 from dataclasses import replace

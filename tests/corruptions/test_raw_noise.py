@@ -1,4 +1,4 @@
-"""RAW noise: sensor statistics, round trip, and each step compared with an independent reference."""
+"""Test RAW noise: sensor statistics, the round trip, and each step against an independent reference."""
 
 import numpy as np
 import pytest
@@ -122,7 +122,7 @@ def test_a_smooth_image_without_noise_comes_back_within_one_level(saturation, mo
 
 
 def test_demosaicing_is_that_of_malvar_he_and_cutler():
-    """Compare with the paper's 5x5 kernels, applied by SciPy, for a camera that does not change colours."""
+    """Compare demosaicing with the paper's 5x5 kernels, applied by SciPy, for a camera that does not change colours."""
     camera = CameraColours(np.eye(3), np.eye(3), np.ones(3))
     raw = np.random.default_rng(0).integers(BLACK, BLACK + SPAN // 2, (26, 33)).astype(np.uint16)
     light = (raw.astype(np.float64) - BLACK) / SPAN

@@ -1,4 +1,4 @@
-"""SSIM compared with a naive float64 loop and with the definition in the reference folder."""
+"""Compare SSIM with a naive float64 loop and with the definition in the reference folder."""
 
 import importlib.util
 

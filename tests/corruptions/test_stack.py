@@ -1,4 +1,4 @@
-"""Stacks of corruptions."""
+"""Test stacks of corruptions."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The tensor transform compared with the array transform: structures, batches and DataLoader workers."""
+"""Compare the tensor transform with the array transform for structures, batches and DataLoader workers."""
 
 import re
 from pathlib import Path

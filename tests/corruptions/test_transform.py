@@ -1,4 +1,4 @@
-"""The corruption transform: formats, keys, pickling and processes."""
+"""Test the corruption transform: formats, keys, pickling and processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The corner of the plasma map compared with a full map computed in NumPy, and the blend compared with its formula."""
+"""Compare the corner of the plasma map with a full map computed in NumPy, and the blend with its formula."""
 
 import numpy as np
 import pytest

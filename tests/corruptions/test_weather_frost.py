@@ -1,4 +1,4 @@
-"""Frost: texture sources, and blending with a frame."""
+"""Test frost: texture sources, and blending with a frame."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""Snow compared with the steps of the reference code in float64, on the same flakes."""
+"""Compare snow with the steps of the reference code in float64, using the same flakes."""
 
 import math
 

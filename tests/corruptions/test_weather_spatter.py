@@ -1,4 +1,4 @@
-"""Spatter compared with the steps of the reference code in float64, on the same noise."""
+"""Compare spatter with the steps of the reference code in float64, using the same noise."""
 
 import cv2
 import numpy as np
@@ -37,7 +37,7 @@ def test_a_frame_is_the_reference_codes_result(severity):
     expected = naive(frame, Rng.of("spatter"), spatter.parameter(severity))
     got = spatter.apply(frame, spatter.draw(Rng.of("spatter"), severity, shape), 0)
     assert np.abs(expected - frame).max() > 30
-    # rounding errors can move values close to a threshold to the other side
+    # rounding errors can move values that are close to a threshold across it
     assert (np.abs(got - expected) > 0.51).mean() < 0.005
 
 

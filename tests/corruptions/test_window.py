@@ -1,4 +1,4 @@
-"""Clips that contain a pair: a single draw, the same bytes for the pair, and the preceding frames."""
+"""Test clips that contain a pair: a single draw, the same bytes for the pair, and the frames that precede it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Refractive indices compared with n_d and V_d in the catalogue."""
+"""Compare refractive indices with n_d and V_d in the catalogue."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Statistics in the merit function compared with those of rendered PSFs, and residuals with their definitions."""
+"""Compare the merit function's statistics with those of rendered PSFs, and residuals with their definitions."""
 
 from __future__ import annotations
 

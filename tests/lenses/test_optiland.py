@@ -1,4 +1,4 @@
-"""Our ray tracer compared with optiland's for the shipped lenses and three textbook lenses (extra `optics-test`)."""
+"""Compare our ray tracer with optiland's for the shipped lenses and three textbook lenses (extra `optics-test`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""First-order properties compared with rays close to the axis and with textbook values."""
+"""Compare first-order properties with rays close to the axis and with textbook values."""
 
 from __future__ import annotations
 

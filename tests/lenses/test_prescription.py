@@ -1,4 +1,4 @@
-"""Reading and writing lens prescriptions as files."""
+"""Test reading and writing lens prescription files."""
 
 import json
 

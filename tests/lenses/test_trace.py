@@ -1,4 +1,4 @@
-"""The ray tracer compared with closed-form solutions, and properties of all rays."""
+"""Compare the ray tracer with closed-form solutions, and test properties of all rays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The blur compared with simple float64 references, and general properties of blurs."""
+"""Compare the blur with simple float64 references, and test general properties of blurs."""
 
 from __future__ import annotations
 

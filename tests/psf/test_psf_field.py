@@ -1,4 +1,4 @@
-"""PSFs of a lens: energy, symmetry, centring and resolution."""
+"""Test the PSFs of a lens: energy, symmetry, centring and resolution."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The shipped lenses: values in the paper, manufacturing limits, and damaged files."""
+"""Test the shipped lenses: values in the paper, manufacturing limits, and damaged files."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Strips and tiles of an image."""
+"""Test strips and tiles of an image."""
 
 import math
 from fractions import Fraction
@@ -33,8 +33,8 @@ def test_transform_with_parts_exchanged_is_the_inverse():
 
 @pytest.mark.parametrize("length", LENGTHS)
 def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(length):
-    """Errors of ten units in the last place of a double, more than in any math library, do not change any float32
-    value.
+    """An error of ten units in the last place of a double, larger than in any math library, does not change any
+    float32 value.
     """
     for k, pair in enumerate(twiddles(length)):
         angle = 2.0 * math.pi * k / length

@@ -1,4 +1,4 @@
-"""Normal numbers generated from bits, compared with SciPy's quantile function."""
+"""Compare normal numbers generated from bits with SciPy's quantile function."""
 
 import numpy as np
 from scipy.special import ndtri

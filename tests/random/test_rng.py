@@ -1,4 +1,4 @@
-"""The counter-based random generator: values and statistics.
+"""Test the counter-based random generator: values and statistics.
 
 Statistics are computed on fixed streams, so every test is deterministic; the limits are about five standard errors.
 """

@@ -26,7 +26,7 @@ corruption changes, so that results from different versions are never mixed.
 """
 
 _STREAMS = ("robustflow", 1)
-"""Prefix of the name of every random stream; incrementing the number changes all random draws."""
+"""Prefix of every random stream's name; incrementing the number in it changes all random draws."""
 
 _PACKAGE = __name__.rpartition(".")[0] + "."
 

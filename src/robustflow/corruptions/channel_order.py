@@ -26,7 +26,7 @@ class ChannelsReversed(Corruption):
     """
 
     def __init__(self, inner: Corruption) -> None:
-        self.name = inner.name  # type: ignore[misc]  # each has its own
+        self.name = inner.name  # type: ignore[misc]  # each instance has its own name
         self.family = inner.family  # type: ignore[misc]
         self.temporal = inner.temporal  # type: ignore[misc]
         self.paper_severities = inner.paper_severities  # type: ignore[misc]

@@ -49,7 +49,7 @@ class OwnCorruption(Corruption):
     family = "own"
 
     def __init__(self, made: Any, variant: str = "default") -> None:
-        self.name = own_name(made)  # type: ignore[misc]  # each has its own
+        self.name = own_name(made)  # type: ignore[misc]  # each instance has its own name
         self.family = str(getattr(made, "family", "own"))  # type: ignore[misc]
         self.temporal = bool(getattr(made, "temporal", False))  # type: ignore[misc]
         self.needs_depth = bool(getattr(made, "needs_depth", False))

@@ -89,8 +89,8 @@ def with_targets_registered(name: str) -> str:
 def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
     """Return the distinct severities at which a corruption exists, usually all five.
 
-    If every part of a stack has a fixed severity, the stack has a single severity: the highest of its parts. The
-    calibrated scale does not include severities that the corruption, or a part of the stack, cannot reach.
+    If every part of a stack has a fixed severity, the stack has a single severity: the highest severity among its
+    parts. The calibrated scale does not include severities that the corruption, or a part of the stack, cannot reach.
 
     >>> levels_of("fog:2+snow:4", (1, 2, 3)), levels_of("fog:2+snow", (1, 2, 3)), levels_of("fog", (1, 2))
     ((4,), (1, 2, 3), (1, 2))
@@ -152,7 +152,7 @@ class Stack(Corruption):
         self._parts = parts
         self.needs_depth = any(part.needs_depth for part, _ in parts)
         names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
-        self.name = _PLUS.join(names)  # type: ignore[misc]  # a stack's name is its own
+        self.name = _PLUS.join(names)  # type: ignore[misc]  # each stack has its own name
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
         """Return one state per part."""

@@ -5,7 +5,7 @@ the stop, and a grid of rays is traced per wavelength. The following statistics 
 the rays, without rendering an image:
 
 * the modulation transfer in the tangential and sagittal directions at five frequencies (`FREQUENCIES`): the modulus
-  of the rays' mean of exp(-2 pi i f y), times the sinc of the pixel;
+  of the mean of exp(-2 pi i f y) over the rays, times the sinc of the pixel;
 * the RMS radius, per field and colour, both within a disk of 30 pixels and over all rays.
 
 The edges of the stop and the window are ramps about as wide as the ray spacing, so residuals change smoothly with the

@@ -23,7 +23,10 @@ def field_tangents(lens: Lens, fields: npt.NDArray[np.float64]) -> npt.NDArray[n
 
 @njit(cache=True, error_model="numpy")
 def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
-    """Count rays (in pixels, half x > 0) and their mirror images per pixel within a disk around (0, centre)."""
+    """Count the rays per pixel within a disk around (0, centre).
+
+    `sx` and `sy` are in pixels and cover only the half x > 0, so the mirror image of each ray is also counted.
+    """
     half = out.shape[0] // 2
     for i in range(sx.size):
         v = sy[i] - centre

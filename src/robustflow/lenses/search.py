@@ -106,7 +106,7 @@ def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) ->
 
 
 def random_candidate(rng: Rng, elements: int, stop: int) -> Candidate:
-    """Draw a random candidate: glasses, powers (whose sum is that of the lens), bendings, thicknesses and gaps."""
+    """Draw a random candidate: glasses, powers (which add up to that of the lens), bendings, thicknesses and gaps."""
     structure = Structure(tuple(_GLASSES[rng.integer(0, len(_GLASSES))] for _ in range(elements)), stop)
     powers = np.array([rng.uniform(-2.0, 2.5) for _ in range(elements)]) if elements > 1 else np.ones(1)
     powers += (1.0 - powers.sum()) / elements

@@ -23,10 +23,11 @@ class CameraMotionBlur(Corruption):
     """Smears both frames in one direction, like camera shake (paper, appendix, blur).
 
     The severity parameters are (radius alpha, standard deviation sigma) in pixels. The kernel has 2 * alpha + 1 taps
-    along a line, weighted by one half of a Gaussian that starts at the pixel itself, so the content of both frames also
-    shifts, by the same 2.2 to 11.5 px on average. The direction is uniformly distributed within +-45 degrees of the
-    horizontal and shared by both frames. Edge pixels are repeated beyond the border. In small images, the reference
-    code drops the taps outside the image, which darkens the result; this implementation does not.
+    along a line, weighted by one half of a Gaussian that starts at the pixel itself, so it also shifts the content of
+    both frames equally, by 2.2 to 11.5 px on average depending on the severity. The direction is uniformly distributed
+    within +-45 degrees of the horizontal and shared by both frames. Edge pixels are repeated beyond the border. In
+    small images, the reference code drops the taps outside the image, which darkens the result; this implementation
+    does not.
     """
 
     name = "camera_motion_blur"

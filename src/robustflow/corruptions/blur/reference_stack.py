@@ -1,4 +1,4 @@
-"""Read PSF stacks of the reference code provided by the user; each file is converted once.
+"""Read the reference code's PSF stacks from files provided by the user; each file is converted once.
 
 The reference code has one `.pth` file per severity, with a float32 tensor (64, 3, 61, 61). The files are named after
 the lenses ("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). The reference code correlates images with these arrays;
@@ -36,7 +36,9 @@ def find_stack(folder: Path, rms: float) -> Path:
         AssetError: the folder does not exist, or it does not contain exactly one matching file.
     """
     if not folder.is_dir():
-        raise AssetError(f"the PSF folder {folder} does not exist; specify the folder with the reference's .pth files")
+        raise AssetError(
+            f"the PSF folder {folder} does not exist; specify the folder with the reference code's .pth files"
+        )
     files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
     if len(files) != 1:
         raise AssetError(

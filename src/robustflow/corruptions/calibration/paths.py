@@ -3,7 +3,7 @@
 The five parameters on the calibrated scale are taken from these paths. A path is a list of segments; within a segment,
 every number changes linearly from start to end (integers are rounded, other numbers have four significant digits), and
 between segments the parameters may jump. Usually, the corners of the path are the paper's severities, extended below
-severity 1 to almost no effect and above severity 5 as far as possible. The exceptions are:
+severity 1 until there is almost no effect, and above severity 5 as far as possible. The exceptions are:
 
 saturate            oversaturates, as in severities 3 to 5; 1 and 2 desaturate, which hardly affects SSIM on luma
 spatter             water (severities 1, 2 and halfway to 3), then mud (4, 5 and beyond)

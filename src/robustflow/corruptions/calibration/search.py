@@ -86,7 +86,7 @@ def calibrate(
         pictures: dict from name to image, RGB uint8 (H, W, 3); the names are part of the keys of the random streams.
         seed, draws: seed and number of draws per image for random corruptions.
         targets: five target values for the mean SSIM, decreasing.
-        report: function called with the name and the calibration of each corruption when it is finished.
+        report: function called with each corruption's name and calibration as soon as the corruption is calibrated.
 
     Raises:
         UsageError: a corruption has no path, or `draws` is less than 1.

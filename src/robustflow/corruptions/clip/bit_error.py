@@ -10,8 +10,8 @@ from .clip_corruption import ClipCorruption
 class BitError(ClipCorruption):
     """Overwrites bytes in the losslessly compressed clip (appendix, "Bit Error").
 
-    The parameter is N in FFmpeg's noise filter. At severity 5, the reference code uses 5 M, whereas the paper states
-    1 M.
+    The parameter is N in FFmpeg's noise filter. At severity 5, the reference code uses 5 million, whereas the
+    paper states 1 million.
     """
 
     name = "bit_error"

@@ -1,5 +1,5 @@
-"""Placeholders for clip corruptions in code that has only images: names and parameters; applying them raises an
-error.
+"""Placeholders for clip corruptions where only images are available: they provide names and parameters, but applying
+them raises an error.
 """
 
 from __future__ import annotations

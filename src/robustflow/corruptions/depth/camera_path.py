@@ -1,4 +1,4 @@
-"""Camera motion between two frames, as the motion of points in camera coordinates."""
+"""Camera motion between two frames, expressed as the motion of points in camera coordinates."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from ..base import DepthCorruption
 from .transmission import Transmission, transmission, veiled
 
 _CONTRAST = 3.912
-"""-ln(0.02), because at the visibility distance, 2 % of an object's contrast remains (Koschmieder)."""
+"""-ln(0.02), because 2 % of an object's contrast remains at the visibility distance (Koschmieder)."""
 _DARKEST, _BRIGHTEST = 175.0, 230.0
 _TINT = 6.0
 """Range of the airlight in grey levels, and maximum deviation of red and blue from green, in opposite directions."""

@@ -28,10 +28,10 @@ _FARTHEST = 2.0**14
 _NEAREST = np.float32(1e-6)
 """Smallest depth in metres; closer points are treated as if they were at this depth."""
 _FINE, _COARSE = 6, 3
-"""Fractional bits of the end points of a horizontal path: for short paths, and for longer ones."""
+"""Fractional bits of the end points of a horizontal path, for short and for longer paths."""
 _SHORT, _LONG = 60 << FRACTION, 500 << FRACTION
-"""Path lengths in fixed point: end points are fine below the first, and a sum along the path fits in a word
-below the second.
+"""Path lengths in fixed point: paths shorter than the first have end points with `_FINE` fractional bits; for paths
+shorter than the second, a sum along the path fits in a word.
 """
 _CELL_BITS = 2
 _CELL = 1 << _CELL_BITS
@@ -66,9 +66,9 @@ class MotionBlur3d(DepthCorruption):
 
     The number of views is the path length in pixels plus one, at most 40. In each view, a pixel shows either the
     nearest surface that moves over it or its own surface; the colour is looked up in the frame (interpolated if the
-    path is short). Where no nearer surface is close to a horizontal path, its exact integral replaces the views. Where
-    the uncovered background is not visible in the frame, the mean of the pixel's known views is used or, if there are
-    none, the pixel's own colour. Outside the image, edge pixels are repeated.
+    path is short). If no nearer surface is close to a horizontal path, the exact integral along the path replaces the
+    views. Where the uncovered background is not visible in the frame, the mean of the pixel's known views is used or,
+    if there are none, the pixel's own colour. Outside the image, edge pixels are repeated.
     """
 
     name = "motion_blur_3d"
@@ -276,7 +276,7 @@ def _shown(
     nearest: Any,
     found: Any,
 ) -> Any:
-    """Return the sum and number of a pixel's views of a nearer surface, followed by those of its own surface.
+    """Return the sum and number of a pixel's views of nearer surfaces, then the same for views of its own surface.
 
     `path` and `near` are the fixed-point displacements per view of the pixel's own surface and of the nearest surface;
     `found` is a buffer for `count` indices.
@@ -291,7 +291,7 @@ def _shown(
     for i in range(_nearer(depths, limit, width, height, nx, ny, near[0], near[1], count, found)):
         view = np.int64(found[i])
         depth = depths[np.uint64(_place(nx + view * near[0], ny + view * near[1], width, height))]
-        # the displacement of a surface between the two is between theirs
+        # a surface whose depth is between these two surfaces also has a displacement between theirs
         more = 1.0 if depth >= solid else np.float64(depth - own) * gain
         sx = path[0] + np.int64(np.float64(near[0] - path[0]) * more)
         sy = path[1] + np.int64(np.float64(near[1] - path[1]) * more)

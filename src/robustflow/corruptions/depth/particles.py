@@ -32,7 +32,9 @@ _LENS_DIAMETER, _FOCUS = 0.002, 10.0
 _PIXEL = 1.0
 """Blur radius in pixels of a point in focus, caused by the lens and the pixel."""
 _SMALLEST = 6e-4
-"""Particles with a diameter below this fraction of the image's longer side form the veil (0.75 px of 1242 px)."""
+"""Particles with a diameter below this fraction of the image's longer side form the veil (0.75 px at a width of
+1242 px).
+"""
 _MARGIN = 0.05
 """Margin around the image, as a fraction of the longer side, in which particles are sampled because their streaks may
 extend into the image.
@@ -94,8 +96,8 @@ def draw_particles(rng: Rng, sizes: Sizes, fall: Fall, shape: tuple[int, int], c
     reach = camera.focal[0] * 1e-3 / (_SMALLEST * max(shape))
     lenses = np.array([camera.intrinsics(index) for index in (0, 1)], np.float64)
     spread = (width + 2 * margin) * (height + 2 * margin) / (lenses[:, 0] * lenses[:, 1])
-    # particles are sampled up to the distance reach * D, so the integral over space and sizes is that of
-    # D^3 exp(-slope D)
+    # particles are sampled up to the distance reach * D, so after integrating over space,
+    # D^3 exp(-slope D) remains to be integrated over sizes
     squared = sizes.slope * sizes.slope
     counts = spread * (reach * reach * reach) / 3 * 6 * sizes.density / (squared * squared)
     if not counts.max() < _MOST:
@@ -218,7 +220,7 @@ def _project(
 ) -> int:
     """Project the particles' paths during the exposure into the image; return the number of particles kept.
 
-    The exposure is centred on the time of the frame, and the camera motion is that between the two frames.
+    The exposure is centred on the time of the frame, and the camera moves as it does between the two frames.
     """
     kept = 0
     part = 0.5 * EXPOSURE / FRAME_INTERVAL

@@ -30,8 +30,8 @@ class Precipitation(DepthCorruption):
 
     A particle that covers a pixel for a fraction a of the exposure changes the pixel x to (1 - a) x + a * colour; for a
     particle of diameter 2 r and a streak of length L, a is 2 r / L. A particle is drawn as a disk with a soft edge as
-    wide as the blur caused by the lens and the pixel at that depth; however small the particle, its sum over all pixels
-    equals that of a sharp disk. Pixels closer than the particle are unchanged.
+    wide as the blur caused by the lens and the pixel at that depth; however small the particle is, its weights
+    over all pixels have the same sum as those of a sharp disk. Pixels closer than the particle are unchanged.
     """
 
     colour: ClassVar[tuple[float, float, float]]

@@ -16,9 +16,9 @@ class Rain3d(Precipitation):
 
     A drop refracts light from most of the hemisphere in front of it, so it is about as bright as the sky regardless of
     the background (Garg and Nayar); here, all drops are light grey. A drop's weight at a pixel is the fraction of the
-    exposure during which it covers the pixel. Drops smaller than 0.06 % of the image's longer side (0.75 px of 1242
-    px) form a veil of the same colour over distant parts of the scene, as in Halder et al., Physics-Based Rendering for
-    Improving Robustness to Rain, 2019.
+    exposure during which it covers the pixel. Drops smaller than 0.06 % of the image's longer side (0.75 px at a
+    width of 1242 px) form a veil of the same colour over distant parts of the scene, as in Halder et al., Physics-Based
+    Rendering for Improving Robustness to Rain, 2019.
     """
 
     name = "rain_3d"

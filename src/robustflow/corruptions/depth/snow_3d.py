@@ -20,8 +20,8 @@ class Snow3d(Precipitation):
     apart.
 
     Flakes are white and opaque; near ones are out of focus (the aperture is 2 mm, and the focus is at 10 m). Flakes
-    smaller than 0.06 % of the image's longer side (0.75 px of 1242 px) form a veil of the same colour over distant
-    parts of the scene.
+    smaller than 0.06 % of the image's longer side (0.75 px at a width of 1242 px) form a veil of the same colour
+    over distant parts of the scene.
     """
 
     name = "snow_3d"

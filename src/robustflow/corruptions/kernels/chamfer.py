@@ -25,7 +25,7 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
     distance = np.where(edges > 0, 0, limit * _STRAIGHT).astype(np.int32)
     for _ in range(2):  # first from the upper left, then from the lower right
         _sweep(distance, limit * _STRAIGHT)
-        distance = np.ascontiguousarray(distance[::-1, ::-1])  # one layout, so that the loops are compiled only once
+        distance = np.ascontiguousarray(distance[::-1, ::-1])  # contiguous, so the loops are compiled only once
     return distance
 
 

@@ -222,7 +222,7 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
 def _put_sharp_behind(
     packed: Any, layers: Any, packed_behind: Any, behind: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:
-    """Add a layer without blur behind the previous ones, like `_put_behind`."""
+    """Add an unblurred layer behind the previous ones, like `_put_behind`."""
     mask, left = _U((1 << _FIELD) - 1), False
     for j in range(free.shape[0]):
         for i in range(free.shape[1]):

@@ -14,7 +14,7 @@ from ...compiled import njit
 FRACTION = 16
 """Fractional bits of positions."""
 EIGHTHS = 8
-"""Number of steps per pixel between which `between` interpolates."""
+"""Number of steps per pixel to which `between` rounds positions."""
 LARGEST = 4096
 """Largest number of values in a sum."""
 _ROUND = 1 << (FRACTION - 4)

@@ -38,7 +38,7 @@ class Noise(Corruption):
     family = "noise"
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoiseState:
-        """Return the state: the amount of noise and the stream of the pair."""
+        """Return the state: the amount of noise and the pair's random stream."""
         return NoiseState(float(self.parameter(severity)), rng)
 
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:

@@ -107,7 +107,7 @@ class CorruptionTransform:
             key: name of the random draw. The same seed, key and images always produce the same bytes.
 
         Returns:
-            New arrays with the container, shape and dtype of the input. Corruptions operate on 8 bits, so the
+            New arrays with the container, shape and dtype of the input. Corruptions operate on 8-bit values, so the
             values of float images become multiples of 1/255; if no corruption is applied, images are returned
             unchanged. Grey images remain grey: they are corrupted as RGB images with equal channels. If the corruption
             treats all channels alike, one of them is returned; for saturate, spatter, frost and psf_blur, the luma
@@ -171,12 +171,12 @@ def check_image(image: Image) -> None:
 
     >>> check_image(np.zeros((8, 8, 3), np.uint16))
     Traceback (most recent call last):
-    robustflow.errors.DataError: an image is uint16: corruptions are defined on 8 bits; convert it to uint8 first
+    robustflow.errors.DataError: an image is uint16: corruptions operate on 8-bit values; convert it to uint8 first
     """
     if not isinstance(image, np.ndarray):
         raise DataError(f"an image is a {type(image).__name__}: expected a numpy array (H, W, 3), (H, W) or (H, W, 1)")
     if image.dtype not in (np.uint8, np.float32):
-        how = "corruptions are defined on 8 bits; convert it to uint8 first"
+        how = "corruptions operate on 8-bit values; convert it to uint8 first"
         if np.issubdtype(image.dtype, np.floating):
             how = "expected float32 in [0, 1], or uint8"
         raise DataError(f"an image is {image.dtype}: {how}")

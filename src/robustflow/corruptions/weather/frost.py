@@ -24,8 +24,8 @@ Texture = Callable[[int], Frame]
 """A function that returns texture 0 to 4 as RGB uint8 (H, W, 3)."""
 
 _KEPT_BYTES = 128 << 20
-"""Size limit for the cache of enlarged textures: sufficient for all textures at a few KITTI frame sizes, or for three
-at 4K. The most recent texture is always kept.
+"""Size limit of the cache of enlarged textures: sufficient for all textures at a few KITTI frame sizes, or for three
+textures at 4K. The most recent texture is always kept.
 """
 _MARGIN = 1.1
 
