@@ -189,7 +189,7 @@ def test_the_checker_passes_what_keeps_the_contract():
     ("made", "message"),
     [
         (Far, "exceeds its budget: end with problem.ball.project"),
-        (Last, "but evaluated one with .*return problem.best"),
+        (Last, "but evaluated one with score .*return problem.best"),
         (Unseeded, "different bytes on the second call"),
     ],
 )

@@ -24,7 +24,7 @@ def channels(
         path: file to write.
         layout: input layout of the pair.
         batch, size: input dimensions, as numbers or as names of dynamic dimensions.
-        flip: whether to flip the flow vertically and horizontally, so that cropping reveals errors in the padding.
+        flip: whether to flip the flow vertically and horizontally, so that padding errors are visible after cropping.
         channels_last: whether the output is (N, H, W, 2).
         kind: element type of the tensors.
         names: names of the two inputs.

@@ -33,7 +33,7 @@ def test_the_sample_is_named(error, says):
 
 
 class _OnAGpu:
-    """Behaves in NumPy like a tensor on a GPU, or like one that requires gradients."""
+    """An object that NumPy cannot convert, like a tensor on a GPU or one that requires gradients."""
 
     def __array__(self, *args, **kwargs):
         raise TypeError("can't convert cuda:0 device type tensor to numpy.")

@@ -37,7 +37,7 @@ PYRAMIDS = ("arflow", "upflow")
 
 
 def network(name):
-    """A model with weights from the packs' rule; with PyTorch's random weights, most layers have hardly any effect."""
+    """A model with weights from the parity packs' rule; with PyTorch's random weights, most layers hardly matter."""
     if name in (*BATCHED, "flowformer"):
         pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     if name.startswith("tiny"):

@@ -1,4 +1,4 @@
-"""The accelerators used by a run."""
+"""Test which accelerators a run uses."""
 
 import sys
 from types import SimpleNamespace

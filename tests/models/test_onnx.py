@@ -1,4 +1,4 @@
-"""ONNX files: colour order, value range, padding and all layouts, on networks with known flow; and malicious files."""
+"""Test the colour order, value range, padding and all layouts of ONNX networks with known flow, and malicious files."""
 
 import hashlib
 import os
@@ -61,7 +61,7 @@ def test_every_way_in_and_out(tmp_path, layout, channels_last):
     [((13, 19), 8, None), ((16, 24), 8, None), ((5, 9), 1, None), ((13, 19), 8, (20, 31))],
 )
 def test_the_border_is_repeated_and_cropped(tmp_path, size, multiple, fixed):
-    """The network flips its flow, so that cropping reveals errors in the padding."""
+    """The network flips its flow, so that padding errors are visible after cropping."""
     first, second = frames(*size)
     model = network(tmp_path, {"scaling": "0-255", "multiple": multiple}, flip=True, size=fixed or ("h", "w"))
     height, width = size

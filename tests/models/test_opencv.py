@@ -1,4 +1,4 @@
-"""The OpenCV methods on known motion."""
+"""Test the OpenCV methods on known motion."""
 
 import cv2
 import numpy as np

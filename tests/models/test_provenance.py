@@ -30,7 +30,7 @@ def test_years_and_types_are_the_papers():
     paper = published_methods()
     for entry in methods().values():
         method = paper.get(entry.method) or paper.get(entry.method.rpartition("-")[0])
-        if entry.frames > 2 or entry.method.startswith("Tiny"):  # none of them is evaluated in the paper
+        if entry.frames > 2 or entry.method.startswith("Tiny"):  # the paper evaluates no such method
             assert method is None
             continue
         assert (entry.year, entry.type) == (method.year, method.type)

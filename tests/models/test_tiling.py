@@ -1,4 +1,4 @@
-"""Tiles: their positions, their blending, and the frames that the model receives."""
+"""Test the positions and blending of tiles, and the frames that the model receives."""
 
 import json
 from itertools import pairwise

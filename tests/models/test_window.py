@@ -1,4 +1,4 @@
-"""Windows of multi-frame models: the frames that they receive at every position in a sequence."""
+"""Test which frames multi-frame models receive at every position in a sequence."""
 
 from types import SimpleNamespace
 

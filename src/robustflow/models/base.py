@@ -55,8 +55,8 @@ class ClipModel(Protocol):
     `predict` receives only the two frames.
 
     Attributes:
-        window: numbers of additional frames (before, after) the pair, or a `Window`, which also defines the behaviour
-            at the ends of a sequence.
+        window: numbers of additional frames before and after the pair, as (before, after), or a `Window`, which also
+            defines the behaviour at the ends of a sequence.
     """
 
     window: tuple[int, int] | Window
@@ -67,7 +67,7 @@ class ClipModel(Protocol):
         Args:
             frames: frames of equal size in temporal order, RGB uint8 (H, W, 3) each. With the window (before, after),
                 there are always before + 2 + after frames: at the ends of the sequence, the outermost frame is repeated
-                in place of missing ones.
+                to replace missing frames.
             index: index of frame 1 of the pair in `frames`; with the window (before, after) always `before`.
         """
         ...
@@ -228,7 +228,7 @@ def naming_errors(where: str) -> Iterator[None]:
         ) from error
     finally:
         if os.getpid() != process:
-            os._exit(1)  # otherwise, a process forked by the model would continue the run, too
+            os._exit(1)  # otherwise, a process forked by the model would also continue the run
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:

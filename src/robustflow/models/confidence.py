@@ -2,7 +2,7 @@
 
 An answer is a flow with extra channels: (H, W, 4) with the backward flow, or (H, W, 3) with the model's confidence or
 with the standard deviation of the flow over several draws of a corruption. Engines handle answers like flows; the
-metrics split them.
+metrics separate the channels.
 """
 
 from __future__ import annotations

@@ -35,9 +35,9 @@ def is_accelerator(device: str) -> bool:
 def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     """Return the accelerators that a run uses, each with its own prediction process; none for a model on the CPU.
 
-    They are the devices listed in the option `device` ("cuda:0,cuda:1"). If the option is "cuda", or if it is not given
-    and the network is part of this package, they are all CUDA devices that PyTorch finds; otherwise, the device that
-    the loaded model declares.
+    If the option `device` lists several devices ("cuda:0,cuda:1"), the run uses these. If the option is "cuda", or if
+    it is not given and the network is part of this package, the run uses all CUDA devices that PyTorch finds;
+    otherwise, it uses the device that the loaded model declares.
 
     Args:
         spec: specification from which each process can load the model; None if the model was passed as an object.
@@ -49,7 +49,7 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):
-            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; use cpu alone, with --workers")
+            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; pass cpu alone, with --workers")
         return listed
     own = device_of(model)
     if not is_accelerator(own):

@@ -104,7 +104,7 @@ class InputConvention:
         return columns // 2, columns - columns // 2, above, rows - above
 
     def describe(self) -> dict[str, Any]:
-        """Return the entry in a run's manifest, without fields that have no effect."""
+        """Return the convention's entry in a run's manifest, without fields that have no effect."""
         about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "fit": self.fit}
         about["scale"] = list(self.scale) if isinstance(self.scale, tuple) else self.scale
         if self.fit != "none":

@@ -63,7 +63,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
         )
     if exported is not None:
         if "checkpoint" in options:
-            raise UsageError(f"'{name}' is itself the network; omit the checkpoint, or use model '{exported}' with it")
+            raise UsageError(f"'{name}' is itself the network; omit the checkpoint, or pass it to model '{exported}'")
         return load_model(exported, checkpoint=name, **options)
     if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
         tile = options.pop("tile")

@@ -42,7 +42,7 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
 
     Raises:
         ModelError: the file is missing, not a regular file (a pipe, a device), unreadable, empty, a web page or a Git
-            LFS pointer, or its hash is different.
+            LFS pointer, or its hash does not match.
         UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
     try:
@@ -85,6 +85,6 @@ def _check_hash(path: Path, digest: str, expected: str) -> None:
         raise UsageError(f"sha256={expected} is not a SHA-256 (64 hexadecimal digits) or a prefix of at least 8 digits")
     if not digest.startswith(expected.lower()):
         raise ModelError(
-            f"{path}: its SHA-256 is {digest} instead of {expected}: a different file, or damaged in transit; "
+            f"{path}: its SHA-256 is {digest} instead of {expected}; the file is different or damaged: "
             "download it again"
         )

@@ -32,9 +32,9 @@ TRAINING_SETS = {
     "IN": "imagenet",
     "X": "other",
 }
-"""Training sets, keyed by their abbreviations in the literature. `SET:train` is the part on which a benchmark does not
-evaluate (see `PARTS`); `SET?` is a dataset that may have been used; "other" stands for any data that shares neither
-frames nor scenes with a benchmark.
+"""Training sets, keyed by their abbreviations in the literature. `SET:train` is the part that a benchmark does
+not use for evaluation (see `PARTS`); `SET?` is a dataset that may have been used; "other" stands for any data that
+shares neither frames nor scenes with a benchmark.
 """
 
 DECLARED = "trained_on"

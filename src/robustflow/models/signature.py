@@ -116,7 +116,7 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
     if 0 < len(lost) < len(inputs):
         raise ModelError(
             f"the network does not read its input {', '.join(lost)[:60]}: the same example tensor was passed to the "
-            "exporter for both frames, which made them one input; export it with two different tensors"
+            "exporter for both frames, which merged them into one input; export it with two different tensors"
         )
 
 

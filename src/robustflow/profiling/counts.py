@@ -52,7 +52,7 @@ class Counts:
 def count(net: nn.Module, height: int, width: int) -> Counts:
     """Count the cost of one call of `net` on two images (1, 3, height, width) without computing any values.
 
-    The tensors have shapes but no values, so counting takes about a second and no memory; a network is actually
+    The tensors have shapes but no values, so counting takes about a second and uses no memory; a network is actually
     executed only if its shapes depend on values. The network is copied first.
 
     Raises:

@@ -20,8 +20,8 @@ class PredictionCost:
 
     Attributes:
         seconds: shortest time for one pair, in seconds.
-        peak_bytes: peak memory in bytes: on a GPU, of the tensors during a prediction; on a CPU, of the process since
-            its start, including libraries and weights.
+        peak_bytes: peak memory in bytes: on a GPU, the memory of the tensors during a prediction; on a CPU, the memory
+            of the process since its start, including libraries and weights.
         device: PyTorch's name of the device.
     """
 
@@ -46,7 +46,7 @@ def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int
     seconds = []
     for _ in range(repeat):
         start = time.perf_counter()
-        model.predict(*frames)  # copies the flow to the CPU, which synchronizes with the GPU
+        model.predict(*frames)  # waits for the GPU, because the flow is copied to the CPU
         seconds.append(time.perf_counter() - start)
     unit = 1 if sys.platform == "darwin" else 1024
     peak = torch.cuda.max_memory_allocated(model.device) if gpu else 0

@@ -57,7 +57,7 @@ class Counted:
 
 
 def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
-    """Count the methods one by one.
+    """Count the costs of the methods, one method at a time.
 
     Args:
         published: methods in the catalogue, keyed by the names in their papers.

@@ -80,8 +80,8 @@ def check_attack(attack: Any, seed: int = 0) -> str:
                 found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
                 _require(
                     not problem.trace or found >= problem.best_score - 1e-4,
-                    f"{where} returns a pair with score {found:.4g} but evaluated one with {problem.best_score:.4g}: "
-                    "return problem.best",
+                    f"{where} returns a pair with score {found:.4g} but evaluated one with score "
+                    f"{problem.best_score:.4g}: return problem.best",
                 )
                 again = second.problem(model, pair, model.predict(*frames))
                 _require(

@@ -81,8 +81,8 @@ def _frames(shape: tuple[int, int]) -> list[Frame]:
 
 
 def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
-    """Return the depth of a floor that extends to a wall 60 m away, unknown in one corner; in the second frame, the
-    camera is one step closer.
+    """Return the depth of a floor that extends to a wall 60 m away, with unknown values in one corner; in the second
+    frame, the camera is one step closer.
     """
     height, width = shape
     rows = np.arange(height, 0, -1, dtype=np.float32)[:, None]

@@ -130,8 +130,9 @@ def check_model(model: Any, seed: int = 0) -> str:
     The flow must be a finite float array (H, W, 2). The same frames must result in the same flow, even after
     predictions on different frames and in any order. The model must not modify its input frames. Batched predictions
     must match the flows of single pairs to within 1e-4 px; the same applies to `differentiable` if the model has
-    `batched_gradients`. `predict_with_confidence` must return the same flow as `predict`, and on every call the same
-    confidence, (H, W) without NaN. A multi-frame model receives a clip with the frames of its window.
+    `batched_gradients`. `predict_with_confidence` must return the same flow as `predict`, and a confidence,
+    (H, W) without NaN, that is the same on every call. A multi-frame model receives a clip with the frames of its
+    window.
 
     Args:
         model: the model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch

@@ -1,4 +1,4 @@
-"""Dense inverse search on colour frames: known motion, unusual frames, and comparison with OpenCV's version."""
+"""Test dense inverse search on colour frames: with known motion, on unusual frames, and against OpenCV's version."""
 
 import os
 import platform
@@ -96,7 +96,7 @@ def test_frames_that_do_not_differ_do_not_move(point):
     for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
         np.testing.assert_allclose(
             model.predict(frame, frame), 0, atol=1e-4
-        )  # rounding errors of the spline at the pixels
+        )  # the spline reproduces the pixels up to rounding errors
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
@@ -129,7 +129,7 @@ def test_no_channel_is_favoured(point):
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_pair_has_the_mirrored_flow(axis):
     """The flows differ near patches that are flush with the last edge, because mirroring turns these into the first
-    ones.
+    patches.
     """
     frame1, frame2 = (frame[:236, :316] for frame in moved(data.astronaut, 3.3, 2.7))
     model = load_model("dis_rgb", operating_point=3)
@@ -193,7 +193,7 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path, capsys):
 
 
 def opencv_at(point, size):
-    """OpenCV's method with the same scales, patches and iterations, without its extensions of the paper's method."""
+    """OpenCV's method with the same scales, patches and iterations, without its extensions to the paper's method."""
     method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     method.setFinestScale(point.scales(*size)[1])
     method.setPatchSize(point.patch_size)

@@ -1,4 +1,4 @@
-"""The refinement: terms match a plain sum of squares, relaxation matches a direct solver, and the energy decreases."""
+"""The refinement's terms match plain sums of squares, it agrees with a direct solver, and the energy decreases."""
 
 import numpy as np
 import pytest

@@ -67,7 +67,7 @@ def test_dense_flow_is_the_mean_weighed_by_difference_of_colour():
     total, weights = np.zeros((30, 37, 2)), np.zeros((30, 37, 1))
     for i, y in enumerate(rows):
         for j, x in enumerate(columns):
-            # patches are sampled at most just outside the frame
+            # patches are sampled no further than just outside the frame
             top, left = np.clip(y + found[i, j, 1], -PATCH, 30), np.clip(x + found[i, j, 0], -PATCH, 37)
             looked = linear(image2.astype(float), top + np.arange(PATCH), left + np.arange(PATCH))
             window = np.s_[y : y + PATCH, x : x + PATCH]

@@ -1,4 +1,4 @@
-"""Image encoders: windows, positions and strides that the parity packs do not cover."""
+"""Test the windows, positions and strides of the image encoders that the parity packs do not cover."""
 
 from __future__ import annotations
 

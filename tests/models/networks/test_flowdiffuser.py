@@ -1,4 +1,4 @@
-"""FlowDiffuser loaded by name: the layout of the authors' files, and the noise seed."""
+"""Load FlowDiffuser by name, and test the layout of the authors' files and the noise seed."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_options_that_cannot_be_meant(option):
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """Write seeded weights in the layout of the authors' files (data-parallel training)."""
+    """Write seeded weights in the layout of the authors' files, which were saved from data-parallel training."""
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     from robustflow.models.networks.flowdiffuser import FlowDiffuser
 

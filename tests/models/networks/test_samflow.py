@@ -1,4 +1,4 @@
-"""SAMFlow loaded by name: the layout of the authors' files, tiles, and error messages for invalid input."""
+"""Load SAMFlow by name, and test the layout of the authors' files, tiles, and error messages for invalid input."""
 
 import inspect
 
@@ -39,7 +39,7 @@ def test_without_a_checkpoint_the_message_says_what_is_missing(name):
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    """Write seeded weights in the layout of the authors' files (Lightning)."""
+    """Write seeded weights in the layout of the authors' files, which are Lightning checkpoints."""
     torch = pytest.importorskip("torch", reason="needs the torch extra")
     from robustflow.models.networks.samflow import SamFlow
 

@@ -1,4 +1,4 @@
-"""ptlflow's multi-frame models are bit-identical to the library itself, anywhere in a sequence and in any order."""
+"""Adapted multi-frame models return the same bits as ptlflow itself, anywhere in a sequence and in any order."""
 
 import contextlib
 import io
@@ -44,7 +44,7 @@ def adapter(name):
     model = load_model(name, checkpoint="random", device="cpu", **options)
     for key, value in model.net.state_dict().items():
         if key.endswith("aggregator.gamma"):
-            value.fill_(1)  # it is 0 in new networks, which disables their memory
+            value.fill_(1)  # gamma is 0 in new networks, which disables their memory
     return model
 
 
@@ -64,7 +64,7 @@ def sequence(side):
 
 
 def side_of(name):
-    return 256 if name == "memfof" else 128  # its correlation pyramid needs 16 x 16 features
+    return 256 if name == "memfof" else 128  # MEMFOF's correlation pyramid needs 16 x 16 features
 
 
 def ask(name, first):
@@ -82,7 +82,7 @@ def images_of(frames):
 
 
 def fresh(ptlflow, name):
-    """The library's model, built and configured by the library's own means, with the adapter's weights."""
+    """The library's model, built and configured with the library's own functions, with the adapter's weights."""
     model = adapter(name)
     with contextlib.redirect_stdout(io.StringIO()):
         reference = ptlflow.get_model_reference(name)
@@ -118,7 +118,7 @@ def from_the_library(net, name, first):
 
 
 def videoflow(net, sequence, first):
-    """Evaluate like the authors: with five frames of the sequence, whose first frame is repeated, and the requested
+    """Evaluate as the authors do: with five frames of the sequence, whose first frame is repeated, and the requested
     frame as close to the centre as possible. The library returns only the middle flow, so the flows are read before it
     selects one.
     """

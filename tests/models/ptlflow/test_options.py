@@ -1,4 +1,4 @@
-"""Arguments for ptlflow's constructors, tested with classes that have the signatures of its models."""
+"""Test the arguments for ptlflow's constructors with classes that have the same signatures as its models."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""ptlflow's models are bit-identical to the library itself, print nothing, and fail with clear messages."""
+"""Adapted two-frame models return the same bits as ptlflow itself, print nothing, and fail with clear messages."""
 
 import inspect
 import subprocess
@@ -191,8 +191,8 @@ def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
 
 @pytest.mark.torch
 def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
-    """A Lightning checkpoint of a ptlflow model: in addition to the weights, it contains hyperparameters, loops,
-    optimizer and callbacks.
+    """A Lightning checkpoint of a ptlflow model: in addition to the weights, it contains hyperparameters and
+    the states of the loops, the optimizer and the callbacks.
     """
     import torch
     from lightning.pytorch import Trainer
@@ -233,8 +233,8 @@ def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path
 
 @pytest.mark.torch
 def test_checkpoints_by_name(library, tmp_path, monkeypatch):
-    """For a name, the file is taken from PyTorch's cache, and the hash in its name is checked; if the file is not
-    cached, the message states where to put it.
+    """A checkpoint given by name is read from PyTorch's cache, and the hash in its file name is checked; if it is not
+    cached, the message states where to put the file.
     """
     import hashlib
 
@@ -336,7 +336,7 @@ def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
 def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
     names = library.get_model_names()
     assert set(BESIDES) <= set(names)
-    frames = textured_pair(256, 384)  # the smallest size that all of them accept
+    frames = textured_pair(256, 384)  # the smallest size that all models accept
     for name in names:
         needs = BESIDES.get(name)
         known = f"{PTLFLOW}{name}" if name == "raft_small" else name

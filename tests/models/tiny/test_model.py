@@ -1,4 +1,4 @@
-"""The small network, loaded by name, with and without PyTorch."""
+"""Load the small network by name, and test it with and without PyTorch."""
 
 import json
 import re
@@ -114,7 +114,7 @@ def test_numpy_and_pytorch_agree_on_long_motion_as_closely_as_the_docs_say():
         r"agree\s+within (\S+) px at 99\.9 % of\s+the\s+pixels and (\S+) px at the worst", PAGE.read_text()
     )
     assert stated is not None
-    sample = load_dataset("kitti2012", shared_folder("data", "kitti2012"))["000151"]  # the largest value of 15 pairs
+    sample = load_dataset("kitti2012", shared_folder("data", "kitti2012"))["000151"]  # the largest of 15 values
     flows = [load_model("tiny", runtime=runtime).predict(*sample.frames) for runtime in ("numpy", "torch")]
     difference = np.abs(flows[0] - flows[1])
     assert np.percentile(difference, 99.9) < float(stated[1])

@@ -1,5 +1,5 @@
-"""The project's own networks, loaded by name: options, identity, and rows that do not depend on the number of
-workers.
+"""Load the project's own networks by name; test their options and identities, and that the number of workers does not
+affect the result rows.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""The adapter for PyTorch networks: input, output, and independence of the pairs in a batch."""
+"""Test the adapter for PyTorch networks: its input, its output, and the independence of the pairs in a batch."""
 
 import numpy as np
 import pytest
@@ -249,7 +249,7 @@ def test_bf16_is_near_fp32_and_another_number(name):
         for precision in ("fp32", "bf16")
     )
     difference = np.abs(full - half).mean()
-    # bfloat16 keeps 8 bits, a relative error of 0.4 % per operation.
+    # bfloat16 has 8 significant bits, which results in a relative error of 0.4 % per operation.
     assert 0 < difference < 0.05 * np.abs(full).mean()
 
 
@@ -279,7 +279,7 @@ def test_a_compiled_network_gives_the_same_flow():
 
 def test_a_frame_too_small_for_upflow_says_so():
     model = network("upflow", UPFlow(), InputConvention(), {}, device="cpu")
-    with pytest.raises(ModelError, match="wider or higher than 64 pixels, not 64 x 40"):
+    with pytest.raises(ModelError, match="wider or taller than 64 pixels, not 64 x 40"):
         model.predict(*frames(2, 40, 64))
 
 

@@ -1,4 +1,4 @@
-"""torchvision's RAFT is bit-identical to the library itself, whether it is loaded by name or from a file."""
+"""The adapted RAFT returns the same bits as torchvision itself, whether it is loaded by name or from a file."""
 
 import numpy as np
 import pytest

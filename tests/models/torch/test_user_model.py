@@ -1,4 +1,4 @@
-"""The convention of a user-defined PyTorch module: declared, defined by its library, determined by experiment, or
+"""The convention of a user-defined PyTorch module is declared, defined by its library, determined by experiment, or
 unknown.
 """
 

@@ -1,7 +1,7 @@
 """Metadata of the methods and their public checkpoints, from `methods.csv` and `checkpoints.csv`.
 
-The training sets of the checkpoints were taken from the authors' code, documentation and answers. A question mark
-denotes a dataset that may have been used for training: `kitti2015?`.
+The training sets of the checkpoints were taken from the authors' code, documentation and replies to users. A question
+mark denotes a dataset that may have been used for training: `kitti2015?`.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ class CheckpointEntry(Frozen):
     """A public checkpoint.
 
     Attributes:
-        model: name of the model to which it belongs; `ptlflow:NAME` if NAME alone refers to a model of a different
+        model: name of the checkpoint's model; `ptlflow:NAME` if NAME alone refers to a model of a different
             library.
         checkpoint: name of the checkpoint.
         file: name of the file.
         sha256: first eight hexadecimal digits of the file's SHA-256.
         trained_on: training sets, named as in `provenance.TRAINING_SETS` and separated by "+"; "?" denotes a dataset
             that may have been used.
-        confidence: confidence in `trained_on`: "high" if it is stated in the authors' code, documentation or answers;
+        confidence: confidence in `trained_on`: "high" if it is stated in the authors' code, documentation or replies;
             "medium" if it is inferred from their naming, from a reproduction by others, or from a matching accuracy;
             "low" if it is not documented.
         note: evidence for `trained_on`, and remaining uncertainties.
@@ -110,7 +110,7 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
-    """Return the public checkpoints of a model; those of `ptlflow:NAME` are those of NAME, unless NAME refers to a
+    """Return the public checkpoints of a model; `ptlflow:NAME` has the same ones as NAME, unless NAME refers to a
     different library's model.
 
     >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")

@@ -26,7 +26,7 @@ class OperatingPoint:
 
     Attributes:
         finest_scale: finest scale of the search for frames 1024 px wide; at this scale, frames are downsampled by
-            2**finest_scale. The flow is upsampled from there; see `scales`.
+            2**finest_scale. The flow is upsampled from this scale; see `scales`.
         patch_size: side length of a patch in pixels.
         overlap: overlap of neighbouring patches as a fraction of the side length, from 0 to 1 (exclusive).
         iterations: maximum number of gradient descent steps per patch and scale.
@@ -72,8 +72,8 @@ class DisRgb:
     """DIS on colour frames (Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016).
 
     From coarse to fine, patches are matched by gradient descent, their displacements are combined into a dense flow,
-    and the flow is refined. The implementation follows the paper; details that the paper omits were chosen by their
-    error on real pairs (docs/dis-rgb.md).
+    and the flow is refined. The implementation follows the paper; details that the paper omits were chosen by
+    comparing the errors on real pairs (docs/dis-rgb.md).
 
     The first call after installation takes a few seconds longer, because the loops are then compiled and cached on
     disk.

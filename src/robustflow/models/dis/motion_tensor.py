@@ -2,7 +2,7 @@
 
 Around the current flow, the constancy of an image quantity q means q_x du + q_y dv + q_t = 0. The square of the left
 side, divided by |grad q|^2 + 0.01 to obtain a squared distance in pixels, and summed over channels, is a quadratic form
-in (du, dv, 1). In E_I, q is the colours; in E_G, q is their two derivatives.
+in (du, dv, 1). In E_I, q stands for the colours; in E_G, for their two derivatives.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
 
 @njit(cache=True, nogil=True)
 def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
-    """Warp frame 2 backwards along the flow; write the mean of frame 1 and the result to `middle`, the difference to
-    `change`.
+    """Warp frame 2 backwards along the flow; write the mean of frame 1 and the warped frame to `middle`, and their
+    difference to `change`.
     """
     height, width, _ = flow.shape
     half = np.float32(0.5)

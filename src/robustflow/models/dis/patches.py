@@ -32,7 +32,7 @@ def search_area(image: Image, patch: int) -> Image:
 def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
     """Return the integer and fractional parts of the coordinate in `search_area` of a patch at `place` in frame 2.
 
-    A patch can move at most just outside the frame, where all pixels replicate the edge.
+    A patch can move no further than just outside the frame, where all pixels replicate the edge.
     """
     inside = min(max(place, float(-patch)), float(size)) + (patch + _TAPS)
     whole = int(inside)

@@ -65,7 +65,7 @@ def slopes(image: Image, order: int) -> tuple[Image, Image]:
 
 
 def enlarged(flow: Flow, factor: int, height: int, width: int) -> Flow:
-    """Upsample the flow between frames downsampled by `factor` bilinearly to full resolution, and crop it to (height,
+    """Upsample a flow bilinearly from frames downsampled by `factor` to full resolution, and crop it to (height,
     width, 2).
     """
     out = np.empty((height, width, 2), np.float32)

@@ -2,8 +2,8 @@
 
 The energy minimised around a flow (u, v) is the sum over pixels of delta Psi(E_I) + gamma Psi(E_G) + alpha Psi(E_S),
 where Psi(s^2) = sqrt(s^2 + 0.001^2), E_I and E_G are the forms of `motion_tensor`, and E_S = |grad u|^2 + |grad v|^2.
-Each of a few fixed-point iterations fixes the derivatives of Psi, which yields a linear system, and solves this
-approximately by a few sweeps of successive over-relaxation, in red-black order so that no direction is favoured. The
+Each fixed-point iteration holds the derivatives of Psi constant, which yields a linear system, and solves this system
+approximately with a few sweeps of successive over-relaxation, in red-black order so that no direction is favoured. The
 weights, the number of sweeps and the relaxation factor are the same as in the authors' program.
 """
 

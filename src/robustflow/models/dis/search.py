@@ -2,7 +2,7 @@
 
 A patch T of frame 1 is matched to frame 2, I, by minimising the sum over pixels x and channels of (I(x + u) - T(x))^2,
 with the mean of each channel subtracted from both. Each step is u -= H^-1 sum S (I(x + u) - T(x)), where S is the
-gradient of T and H = sum S S^T. As the gradient is that of T, H is computed only once.
+gradient of T and H = sum S S^T. Because only the gradient of T is used, H is computed only once.
 
 Two identities make a step cheap and affect only rounding. First, if the mean of S is subtracted, sum S (I - T) does not
 depend on the means of I and T. Second, I between pixels is a weighted sum of 4x4 spline coefficients, so sum S I(x + u)
@@ -34,7 +34,7 @@ def inverse_search(
 
     A patch keeps its initial displacement if it has no texture, if it would move by more than its own size (which the
     paper treats as an outlier), or if its final match is not better than the initial one. The last rule is not in the
-    paper: gradient descent without a line search may increase the error; in this case, OpenCV stops.
+    paper: gradient descent without a line search may increase the error (OpenCV stops when it does).
 
     Args:
         image1, image2: images in interleaved RGB, float32 (H, 3 W), with H and W at least `patch`.

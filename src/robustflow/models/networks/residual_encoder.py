@@ -11,7 +11,7 @@ class ResidualBlock(nn.Module):
 
     State-dict keys: `conv1 conv2`, and `downsample.0` if the stride is 2.
 
-    Instance normalisation is used without weights and running statistics, so it has no keys.
+    Instance normalisation is used without weights or running statistics, so it has no keys.
     """
 
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:

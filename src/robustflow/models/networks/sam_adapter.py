@@ -1,4 +1,4 @@
-"""Fusion, task token and adapter, with which SAMFlow adds SAM's features to the flow network's context (Zhou et al.
+"""The fusion, task token and adapter that SAMFlow uses to add SAM's features to the flow network's context (Zhou et al.
 2024).
 """
 

@@ -127,7 +127,7 @@ class UPFlow(nn.Module):
         if max(image1.shape[2:]) <= 64:
             height, width = image1.shape[2:]
             raise ModelError(
-                f"upflow needs frames wider or higher than 64 pixels, not {width} x {height}; use larger frames"
+                f"upflow needs frames wider or taller than 64 pixels, not {width} x {height}; use larger frames"
             )
         features1, features2 = (self.feature_pyramid_extractor(image)[:0:-1] for image in (image1, image2))
         forward = backward = torch.zeros_like(features1[0][:, :2], dtype=torch.float32)
@@ -169,7 +169,7 @@ def _normalised(features: Tensor) -> Tensor:
 
 
 def visible(flow: Tensor, other: Tensor) -> Tensor:
-    """Return where the forward and backward flow agree or the pixel leaves the frame.
+    """Return a mask of the pixels where the forward and backward flows agree, or that leave the frame.
 
     Pixels that leave the frame are treated as visible, because the losses sample them from outside the crop.
 

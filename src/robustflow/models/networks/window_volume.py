@@ -93,7 +93,7 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
     """Return the derivatives of windows with respect to the x and y of their centres, per pixel, (M, 1, S, S) each.
 
     The derivative of bilinear sampling at integer positions is one-sided: it is taken to the right or downwards, except
-    where the original's float32 arithmetic results in a position just below the integer, and therefore in the
+    where the original code's float32 arithmetic results in a position just below the integer, and therefore in the
     derivative on the opposite side.
 
     Args:

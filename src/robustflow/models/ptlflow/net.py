@@ -59,7 +59,7 @@ class PtlflowNet(nn.Module):
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
             raise ModelError(
-                "this ptlflow network does not return the flows of its iterations, so it cannot be trained here"
+                "this ptlflow network does not return the flows of its iterations, so robustflow cannot train it"
             )
         return list(outputs["flow_preds"]), outputs
 
@@ -76,7 +76,7 @@ class PtlflowNet(nn.Module):
 
 _STRIDE = 8
 """Number of image pixels per pixel of the cost volume along each axis; the side lengths of a crop are multiples of
-it.
+        this number.
 """
 
 

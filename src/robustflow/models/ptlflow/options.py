@@ -45,7 +45,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     if "use_tile_input" in parameters:
         options["use_tile_input"] = False
     if "backbone_weights" in parameters:
-        options["backbone_weights"] = None  # no need to download them: the checkpoint replaces them
+        options["backbone_weights"] = None  # no need to download weights: the checkpoint replaces them
     keyword = next((key for key in _ITERATIONS if key in parameters), None)
     counted = keyword is not None and isinstance(parameters[keyword].default, int)
     if iterations is not None:

@@ -125,7 +125,7 @@ def ptlflow_network(
             raise _not_built(name, architecture, reference, error) from error
 
     if architecture in BESIDES:
-        build()  # raises an error before a checkpoint is downloaded in vain
+        build()  # raises an error before a checkpoint is downloaded unnecessarily
         if checkpoint is None and names:
             raise needs_checkpoint(name, names, _SOURCE)
     return network_model(

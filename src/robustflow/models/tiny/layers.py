@@ -119,8 +119,8 @@ def warp(maps: Any, flow: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
-    """Write the correlation (mean over channels) of `first` at each pixel with `second` within `radius` of it (zero
-    outside the map) to `out` ((2 * radius + 1) ** 2, H, W); the window is in row-major order.
+    """Correlate `first` at each pixel with the pixels of `second` within `radius` (zero outside the map), and write the
+    means over channels to `out` ((2 * radius + 1) ** 2, H, W); the window is in row-major order.
     """
     channels, height, width = first.shape
     side = 2 * radius + 1

@@ -16,4 +16,4 @@ DECODER = ((80, 1), (64, 2), (48, 4), (32, 1))
 FINEST = 4
 """Finest resolution at which the flow is decoded: 1/4 of the frame's size."""
 EPSILON = 1e-6
-"""Constant added to the mean square of the features before its square root is taken as the divisor."""
+"""Constant added to the mean square of the features; the features are divided by the square root of the sum."""

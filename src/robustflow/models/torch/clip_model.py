@@ -51,7 +51,7 @@ class TorchClipModel:
             UsageError: the clip has no pair at `index`.
         """
         if not 0 <= index < len(frames) - 1:
-            raise UsageError(f"{len(frames)} frames have no pair at index {index}")
+            raise UsageError(f"{len(frames)} frames contain no pair at index {index}")
         return self._network.run(*([frame] for frame in frames), index=index)[0]
 
 

@@ -15,7 +15,7 @@ from .resize import resize_flow
 
 
 def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: torch.device) -> Tensor:
-    """Convert RGB uint8 frames (H, W, 3) of equal size to network input, float32 (N, 3, H', W'), by a convention.
+    """Convert RGB uint8 frames (H, W, 3) of equal size to the input of a network, float32 (N, 3, H', W').
 
     >>> frame = np.full((3, 5, 3), 255, np.uint8)
     >>> fitted_images([frame], InputConvention(fit="pad", multiple=4), torch.device("cpu")).shape
@@ -26,7 +26,7 @@ def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: 
 
 
 def fitted_values(values: Tensor, convention: InputConvention) -> Tensor:
-    """Convert RGB images in 0..255, float32 (N, 3, H, W), to network input, float32 (N, 3, H', W'), by a convention."""
+    """Convert RGB images in 0..255, float32 (N, 3, H, W), to the input of a network, float32 (N, 3, H', W')."""
     if convention.order == "bgr":
         values = values.flip(1)
     mean = values.new_tensor(convention.mean).view(1, 3, 1, 1)

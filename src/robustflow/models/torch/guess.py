@@ -30,8 +30,8 @@ _CLEAR = 0.9
 every pair.
 """
 _WRONG = 0.5
-"""A declared convention is wrong if the error of a different one is below this fraction of its error, and lower on
-every pair.
+"""A declared convention is considered wrong if a different one has an error below this fraction of the declared one's,
+and a lower error on every pair.
 """
 _SURE = 0.05
 """A declared convention is accepted without further comparison if its error is below this fraction of the error of zero
@@ -152,8 +152,8 @@ def infer_convention(
         _refuse_misread(next((one for one in ranked if one.reading.misread), best))
         raise ModelError(
             f"cannot determine what input this network expects: on shifted textures, the best of {len(ranked)} "
-            f"conventions has an error of {best.mean:.2g} px, and zero flow has {_ZERO:.2g} px, as is typical of "
-            "networks without trained weights; "
+            f"conventions has an error of {best.mean:.2g} px, compared with {_ZERO:.2g} px for zero flow, as is "
+            "typical of networks without trained weights; "
             f"declare the input, for example with {Declared('0-1', 'rgb').line()}"
         )
     rival = next((other for other in ranked[1:] if not best.clearly_beats(other)), None)
@@ -194,9 +194,9 @@ def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
     better = [one for one in others if one.clearly_beats(mine, _WRONG)]
     if better:
         message = (
-            f"on shifted textures, the declared {mine.way.describe()} has an error of {mine.mean:.2g} px, and zero "
-            f"flow has {_ZERO:.2g} px; better conventions, best first: {_named(better, mine)}; declare the one used in "
-            f"training, for example the first with {better[0].way.line()}"
+            f"on shifted textures, the declared {mine.way.describe()} has an error of {mine.mean:.2g} px, compared "
+            f"with {_ZERO:.2g} px for zero flow; better conventions, best first: {_named(better, mine)}; declare the "
+            f"one used in training, for example the first with {better[0].way.line()}"
         )
         if not mine.sees:
             raise ModelError(message)
