@@ -83,7 +83,7 @@ def failure(data: bytes) -> tuple[str, str]:
 
 
 def assert_fails(data: bytes, check: str, words: str = "") -> None:
-    """Assert that a check fails first and that its message contains the given words."""
+    """Assert that the given check is the first to fail, and that its message contains the given words."""
     name, message = failure(data)
     assert name == check, message
     assert words in message

@@ -1,4 +1,4 @@
-"""Figures show the given numbers, and show every name as text."""
+"""Figures show the given numbers, and render every name as plain text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run's output in a notebook: nothing in it is executable, and the figures show the run."""
+"""A run's notebook output contains nothing executable, and its figures show the run's numbers."""
 
 import io
 import re

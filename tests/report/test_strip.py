@@ -1,4 +1,4 @@
-"""The strip has one column for each corruption, whose errors equal those measured in a run."""
+"""The strip has one column per corruption, and its errors equal the errors measured in a run."""
 
 import io
 from dataclasses import replace

@@ -61,7 +61,7 @@ class Reader:
 
     @property
     def attacks(self) -> tuple[str, ...]:
-        """Return the attacks of the run; empty before `manifest`."""
+        """Return the attacks of the run; empty before the `manifest` step."""
         plan = getattr(self, "plan", None)
         return () if plan is None else plan.selection.attacks
 
@@ -125,7 +125,7 @@ class Reader:
         return f"run {digest}"
 
     def _check_extent(self) -> None:
-        """Check that at least one corruption of one sample is planned, and that a record may contain that many rows."""
+        """Check that at least one corruption of one sample is planned, and that a record can contain all rows."""
         selection = self.plan.selection
         if not (self.plan.samples and selection.corruptions and selection.severities):
             raise DataError("manifest.json: samples, corruptions and severities must each have at least 1 entry")

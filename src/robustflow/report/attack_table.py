@@ -150,8 +150,8 @@ def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
 
 
 def prediction_table(runs: Sequence[Run]) -> Table | None:
-    """Tabulate, for each attack, the rank correlation over models between attack and corruptions. Return None if fewer
-    than two runs have both.
+    """For each attack, tabulate the rank correlation over models between errors under the attack and under corruptions.
+    Return None if fewer than two runs have both.
 
     Raises:
         RunError: the runs have no frames in common.

@@ -36,7 +36,8 @@ class Comparison:
     Attributes:
         names: names of the two runs.
         frame: all comparisons, with the columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
-        remark: sentences about omitted data, differences between the runs, and why a run is not ranked; may be empty.
+        remark: sentences about omitted data, differences between the runs, and reasons why a run is not ranked; may be
+            empty.
     """
 
     names: tuple[str, str]

@@ -35,7 +35,7 @@ def json_block(value: Any) -> Markup:
 
 
 def content_policy(script: str) -> str:
-    """Return a Content-Security-Policy that allows this script by its hash, inline styles, and embedded pictures."""
+    """Return a Content-Security-Policy that allows inline styles, embedded pictures, and this script by its hash."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (
         f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; base-uri 'none'; "

@@ -68,12 +68,12 @@ class Line:
 
     @classmethod
     def of(cls, label: str, texts: Iterable[str], note: str = "") -> Line:
-        """Make a line from texts, without marking any."""
+        """Make a line from texts, without marking any of them as best."""
         return cls(label, tuple(map(TableCell, texts)), note)
 
     @classmethod
     def of_numbers(cls, label: str, numbers: Iterable[float | None], note: str = "") -> Line:
-        """Format numbers as a line with two decimals, without marking the best ones.
+        """Make a line from numbers with two decimals, without marking any of them as best.
 
         >>> [cell.text for cell in Line.of_numbers("RAFT", [1.23456, None]).cells]
         ['1.23', '-']

@@ -226,7 +226,7 @@ def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
 
 
 def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary):
-    """A single pair has no bands, brackets or whiskers; forty images have all of them."""
+    """A run on a single pair has no bands, brackets or whiskers; a run on forty images has all of them."""
     (alone,) = _sections(render_site(whole_content([small_run], published=False))).values()
     assert "In brackets" not in alone
     assert "confidence intervals." not in alone.replace("No confidence intervals:", "")

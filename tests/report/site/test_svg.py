@@ -68,7 +68,7 @@ def test_a_hostile_name_is_a_text_of_the_svg():
 
 
 def test_panels_are_apart_and_all_of_one_size():
-    """Each panel is a separate element without overlap, so that a page can arrange them in lines."""
+    """Panels are separate elements that do not overlap, so that a page can arrange them in rows."""
     figure = relations(_KITTI)
     panels = _svg(figure).findall("svg")
     boxes = [list(map(float, panel.get("viewBox").split())) for panel in panels]

@@ -53,7 +53,7 @@ class MarkedFigure(Figure):
             )
 
     def _repr_png_(self) -> bytes:
-        """Return the figure as PNG for notebooks, independent of their backend."""
+        """Return the figure as a PNG for notebooks, regardless of the matplotlib backend."""
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:

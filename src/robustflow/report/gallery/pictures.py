@@ -17,7 +17,7 @@ from ...sample import Frame, Sample, SceneDepth
 
 @dataclass(frozen=True)
 class CorruptedPicture:
-    """A picture of the gallery.
+    """A picture in the gallery.
 
     Attributes:
         name: name of the corruption.

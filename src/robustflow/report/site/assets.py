@@ -35,5 +35,5 @@ def script() -> Markup:
 
 @cache
 def policy() -> str:
-    """Return a Content-Security-Policy that allows this script by its hash, inline styles, and embedded pictures."""
+    """Return a Content-Security-Policy that allows inline styles, embedded pictures, and this script by its hash."""
     return content_policy(script())

@@ -76,7 +76,7 @@ class Examples:
 
 @dataclass(frozen=True)
 class PanelPicture:
-    """A picture with a sample, the prediction and the errors; `corruption` is the name used in tables."""
+    """A picture of a sample with its predicted flow and the errors; `corruption` is the name used in tables."""
 
     title: str
     corruption: str

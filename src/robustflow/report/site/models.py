@@ -35,7 +35,7 @@ class ModelPage:
         name: name of the model.
         tiles: overall means as (label, cell) pairs, for each line of the leaderboard.
         sentences: sentences about the model.
-        tables: shaded tables with corruptions as lines and severities or settings as columns, the most informative
+        tables: shaded tables with corruptions as rows and severities or settings as columns, the most informative
             first.
         facts: facts about the runs, or about the sources of the values.
         anatomy: errors of a run by region and corruption family.

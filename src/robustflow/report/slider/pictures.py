@@ -31,7 +31,7 @@ class Slider:
         clean: a `data:` URL for each clean frame; with more than one, the page has a frame control.
         corruptions: corruptions as (label, shots by ascending severity); a severity without a shot shows `absent`.
         severities: severities offered by the severity control.
-        start: initial severity; the nearest one is used if it is missing.
+        start: initial severity; if it is missing, the nearest severity is used.
         together: whether to show all corruptions initially instead of the first one.
         absent: text shown for a severity without a picture.
         first_frame: number of the first frame in its clip.
