@@ -246,7 +246,7 @@ def test_means_without_intervals_say_why(base):
         return table.title, table.remarks[0]
 
     why = "4 images (or sequences, if pairs belong to sequences)."
-    assert remark_of(3) == ("Means", f"No intervals: they need at least {why}")
+    assert remark_of(3) == ("Means", f"No intervals, because they require at least {why}")
     title, remark = remark_of(6)
     assert title == "Means with intervals"
     assert remark.endswith("or over sequences if pairs belong to sequences.")

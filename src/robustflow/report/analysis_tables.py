@@ -37,7 +37,7 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
         values[line.key] = [estimates[key]["estimate"] if key in estimates else None for key in MEANS]
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
     needed = f"{fewest_clusters()} images (or sequences, if pairs belong to sequences)"
-    remark = f"No intervals: they need at least {needed}."
+    remark = f"No intervals, because they require at least {needed}."
     if any(known):
         remark = (
             f"[{100 * LEVEL:g} % confidence interval] from a bootstrap over images, or over sequences if pairs belong "

@@ -71,7 +71,8 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
 
 
 def test_no_useless_model_is_crowned(many_images, monkeypatch):
-    """A model that is no better than zero flow has the lowest CRE, because its error can hardly increase."""
+    """A model no better than zero flow is not named the best, although it has the lowest CRE because its error can
+    hardly increase."""
     useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
     rows = useless.rows.with_columns(magnitude_sum=pl.col("n_valid") * 0.001, rcre_all_sum=pl.lit(0.0))
     monkeypatch.setitem(useless.__dict__, "rows", rows)

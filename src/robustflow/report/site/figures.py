@@ -152,8 +152,8 @@ def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str,
 
 
 def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
-    """Return the names of the runs in a sample set, in order. If there are more runs than a figure can distinguish, only
-    the top runs of the leaderboard are included."""
+    """Return the names of the runs in a sample set, in order. If there are more runs than a figure can distinguish,
+    only the top runs of the leaderboard are included."""
     if len(names) <= len(MODEL_STYLES):
         return names
     lines = sorted((line for line in content.lines if line.frames == frames), key=by_error)
