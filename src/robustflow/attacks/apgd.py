@@ -21,7 +21,7 @@ number of steps."""
 
 @dataclass(frozen=True, kw_only=True)
 class Apgd(Attack):
-    """Projected gradient ascent with a step size of initially twice the budget. If too few steps since the last check
+    """Projected gradient ascent with an initial step size of twice the budget. If too few steps since the last check
     raised the score, or the best score did not improve, the step size is halved and the search resumes at the best
     pair.
 

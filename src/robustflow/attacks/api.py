@@ -113,9 +113,9 @@ def attack(
         model: a name for `load_model`, or any model object that `evaluate` accepts.
         name: name of the attack, or your own attack; see `load_attack`.
         severity: 1 (mild) to 5 (severe); 3 by default.
-        budget: largest change in grey levels (of 255), instead of a severity.
-        flow: ground truth, float32 (H, W, 2), pixels, from which an untargeted attack moves the flow away; by default
-            the model's flow on the clean frames.
+        budget: largest change in grey levels (0..255), instead of a severity.
+        flow: ground truth, float32 (H, W, 2), pixels; an untargeted attack moves the model's flow away from it, or from
+            the model's flow on the clean frames if it is not given.
         valid: bool (H, W), True where the ground truth is known; everywhere by default.
         seed: random seed; the random numbers also depend on the severity and on `key`, the name of the pair.
         options: options of the attack.
@@ -126,7 +126,7 @@ def attack(
     Raises:
         UsageError: unknown attack or option, both a severity and a budget, or a mask without flow.
         ModelError: the attack needs gradients, which the model does not provide.
-        DataError: the frames are not RGB uint8 of equal size, or the ground truth does not fit them.
+        DataError: the frames are not RGB uint8 of equal size, or the ground truth does not match them in size.
 
     >>> import robustflow as rf
     >>> frame = (np.arange(64 * 96 * 3) % 251).astype(np.uint8).reshape(64, 96, 3)
@@ -150,7 +150,7 @@ def attack(
 
 
 def pair_of_sample(attack: Attack, sample: Sample, severity: int, seed: int) -> Pair:
-    """Convert a sample to a pair to be attacked, with the attack's budget at a severity."""
+    """Convert a sample to a pair to be attacked, with the attack's budget at the given severity."""
     first, second = sample.frames[:2]
     return Pair((first, second), attack.budget(severity), sample.flow, sample.valid, sample.key, seed, severity)
 
@@ -201,7 +201,7 @@ def _attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, 
     warnings |= problem.troubles | _warnings_of_trace(problem, clean_loss, here, float_loss)
     if not attack.control and not loss.score(here) > loss.score(clean_loss):
         warnings |= {"nothing_gained"}
-        if images is problem.best:  # the clean pair is always within the budget, and scores at least as high
+        if images is problem.best:  # the clean pair is within every budget, and scores at least as high here
             images, frames, after, here = ball.clean, pair.frames, clean_flow, clean_loss
             float_loss = None if float_loss is None else clean_loss
     linf, rms, changed = norms_of(frames, pair.frames)

@@ -22,8 +22,8 @@ GREY_LEVELS: dict[str, tuple[float, ...]] = {
     "rms": (0.5, 1.25, 2.5, 5, 12.5),
     "area": (0.1, 0.5, 1, 2, 5),
 }
-"""The budgets of severities 1 to 5 by norm, in grey levels of 255, or for "area" in % of the pixels. PCFA's bound of
-0.005 is 1.275 grey levels."""
+"""The budgets of severities 1 to 5 by norm, in grey levels (0..255), or as a % of the pixels for "area". PCFA's bound
+of 0.005 corresponds to 1.275 grey levels."""
 
 MOVED = ("both", "first", "second", "joint")
 """Which frames are perturbed: both, independently; only one; or both by the same change."""
@@ -40,7 +40,7 @@ class Ball:
 
     Args:
         frame1, frame2: the clean pair, RGB uint8 (H, W, 3).
-        budget: radius of the ball in grey levels of 255, or for "area" in % of the pixels.
+        budget: radius of the ball in grey levels (0..255), or as a % of the pixels for "area".
         norm: one of `NORMS`.
         moved: one of `MOVED`.
         per_frame: whether the "rms" bound applies to each frame separately instead of to both together.
@@ -77,7 +77,7 @@ class Ball:
 
     @property
     def radius(self) -> np.float32:
-        """The radius on the scale of `Images` (0..1), or for "area" in %."""
+        """The radius on the scale of `Images` (0..1), or in % for "area"."""
         return np.float32(self.budget if self.norm == "area" else self.budget / WHITE)
 
     @property

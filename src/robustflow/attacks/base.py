@@ -36,7 +36,7 @@ Learned = Mapping[str, Mapping[int, Pattern]]
 """Trained arrays by label (see `Attack.training`) and severity."""
 
 FAMILY = "adversarial"
-"""The family of all attacks; the paper's means exclude it."""
+"""The corruption family to which all attacks belong; the paper's means exclude it."""
 
 VARIANTS = ("default", "flowbench", "original")
 """`default`: as defined in docs/attacks.md; `flowbench`: as in FlowBench's code; `original`: as in the code of the

@@ -64,7 +64,8 @@ class Loss:
         return float(values[counted].mean()), slopes.astype(np.float32)
 
     def score(self, loss: float) -> float:
-        """Compute the score, which attacks maximise: the loss, or its negative if `towards` a target."""
+        """Compute the score, which attacks maximise: the loss, or its negative if the reference is a target
+        (`towards`)."""
         return -loss if self.towards else loss
 
     @property

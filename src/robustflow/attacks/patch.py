@@ -28,8 +28,9 @@ _REACH = 5.0
 class Patch(Trained):
     """Paste a disc into both frames at the same random position.
 
-    The disc shows black and white vertical stripes, which need no training, or a trained pattern, which is resized to
-    the budget and, during training as well, randomly rotated by up to 10 degrees and scaled by up to 5 %.
+    The disc shows black and white vertical stripes, which need no training, or a trained pattern. The pattern is
+    resized to the budget, then randomly rotated by up to 10 degrees and scaled by up to 5 %, both during training and
+    in the attack.
 
     Args:
         steps: number of training steps, each with a gradient for every sample.
@@ -111,7 +112,7 @@ class Disc:
 
     @classmethod
     def of(cls, problem: Problem, rng: Rng) -> Disc:
-        """Place a disc with the area of the budget at a random position.
+        """Place a disc with the budgeted area at a random position.
 
         Raises:
             DataError: the disc is larger than the frames, or smaller than a pixel.

@@ -22,7 +22,7 @@ BOXES = ("change", "clipping")
 _INSIDE = 1e-7
 """Margin of the change of variables at 0 and 1."""
 _WEIGHT = 2500.0
-"""Weight of the penalty times the bound; multiplied by 1.5 unless the target is zero."""
+"""Product of the penalty's weight and the bound; multiplied by 1.5 unless the target is zero flow."""
 _SATURATED = 0.05
 _ITERATIONS = 10
 """Number of LBFGS iterations per step."""
@@ -33,13 +33,13 @@ class Pcfa(Attack):
     """Minimise the distance to the target, plus a penalty if the mean square of the change exceeds the squared budget.
 
     After every step, a pair outside the budget is projected into the ball and evaluated again; the pair whose flow is
-    nearest to the target is returned. The variant "original" projects only the returned pair: of the pairs within the
-    budget, the one whose flow is nearest to the target, or if there are none, the pair with the smallest change.
+    nearest to the target is returned. The variant "original" projects only the returned pair. If any pairs are within
+    the budget, this is the one whose flow is nearest to the target; otherwise, it is the pair with the smallest change.
 
     Args:
         steps: number of LBFGS steps with about ten evaluations each.
-        box: method that keeps values in 0..1: "change" of variables (tanh, where values of 0 and 255 cannot change) or
-            "clipping".
+        box: method that keeps values in 0..1: "change" for a change of variables (tanh, which leaves values of 0 and
+            255 unchanged), or "clipping".
     """
 
     name: ClassVar[str] = "pcfa"

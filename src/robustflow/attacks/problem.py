@@ -40,7 +40,8 @@ class Pair:
     severity: int = 0
 
     def stream(self, attack: str) -> Rng:
-        """Return the random stream of an attack on this pair, which is the same inside a composite attack."""
+        """Return the random stream of an attack on this pair. An attack has the same stream when it is part of a
+        composite attack."""
         return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 
@@ -82,7 +83,7 @@ class Problem:
         self.best, self.best_score = self.ball.clean, score if np.isfinite(score) else -np.inf
 
     def loss_at(self, images: Images) -> float:
-        """Return the loss of images without CosPGD's weight; it is not recorded, and only computed if it is not
+        """Return the loss of images without CosPGD's weight; the loss is not recorded, and only computed if it is not
         cached."""
         if images is self.ball.clean:
             return self.loss.of(self.clean_flow, weighted=False)

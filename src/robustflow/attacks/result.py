@@ -51,8 +51,8 @@ class Attacked:
         float_loss: loss of `images`; None if the attack works on 8-bit frames.
         linf, rms: norms of the change over both 8-bit frames, grey levels.
         changed: share of the values that changed, 0..1.
-        way_gone: share of the way from the clean flow to the target, below 0 when the flow moved away from it; None
-            without a target.
+        way_gone: share of the distance from the clean flow to the target that was covered, negative if the flow moved
+            away from the target; None without a target.
         trace: the loss at each evaluation, in order.
         evaluations, gradients: number of flows computed by the attack, and number of those with a gradient.
         warnings: keys of `WARNINGS`.
@@ -79,7 +79,8 @@ class Attacked:
 
     @property
     def moved(self) -> float:
-        """Mean distance between the flows on the attacked and on the clean frames over all pixels, px (RCRE)."""
+        """Mean distance between the flows on the attacked and on the clean frames, over all pixels, in pixels
+        (RCRE)."""
         difference = self.flow.astype(np.float64) - self.clean_flow
         return float(np.hypot(difference[..., 0], difference[..., 1]).mean())
 

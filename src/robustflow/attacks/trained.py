@@ -33,9 +33,9 @@ class Trained(Attack):
     """Apply the same pattern to every sample.
 
     Args:
-        train: training samples of a run: their number, to be drawn with the run's seed from the samples that are not
-            measured, or a file with their keys. A separate pattern is trained for each severity.
-        file: a stored pattern (a NumPy array, .npy) instead of training.
+        train: training samples of a run: either their number, in which case they are drawn with the run's seed from the
+            samples that are not measured, or a file with their keys. A separate pattern is trained for each severity.
+        file: a stored pattern (a NumPy array, .npy) to use instead of training one.
         steps: number of training steps, each with a gradient for every sample.
         learned: trained pattern by severity, filled in by a run.
     """

@@ -26,7 +26,7 @@ class Transfer(Attack):
 
     The attack does not query the model under test, so it also works for models without gradients. If it is stronger
     than a white-box attack, the gradient of the model is masked. Options of the inner attack and of the surrogate are
-    written like its own options: `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
+    written like the attack's own options: `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
 
     Args:
         on: the surrogate, as a name for `load_model` or a model object.

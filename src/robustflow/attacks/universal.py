@@ -1,4 +1,5 @@
-"""Universal: one perturbation for all samples (Moosavi-Dezfooli et al. 2017; for flow Schmalfuss et al. 2022)."""
+"""Universal: one perturbation for all samples (Moosavi-Dezfooli et al. 2017; for optical flow, Schmalfuss et al.
+2022)."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Save checkpoints of a training run: everything needed to resume it, in a file that `run --checkpoint` can also read.
 
-`last.pth` contains weights, optimiser, loss scaling and the number of updates; there is no random state, because
-every random draw is a function of the seed and the step. Files that contain only weights (`best.pth`, `update-N.pth`)
-have the entries needed for prediction. Each file contains a digest of its entries, and is checked when it is read, like
-any untrusted checkpoint.
+`last.pth` contains weights, optimiser, loss scaling and the number of updates; it needs no random state, because every
+random draw is a function of the seed and the step. Files that contain only weights (`best.pth`, `update-N.pth`) contain
+the entries needed for prediction. Each file contains a digest of its entries, and is checked when it is read, like any
+untrusted checkpoint.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ class Corrector(ResidualEncoder):
     mask.
 
     The network consists of the flow network's encoder on seven channels, a three-channel head at 1/8 resolution,
-    and convex upsampling. After the prefix `corrector.`, parameter names match the authors' files: those of the
-    encoder, then `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
+    and convex upsampling. After the prefix `corrector.`, parameter names match the authors' files: the encoder's, then
+    `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
     """
 
     def __init__(self) -> None:

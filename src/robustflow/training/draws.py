@@ -21,7 +21,7 @@ def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list
 
     Args:
         batch: pairs of one step, or a process's share of them.
-        recipe: recipe, which determines whether noise is added to frames and whether the loss denoises.
+        recipe: recipe, which determines whether to add noise to the frames, and whether to denoise ground truth.
         seed: seed of the training run.
         step: index of the step, from 0.
         positions: positions of the batch's pairs, see `Share`.

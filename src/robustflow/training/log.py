@@ -20,8 +20,8 @@ class MetricsLog:
 
     Args:
         folder: folder of the training run.
-        first: number of the next update; lines of later updates, which a killed run wrote after its last checkpoint,
-            are removed.
+        first: number of the next update; existing lines from this update on, which a killed run wrote after its last
+            checkpoint, are removed.
     """
 
     def __init__(self, folder: Path, first: int) -> None:

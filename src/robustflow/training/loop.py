@@ -43,8 +43,8 @@ class TrainingSetup:
         folder: folder for checkpoints and the log.
         trained_on: names of all training sets of the final weights; None if unknown.
         pairs: training pairs.
-        validate: function from the number of updates to the network's scores, with `epe` in pixels; None for no
-            validation.
+        validate: function that takes the number of updates and returns the network's scores, with `epe` in pixels; None
+            for no validation.
         stop: function called after each update; training stops if it returns True.
     """
 

@@ -27,7 +27,7 @@ class NetworkWithLoss(nn.Module):
         recipe: recipe, which defines precision and loss.
 
     Raises:
-        UsageError: a method without labels does not support the crop.
+        UsageError: a method that learns without labels does not support the crop.
     """
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe) -> None:

@@ -34,7 +34,7 @@ _NEEDED = {
     "sequence+matching": ("matched_predictions", "the flow of every iteration, and the confidence of its matches"),
     "denoising": ("denoised_predictions", "flows denoised from ground truth"),
 }
-"""Method that a network needs for each loss, with a description."""
+"""The method that a network needs for each loss, and what that method returns."""
 _CORRECTOR = "corrector."
 """Prefix of the parameter names of BrightFlow's corrector, also in its authors' files."""
 
@@ -94,7 +94,7 @@ class TrainedNetwork(nn.Module):
         return [unfitted_flow(flow, self.convention, height, width) for flow in flows]
 
     def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
-        """Predict flows as in `forward`, and the confidence of the matches that give the first flow, (N,
+        """Predict flows as in `forward`, and the confidence of the matches that initialise the flow, (N,
         P, P) for the P pixels at 1/8 resolution."""
         first, second = self._exact(image1, image2)
         flows, confidence = self.net.matched_predictions(first, second)

@@ -15,7 +15,7 @@ Range = tuple[float, float]
 
 
 class Appearance(Frozen):
-    """Changes to the frames' colours for ARFlow's second pass, in this order.
+    """Changes to the frames' colours for ARFlow's second pass, applied in this order.
 
     Attributes:
         brightness, contrast, saturation: factors from 1 - x to 1 + x, in random order.
@@ -100,12 +100,12 @@ class BrightflowObjective(Frozen):
     """BrightFlow's objective (Marsal et al., WACV 2023).
 
     Attributes:
-        census: weight of the census, over 7x7 windows.
+        census: weight of the census term, which uses 7x7 windows.
         smooth: weight of the smoothness.
         second_order: whether the smoothness uses second differences (KITTI) instead of first differences (Sintel,
             Chairs).
         occlusion: "brox", the forward-backward check, or "wang", splatting.
-        self_supervision: final weight of the self-supervision.
+        self_supervision: final weight of the self-supervision term.
         self_supervision_from, self_supervision_to: fractions of the training run between which this weight increases
             from 0.
         border: width of the border removed from the student's frames on each side, in pixels.

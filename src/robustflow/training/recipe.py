@@ -1,6 +1,6 @@
 """Define recipes: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
 
-The value of each field is that of the recipe's source; `unverified` lists values that could not be verified, and
+Each field has the value given in the recipe's source; `unverified` lists values that could not be verified, and
 `differs` lists differences between the paper and the original code.
 """
 
@@ -74,8 +74,8 @@ class Recipe(Frozen):
 
     Attributes:
         method: registered name of the model.
-        stage: "chairs", "things", "sintel" or "kitti" of the original code, "ood" or "id" of the paper; "unsupervised"
-            and additional stages of methods that learn without labels.
+        stage: "chairs", "things", "sintel" or "kitti" from the original code, "ood" or "id" from the paper;
+            "unsupervised" and additional stages for methods that learn without labels.
         start: source of the initial weights: "random", or a stage.
         mix: name of a mix in `recipes/mixes.toml`, or a file in the same format.
         steps: number of batches, as given in the source.
@@ -175,7 +175,7 @@ def load_recipe(method: str, stage: str) -> Recipe:
 
 @cache
 def recipes_of(method: str) -> dict[str, Recipe]:
-    """Return every stage of a method, in the order of its file. The file may name the model (`method`), or a different
+    """Return every stage of a method, in file order. The file may name the model (`method`), or a different
     method with the same stages (`same_as`).
 
     Raises:

@@ -42,7 +42,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         UsageError: the options contradict each other, or the folder contains a different training run.
         DataError: data are missing or cannot be read, or the folder cannot be written.
         ModelError: weights cannot be loaded, or the loss is not finite.
-        RunError: there is no training run to resume, or it is a different one.
+        RunError: there is no training run to resume, or it is not the requested one.
     """
     recipe, folder = request.recipe, user_path(request.output)
     parts = [open_part(part, request.data.sources) for part in mix_parts(recipe.mix)]
@@ -151,7 +151,7 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
 
 
 def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
-    """Return everything that determines the weights, except the initial weights."""
+    """Return everything that determines the final weights, except the initial weights."""
     keys = ("\x1f".join((part.dataset.name, part.part.model_dump_json(), *part.keys)).encode() for part in parts)
     return {
         "recipe": request.recipe.digest(),

@@ -36,8 +36,8 @@ class _AtUpdate:
 
 
 def validator(model: NetworkModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:
-    """Return a function from the number of updates to the model's scores on a benchmark: `epe` on clean frames, and
-    `cre` and `rcre` if corruptions are given, in pixels.
+    """Return a function that takes the number of updates and returns the model's scores on a benchmark: `epe` on clean
+    frames, and `cre` and `rcre` if corruptions are given, in pixels.
 
     Each validation is a separate run in `validation/update-N` of the training folder; an interrupted validation is
     restarted.

@@ -1,1 +1,1 @@
-"""Augment training pairs, dense and sparse, as in RAFT: parameters are drawn first, then applied."""
+"""Augment dense and sparse training pairs as in RAFT: parameters are drawn first, then applied."""

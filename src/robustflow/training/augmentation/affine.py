@@ -1,7 +1,7 @@
 """Apply ARFlow's geometric transforms to a pair with predicted flow: both frames are transformed, the second one
 slightly more (Liu et al., CVPR 2020, Sec. 3.3, with the transform of Hur and Roth, IRR, CVPR 2019).
 
-A transform is a 3x3 matrix that maps coordinates of a frame, -1..1, to coordinates of the transformed frame.
+A transform is a 3x3 matrix that maps frame coordinates in -1..1 to coordinates in the transformed frame.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ _ATTEMPTS = 10_000
 
 
 class Moves(NamedTuple):
-    """One set of drawn transforms, for frame 1 and frame 2."""
+    """A randomly drawn transform for each of the two frames."""
 
     first: Matrix
     second: Matrix
 
 
 def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
-    """Draw both transforms so that the transformed frames of `shape` (H, W) do not contain any pixels from outside the
-    frames.
+    """Draw both transforms such that the transformed frames of `shape` (H, W) contain no pixels from outside the
+    original frames.
 
     Raises:
-        UsageError: the settings almost never allow such transforms.
+        UsageError: with these settings, such transforms are too rare.
     """
     of_both = (settings.translation, settings.zoom, settings.squeeze, settings.rotation)
     rotation = settings.relative_rotation
@@ -88,8 +88,8 @@ def _inside(
     rotation: Range,
     shape: tuple[int, int],
 ) -> Matrix:
-    """Draw a transform and apply it after `before`, and repeat this until the corners of the result come from inside
-    the frame."""
+    """Draw a transform and apply it after `before`; redraw until the corners of the result come from inside the
+    frame."""
     for _ in range(_ATTEMPTS):
         larger, wider = rng.uniform(*zoom), rng.uniform(*squeeze)
         x, y = (rng.uniform(-translation / 2, translation / 2) for _ in range(2))

@@ -20,7 +20,7 @@ class Look(NamedTuple):
     """One set of drawn parameters for both frames.
 
     Attributes:
-        jitter: colour jitter; operations with zero strength are left out of its order.
+        jitter: colour jitter; operations with zero strength are omitted from its order.
         blur: radius in pixels; 0 for none.
         gamma: exponent applied to values in 0..1.
     """

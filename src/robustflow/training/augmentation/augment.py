@@ -42,7 +42,8 @@ class Augmentation:
 
 
 def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """Draw the augmentation of a pair, as defined by its part of a mix; `shape` and `crop` are (H, W), in pixels.
+    """Draw the augmentation of a pair, as specified by the part of the mix that it comes from; `shape` and `crop` are
+    (H, W), in pixels.
 
     Raises:
         DataError: the frames are smaller than the crop.
@@ -62,7 +63,8 @@ def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[
 
 
 def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """Draw a stretch to the crop's size or a random crop, flips, and whether to swap the frames (ARFlow, UPFlow)."""
+    """Draw the geometry (a stretch to the crop's size or a random crop, and flips) and whether to swap the frames
+    (ARFlow, UPFlow)."""
     scale, top, left = None, 0, 0
     if part.augmentation == "stretched":
         scale = (crop[1] / shape[1], crop[0] / shape[0])
@@ -118,7 +120,7 @@ def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[F
 
 
 def augmented_truth(flow: Flow, valid: Mask, drawn: Augmentation) -> tuple[Flow, Mask]:
-    """Return flow and mask of the crop; no pixel is valid if the frames were swapped."""
+    """Return the crop's flow and mask; no pixel is valid if the frames were swapped."""
     warp = warp_sparse if drawn.sparse else warp_dense
     flow, valid = warp(flow, valid, drawn.geometry, drawn.crop)
     return flow, np.zeros_like(valid) if drawn.swapped else valid

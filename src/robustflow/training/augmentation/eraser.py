@@ -35,10 +35,10 @@ def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
 
 
 def erase(frame: Frame, rectangles: tuple[Rectangle, ...]) -> Frame:
-    """Return the frame with the rectangles filled; the frame itself if there are none."""
+    """Return the frame with the rectangles filled, or the frame itself if there are none."""
     if not rectangles:
         return frame
-    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as by an assignment to uint8
+    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as when assigning to uint8
     erased = frame.copy()
     for left, top, width, height in rectangles:
         erased[top : top + height, left : left + width] = colour

@@ -1,4 +1,5 @@
-"""Scale, flip and crop a training pair: draw the parameters, and apply them to dense and sparse ground truth."""
+"""Scale, flip and crop a training pair: draw the parameters, and apply them to frames and to dense or sparse ground
+truth."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ class Geometry(NamedTuple):
 
     Attributes:
         scale: factors (x, y); None to keep the size.
-        mirrored, upside_down: whether the frames are flipped horizontally and vertically.
+        mirrored, upside_down: whether the frames are flipped horizontally and vertically, respectively.
         top, left: position of the crop in the scaled and flipped frame, in pixels.
     """
 
@@ -60,8 +61,8 @@ def draw_geometry(
         crop: size (H, W) of the network's input, in pixels.
         log2_scale: range of the base-2 logarithm of the scale.
         flip: whether frames are flipped; sparse pairs are only flipped horizontally.
-        sparse: whether the ground truth is sparse; then the frame is not stretched, and crops include the borders more
-            often.
+        sparse: whether the ground truth is sparse; if so, the frame is not stretched, and crops include the borders
+            more often.
     """
     height, width = shape
     margin = _MARGIN["sparse" if sparse else "dense"]
@@ -101,8 +102,8 @@ def warp_frame(frame: Frame, geometry: Geometry, crop: tuple[int, int]) -> Frame
 
 
 def without_border(frame: Frame, border: int) -> Frame:
-    """Remove `border` pixels on each side of a frame and enlarge it to its original size, with the scaling of
-    `warp_frame`; return a new array.
+    """Remove `border` pixels on each side of a frame and enlarge it to its original size, scaling as in `warp_frame`;
+    return a new array.
 
     >>> without_border(np.arange(8, dtype=np.uint8).repeat(24).reshape(8, 8, 3), 2)[:, 0, 0].tolist()
     [2, 2, 3, 3, 4, 4, 5, 5]

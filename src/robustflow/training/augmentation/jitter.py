@@ -157,9 +157,9 @@ def _hues() -> npt.NDArray[np.uint8]:
     spread[:, 0] = 1  # grey pixels have no hue and are never looked up in the table
     third, one = np.float64(below / spread), 1.0
     tables = [
-        *(one - third, third - one),  # red is largest: difference of blue minus difference of green
-        *(2.0 + one - third, 2.0 + third - one),  # green: 2 + difference of red minus difference of blue
-        *(4.0 + one - third, 4.0 + third - one),  # blue: 4 + difference of green minus difference of red
+        *(one - third, third - one),  # red is largest: its excess over blue minus that over green
+        *(2.0 + one - third, 2.0 + third - one),  # green: 2 + excess over red minus that over blue
+        *(4.0 + one - third, 4.0 + third - one),  # blue: 4 + excess over green minus that over red
     ]
     hue = np.fmod(np.stack(tables).astype(np.float32).astype(np.float64) / 6.0 + 1.0, 1.0).astype(np.float32)
     return np.clip((hue.astype(np.float64) * 255.0).astype(np.int64), 0, 255).astype(np.uint8)
@@ -167,7 +167,8 @@ def _hues() -> npt.NDArray[np.uint8]:
 
 @cache
 def _saturations() -> npt.NDArray[np.uint8]:
-    """Return a table of Pillow's 8-bit saturation, uint8 (256, 256), indexed by range and largest channel."""
+    """Return a table of Pillow's 8-bit saturation, uint8 (256, 256), indexed by the channels' range and their
+    maximum."""
     spread, most = np.meshgrid(np.arange(256, dtype=np.float32), np.arange(256, dtype=np.float32), indexing="ij")
     most[:, 0] = 1
     return np.clip(((spread / most).astype(np.float64) * 255.0).astype(np.int64), 0, 255).astype(np.uint8)

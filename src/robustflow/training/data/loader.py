@@ -140,8 +140,8 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Wrap all code that runs while workers are alive: PyTorch may detect at any time that a worker died, even while a
-    log is being closed because of it.
+    """Wrap all code that runs while workers are alive: PyTorch may report a dead worker at any time, even while a log
+    is being closed after the first report.
 
     Raises:
         RunError: a worker was killed.
@@ -158,8 +158,8 @@ def workers_watched() -> Iterator[None]:
 
 
 def _tells_of_a_worker(error: BaseException | None) -> bool:
-    """Return whether an error or its cause is PyTorch's error about a dead worker; if that is raised while a checkpoint
-    is being written, it is followed by an error about the unfinished file."""
+    """Return whether an error, or its cause, is PyTorch's report of a dead worker. A report that interrupts the writing
+    of a checkpoint is followed by an error about the unfinished file."""
     while error is not None:
         if isinstance(error, RuntimeError) and "DataLoader worker" in str(error):
             return True

@@ -42,8 +42,8 @@ def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
 
 
 def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
-    """Return the robust census distance of two images (N, 3, H, W), a scalar: the `masked_mean` where `visible` (N, 1,
-    H, W) is 1 and the window is inside the image."""
+    """Return the robust census distance of two images (N, 3, H, W), a scalar: the `masked_mean` over the pixels where
+    `visible` (N, 1, H, W) is 1 and the window is inside the image."""
     distance = robust(census_sum(image, warped, RADIUS, LUMA, levels=1.0))
     return masked_mean(distance, visible * inner(visible, RADIUS))
 
@@ -65,7 +65,7 @@ def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor
 
 
 def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) -> Tensor:
-    """Return the distance, a scalar, between the student's flows of all iterations, predicted from images without their
+    """Return the distance, a scalar, between the student's flows at all iterations, predicted from images without their
     border, and the teacher's final flow (N, 2, H, W), cropped and enlarged in the same way. No gradient is propagated
     to the teacher."""
     height, width = teacher.shape[2:]

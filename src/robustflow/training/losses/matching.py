@@ -1,8 +1,8 @@
 """GMFlowNet's loss for the matching that initialises its flow (Zhao et al., CVPR 2022, Sec. 3.4).
 
 As in the authors' code, the ground-truth vectors at every eighth pixel define the matches of coarse pixels. There is no
-match if frame 1 and the warped frame 2 differ too much, or if the vector leaves the frame. Pixels without ground truth
-are included with zero vectors.
+match if frame 1 and the warped frame 2 differ too much, or if the vector points outside the frame. Pixels without
+ground truth are included with zero vectors.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
     """Return the mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other pairs.
 
     Args:
-        confidence: confidence that each of the P coarse pixels of frame 1 matches each of those of frame 2, float (B,
-            P, P), 0..1.
+        confidence: confidence that coarse pixel i of frame 1 matches coarse pixel j of frame 2, float (B, P, P), 0..1.
         image1, image2: RGB frames, float (B, 3, H, W), 0..255; H and W are multiples of 8.
         truth: ground-truth flow, float (B, 2, H, W), in pixels.
 
     Returns:
-        The loss, a scalar. For a batch without matches, it is only the second mean.
+        The loss, a scalar; for a batch without matches, only the second mean.
 
     Raises:
         UsageError: the confidence has a different shape.

@@ -26,8 +26,8 @@ def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: 
 
 
 def seen_by_splat(backward: Tensor, threshold: float = 0.2) -> Tensor:
-    """Return 1 where the pixels of the other frame, moved by the backward flow, cover at least `threshold` of a pixel
-    (Wang et al., CVPR 2018); shape and values as in `seen_by_check`."""
+    """Return 1 where the pixels of the other frame, moved by the backward flow, cover at least a fraction `threshold`
+    of a pixel (Wang et al., CVPR 2018); shape and values as in `seen_by_check`."""
     return (coverage(backward).clamp(0, 1) >= threshold).to(backward.dtype)
 
 

@@ -46,8 +46,8 @@ def census_distance(first: Tensor, second: Tensor, radius: int = 1) -> Tensor:
 
 
 def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA, levels: float = 255.0) -> Tensor:
-    """Return the distance of `census_distance`, but summed over the window and including borders: (N, 1, H, W), from 0
-    to the number of pixels in the window.
+    """Return the same distance as `census_distance`, but summed over the window and including borders: (N, 1, H, W),
+    from 0 to the number of pixels in the window.
 
     Args:
         first, second: RGB images, float (N, 3, H, W).

@@ -22,8 +22,8 @@ class UnsupervisedLoss:
     Attributes:
         l1, ssim, census: weights of the photometric terms.
         levels: weights of the pyramid's levels, finest first; levels with weight 0 are skipped.
-        smooth: weight of the smoothness of all levels.
-        smooth_levels: weights of the levels in the smoothness term.
+        smooth: weight of the smoothness term.
+        smooth_levels: weights of the pyramid's levels in the smoothness term.
         second_order: whether the smoothness uses second differences of the flow.
         alpha: edge sensitivity of the smoothness.
         splat: whether occlusion is detected by backward splatting instead of the forward-backward check.
@@ -103,7 +103,7 @@ def _seen(there: Tensor, back: Tensor, weights: UnsupervisedLoss) -> tuple[Tenso
 
 
 def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: UnsupervisedLoss) -> Tensor:
-    """Return the means of the terms over the whole frame, divided by the visible fraction of the frame."""
+    """Return the weighted sum of the terms' means over the frame, divided by the visible fraction of the frame."""
     total = image.new_zeros(())
     if weights.l1:
         total = total + weights.l1 * ((image - reconstructed).abs() * seen).mean()
@@ -111,4 +111,4 @@ def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: Un
         total = total + weights.ssim * ssim_distance(reconstructed * seen, image * seen).mean()
     if weights.census:
         total = total + weights.census * census_distance(reconstructed * seen, image * seen).mean()
-    return total / seen.mean().clamp_min(1e-7)  # with an untrained network, no pixel may be visible
+    return total / seen.mean().clamp_min(1e-7)  # an untrained network may leave no pixel visible

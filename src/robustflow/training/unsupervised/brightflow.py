@@ -39,7 +39,7 @@ class _Frames(NamedTuple):
 
 
 class _Way(NamedTuple):
-    """One direction: the flow of each iteration, with the visibility of each pixel."""
+    """One direction of a pair: the flow at each iteration, and the visibility of each pixel."""
 
     flows: list[Tensor]
     visible: list[Tensor]
