@@ -1,4 +1,4 @@
-"""Result files of the reference code and of FlowBench are read, and invalid ones are refused."""
+"""Result files of the reference code and of FlowBench are read, and invalid ones are rejected."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Intervals and tests on data grouped like the 80 evaluated pairs, some of which come from the same drive.
+"""Check intervals and tests on data grouped like the 80 evaluated pairs, some of which come from the same drive.
 
 The following command prints the numbers in `docs/design/uncertainty.md`:
 
@@ -21,8 +21,8 @@ SPREAD = 0.5
 
 
 def _true_drives(unmapped: str) -> list[str]:
-    """Drive of each pair. Pairs without a known drive are separate drives, groups of five consecutive numbers, or
-    groups between known drives, depending on `unmapped`."""
+    """Drive of each pair. Pairs without a known drive are treated as separate drives, as groups of five
+    consecutive numbers, or as groups between known drives, depending on `unmapped`."""
     known, groups = drives("kitti2015"), drive_groups("kitti2015")
     of_unmapped = {
         "singles": lambda key: key,
@@ -45,8 +45,8 @@ def _mean(values: np.ndarray, groups: np.ndarray, seed: int, symmetric: bool) ->
 
 
 def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[str, tuple[float, float]]:
-    """For each grouping ("pairs", "drives"), the percentage of 95 % intervals of a mean that contain it, and of tests
-    at the 5 % level that call two equally good models different.
+    """For each grouping ("pairs", "drives"), the percentage of 95 % intervals of a mean that contain the true mean, and
+    of tests at the 5 % level that call two equally good models different.
 
     Difficulties are log-normal; a share `shared` of the variance of the logarithm is due to the drive.
     """

@@ -1,4 +1,4 @@
-"""The number of pairs required for a comparison, checked with simulated tests."""
+"""Check the number of pairs required for a comparison by simulating tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Competition ranks compared with their definition: one more than the number of smaller values."""
+"""Competition ranks match their definition: one more than the number of smaller values."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,4 +1,4 @@
-"""Results files are read, and invalid ones are refused."""
+"""Results files are read, and invalid ones are rejected."""
 
 import pytest
 

@@ -120,7 +120,7 @@ def test_the_order_moves_with_the_condition():
 
 
 def test_seeds_on_the_command_line(tmp_path):
-    """Each seed has a folder equal to that of a single run; `compare` shows how the order of models changes."""
+    """Each seed's folder equals that of a run with only this seed; `compare` shows how the order of models changes."""
     cli, folders = CliRunner(), []
     common = ["--corruptions", "gaussian_noise", "--severities", "3", "--no-examples"]
     for model in ("dis", "farneback", "tiny"):

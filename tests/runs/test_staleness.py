@@ -32,7 +32,7 @@ def _pages(real_pictures):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, real_pictures):
-    """A run with its page."""
+    """A finished run with its report page."""
     with real_pictures():
         folder = tmp_path_factory.mktemp("made") / "run"
         return rf.evaluate(MODEL, output=folder, corruptions=["contrast", "high_light"], severities=[1]).path

@@ -44,8 +44,8 @@ def exclusion_reasons(run: Run) -> list[str]:
 def exclusions(runs: Sequence[Run]) -> list[str]:
     """State why each run should not be ranked; "" for a run that should be ranked.
 
-    Without ground truth a short flow has a small RCRE, so a run whose clean flow is less than half as long as that of
-    at least half of the others on the same frames is excluded, too.
+    Without ground truth, a short flow has a small RCRE, so a run is also excluded if its clean flow is less than half
+    as long as the (lower) median of the other runs on the same frames.
     """
     reasons = [list(exclusion_reasons(run)) for run in runs]
     lengths: dict[str, dict[int, float]] = {}

@@ -87,7 +87,7 @@ def check_listed(files: Mapping[Path, str | None]) -> None:
     for folder, paths in unlisted.items():
         warnings.warn(
             f"{folder / DIGEST_LIST} does not list {counted(len(paths), 'file')} that the run reads ({paths[0].name}, "
-            f"...), so they cannot be checked; write it again with robustflow prepare digests --data {folder} "
+            f"...), so not every file can be checked; write it again with robustflow prepare digests --data {folder} "
             "--overwrite",
             stacklevel=2,
         )

@@ -103,7 +103,7 @@ class Manifest(Untrusted):
 
     def shareable(self) -> Manifest:
         """Return the manifest for a record: without the user's attacks, the command line, the machines of a cluster,
-        and all facts about the machine except its kind."""
+        or any facts about the machine except its kind."""
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})

@@ -12,7 +12,7 @@ Errors are skewed, so the two tails of a mean are estimated separately. In three
 (quantiles of |t*|, a symmetric interval): for a difference between models, which is nearly symmetric and whose test
 would otherwise reject too often; for CREr, a ratio of two means, where ln(1 + CREr) is studentised with a jackknife
 standard error; and for fewer than `FEW` clusters, where a single tail would contain too few distinct resamples. There
-is no interval if the clusters are so few that resamples without any spread are more frequent than the tail.
+is no interval if there are so few clusters that resamples without any spread are more frequent than the tail.
 `docs/design/uncertainty.md` reports the coverage.
 """
 
