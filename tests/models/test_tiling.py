@@ -99,7 +99,7 @@ def test_where_only_a_corner_covers_the_flow_is_exact():
     np.testing.assert_allclose(TiledModel(Ramp(), "432x960").predict(frame, frame), alone, rtol=1e-6)
     weights = tile_weights(432, 960)
     assert weights.min() > np.finfo(np.float64).tiny
-    assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # this is why float32 is not used
+    assert (weights.astype(np.float32) < np.finfo(np.float32).tiny).any()  # float32 would underflow
 
 
 def test_pairs_of_any_size_give_alone_and_together_the_same():

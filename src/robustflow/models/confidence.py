@@ -1,4 +1,4 @@
-"""Predict flow with a confidence, either derived from the backward flow (for any model) or returned by the model.
+"""Predict flow and a confidence, which is derived from the backward flow (for any model) or returned by the model.
 
 An answer is a flow with extra channels: (H, W, 4) with the backward flow, or (H, W, 3) with the model's confidence or
 with the standard deviation of the flow over several draws of a corruption. Engines handle answers like flows; the

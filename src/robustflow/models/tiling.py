@@ -24,7 +24,7 @@ LARGEST = 8192
 memory.
 """
 SIGMA = 0.05
-"""Standard deviation of the blending weight, as a fraction of the tile's side."""
+"""Standard deviation of the blending weight, as a fraction of the tile's side length."""
 
 
 def tile_origins(length: int, tile: int) -> list[int]:

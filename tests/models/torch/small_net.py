@@ -39,7 +39,7 @@ class BelowModel(torch.nn.Module):
 
 
 def net_state():
-    """Seeded weights of the network, including statistics."""
+    """Seeded weights of the network, including running statistics."""
     torch.manual_seed(0)
     net = Net()
     net.norm.running_mean.normal_()
@@ -54,7 +54,7 @@ def load(path, net=None, **options):
 
 
 def one_line(error: pytest.ExceptionInfo) -> str:
-    """Return the message for a rejected checkpoint, which must be a single line."""
+    """Return the error message for a rejected checkpoint, which must be one line long."""
     text = str(error.value)
     assert "\n" not in text
     return text

@@ -39,7 +39,7 @@ class MethodEntry(Frozen):
         type: basis of the method: prior knowledge, supervised training or unsupervised training.
         source: origin of the implementation: a library or this project.
         extra: pip extra that the method requires; "" if none.
-        frames: maximum number of input frames: 2, or more for a multi-frame method.
+        frames: maximum number of input frames: 2 for a two-frame method, more for a multi-frame method.
         code_licence: licence of the implementation; most published weights have no licence.
     """
 

@@ -45,7 +45,7 @@ class CostPatchEmbedding(nn.Module):
 
 
 class LatentAttention(nn.Module):
-    """Pre-norm attention from latent tokens to other tokens or among themselves, followed by an MLP of the same width.
+    """Pre-norm attention from latent tokens to other tokens or to each other, followed by an MLP of the same width.
 
     State-dict keys: `norm1 norm2 q k v proj ffn.{0,3}`.
     """
@@ -62,8 +62,8 @@ class LatentAttention(nn.Module):
         self.ffn = nn.Sequential(nn.Linear(_WIDTH, _WIDTH), nn.GELU(), nn.Identity(), nn.Linear(_WIDTH, _WIDTH))
 
     def forward(self, x: Tensor, others: Tensor | None = None) -> Tensor:
-        """Update tokens (M, K, 128) by attention to `others` (M, L, 128), which are not normalised, or among
-        themselves.
+        """Update tokens (M, K, 128) by attention to `others` (M, L, 128), which are not normalised, or to each
+        other.
         """
         query = self.norm1(x)
         target = query if others is None else others

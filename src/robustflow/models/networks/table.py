@@ -44,7 +44,7 @@ class Network:
 
     Attributes:
         net: factory of the network as "module:attribute" in this package, called with the options as keywords.
-        source: description of the checkpoint file, and where the authors publish it.
+        source: description of the checkpoint file, including where the authors publish it.
         convention: input convention of the network.
         options: options of the network, keyed by name.
         fixed: fixed keyword arguments of the factory, recorded like options.

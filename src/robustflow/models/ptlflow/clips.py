@@ -44,8 +44,8 @@ class _ClipConvention:
 
 
 _MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
-"""Number of frames before the pair: on KITTI, the authors start ten frames before it, on other datasets at the
-beginning of the sequence.
+"""Number of frames before the pair. On KITTI, the authors start ten frames before the pair; on other datasets, they
+start at the beginning of the sequence.
 """
 
 CLIPS = {

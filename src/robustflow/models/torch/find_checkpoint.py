@@ -24,7 +24,7 @@ def refuse_missing_file(
         model: name of the model, for messages.
         checkpoint: path, name in `published`, "random", or None, which is always accepted.
         published: names of checkpoints that can be downloaded.
-        source: description of the file, and where its authors publish it.
+        source: description of the file, including where its authors publish it.
         strict: whether `published` is complete, so that any other name is an error.
 
     Raises:
@@ -54,7 +54,7 @@ def find_checkpoint(
         checkpoint: path, or name in `published`.
         published: URLs, keyed by name; a file name that ends in `-XXXXXXXX.ext` contains the first digits of its
             SHA-256.
-        source: description of the file, and where its authors publish it.
+        source: description of the file, including where its authors publish it.
 
     Returns:
         The path, and the first digits of the expected SHA-256, or None if they are not known.

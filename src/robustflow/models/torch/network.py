@@ -54,8 +54,8 @@ def network_model(
         convention: input convention of the network.
         checkpoint: path of a file, name in `published`, or "random" for seeded random weights, which are recorded in
             the model's identity; weights are never random by default.
-        source: description of the file, and where its authors publish it; used in the message if the checkpoint is
-            missing.
+        source: description of the file, including where its authors publish it; used in the message if the checkpoint
+            is missing.
         sha256: first digits of the file's expected SHA-256, if known.
         published: URLs of the checkpoints that can be downloaded, keyed by name.
         scope: prefix of the network's entries in the checkpoint; see `load_weights`.
