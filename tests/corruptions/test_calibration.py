@@ -73,7 +73,7 @@ def test_the_shipped_levels_get_stronger_along_the_path(name):
     known = [p for p in calibrated_severities(name) if p is not None]
     places = [int(np.argmin((np.abs(table - np.array(flat(p), float)) / scale).sum(axis=1))) for p in known]
     assert known
-    if name != "psf_blur":  # the nominal order of the lenses differs from their order by blur
+    if name != "psf_blur":  # the nominal order of the lenses differs from their order by amount of blur
         assert places == sorted(places)
 
 

@@ -83,7 +83,7 @@ class _NotToBeUsed:
 
 
 def draws_nothing(name):
-    """Return whether a corruption does not depend on key and seed: neither `draw` nor `apply` uses the generator."""
+    """Return whether a corruption is independent of key and seed: neither `draw` nor `apply` uses the generator."""
     corruption = load_corruption(name)
     try:
         state = corruption.draw_with_depth(_NotToBeUsed(), 3, (64, 80), scene(64, 80))

@@ -153,8 +153,8 @@ def corrupt(
     Args:
         frame1, frame2: frames of the same size, RGB uint8 (H, W, 3) or Pillow images; for Pillow images, RGB Pillow
             images are returned. Without `frame2`, the image is treated as the first frame of a pair, so a corruption
-            that changes only one of the two frames (`over_exposure`, `under_exposure`) leaves it unchanged in half of
-            the draws.
+            that changes only one of the two frames (`over_exposure`, `under_exposure`) leaves the image unchanged in
+            half of the draws.
         corruption: name of a corruption (`robustflow list corruptions`), `module.path:Attribute`, or a custom
             corruption.
         severity: severity, 1 (mild) to 5 (severe).

@@ -2,8 +2,8 @@
 
 `draw` makes all random choices for a pair (or clip) and returns a state; `apply` is a pure function of (frame, state,
 index). Values shared by the frames are stored in the state; per-frame values are derived inside `apply` from a stream
-spawned with the frame's index. So clips of any length can be streamed, and frame `i` of a clip is identical to frame
-`i` of a pair.
+spawned with the frame's index. Clips of any length can therefore be streamed, and frame `i` of a clip is
+identical to frame `i` of a pair.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from ..severity import SEVERITIES
 from ..validated import FrozenFinite
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
-"""Environment variable that specifies a table to use instead of the shipped one."""
+"""Environment variable that specifies a table to use instead of the shipped table."""
 
 Similarity = Annotated[float, Field(ge=-1.0, le=1.0)]
 _Number = bool | int | float

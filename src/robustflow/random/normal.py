@@ -90,7 +90,7 @@ def _tail(q: Any) -> Any:
 def natural_log(x: Any) -> Any:
     """Return the natural logarithm of a float64 in (0, 1], accurate to a few ulp.
 
-    The argument is scaled to [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges as 0.03**k.
+    The argument is scaled to [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges like 0.03**k.
     """
     halvings = 0
     while x < 2.0**-16:

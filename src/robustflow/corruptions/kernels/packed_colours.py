@@ -1,6 +1,6 @@
 """Sum and average RGB colours packed into one word, with 20 bits per channel.
 
-Sums of 4096 values per channel fit; differences of longer running sums are exact although the sums overflow.
+Sums of up to 4096 values per channel fit; differences of longer running sums are exact even though the sums overflow.
 """
 
 from __future__ import annotations

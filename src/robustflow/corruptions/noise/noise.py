@@ -1,8 +1,8 @@
 """Base class for noise corruptions, with one random stream per frame.
 
 Sample s of a frame (row-major, channels last) depends only on lane s of the frame's hash values: 32-bit lanes for
-Gaussian and shot noise, and 16-bit lanes for impulse noise. So any part of a frame can be computed separately, and only
-integers are compared.
+Gaussian and shot noise, and 16-bit lanes for impulse noise. Any part of a frame can therefore be computed
+separately, and only integers are compared.
 """
 
 from __future__ import annotations

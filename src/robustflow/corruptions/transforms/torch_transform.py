@@ -23,8 +23,8 @@ class TorchCorruption(torch.nn.Module):
     `tv_tensors.Image`, every tensor is treated as an image. All images in a call belong together (frame 1, frame 2,
     ...) and share one random draw, while the items of a batch are drawn independently.
 
-    Accepts the same arguments as `CorruptionTransform`; its module's docstring explains how draws differ between
-    `DataLoader` workers.
+    Accepts the same arguments as `CorruptionTransform`; see the docstring of the module `transform` for how draws
+    differ between `DataLoader` workers.
 
     >>> transform = TorchCorruption(["contrast"], severities=[5])
     >>> first, second = transform(torch.zeros(3, 24, 32), torch.ones(3, 24, 32))
