@@ -10,8 +10,8 @@ early, because fewer pairs are also sufficient.
 
 `choose` searches for the smallest set of conditions that preserves two rankings: that of these methods, by EPE, CRE and
 RCRE over all conditions and pairs, and that of the 29 published variants, whose tables contain means over severities
-and pairs. A set consists of some corruptions at some severities. Its quality is the smallest of Kendall's tau (a) of
-the three metrics in the two rankings. For each number of severities, corruptions are removed one by one, then swapped
+and pairs. A set consists of some corruptions at some severities. Its quality is the smallest Kendall's tau (a) over
+the three metrics and the two rankings. For each number of severities, corruptions are removed one by one, then swapped
 as long as that improves the set. Each method and variant is then left out in a trial: corruptions and severities are
 chosen without it, and tau is computed over all methods or variants. A set that can replace the full run should reach
 0.95 in 95 % of these trials.

@@ -41,7 +41,7 @@ class Recorder(ZeroClipFlow):
 
 
 class WithPairs(Recorder):
-    """Also accepts two frames."""
+    """Records its input, and also predicts pairs of frames."""
 
     def __init__(self) -> None:
         super().__init__()

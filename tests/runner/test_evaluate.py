@@ -183,7 +183,7 @@ def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, en
 
 @pytest.mark.parametrize("batch_size", [1, 2])
 def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, models_on_path, batch_size):
-    """The contrast frames are computed from the clean frames after the model has received them."""
+    """The contrast frames are computed from the clean frames after the model has overwritten its input."""
     name = "models_for_tests:" + ("blackens" if batch_size == 1 else "BlackensPairs")
     options = {"corruptions": ["contrast"], "severities": [1, 2], "batch_size": batch_size}
     rows = rf.evaluate(name, output=tmp_path / "run", **options).rows

@@ -87,7 +87,7 @@ def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch):
 
     kept = _files(run)
     shutil.rmtree(run.path / "examples")
-    assert _files(rf.evaluate(DIS, **asked)) == kept, "images of frames in memory equal those of recomputed frames"
+    assert _files(rf.evaluate(DIS, **asked)) == kept, "images from frames in memory equal those from recomputed ones"
 
 
 def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):

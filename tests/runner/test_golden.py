@@ -30,7 +30,7 @@ def brightness_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 
 
 def rows(folder: Path) -> pl.DataFrame:
-    """The run's rows, in the columns that are kept."""
+    """The rows of a run, restricted to the stored columns."""
     result = rf.evaluate(brightness_flow, "demo", output=folder, corruptions=CORRUPTIONS, severities=[3])
     return result.rows.select(COLUMNS)
 

@@ -1,4 +1,4 @@
-"""Runs with a user's own corruption: resuming, an error after its source was edited, worker processes, and records."""
+"""Runs with a user's own corruption: resumption, edits to its source, worker processes, and records."""
 
 import sys
 

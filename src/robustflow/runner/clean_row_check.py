@@ -65,8 +65,8 @@ def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
     if not all(_close(before[column], now[column]) for column in _PREDICTION):
         raise RunError(
             f"the model predicts a different flow on sample '{before['sample']}' than when this run measured it, "
-            "although its name is the same: its code, a module that it imports or its weights have changed; choose a "
-            "different folder with --output, or restore the model"
+            "although the model's name is the same: its code, a module that it imports or its weights have changed; "
+            "choose a different folder with --output, or restore the model"
         )
 
 

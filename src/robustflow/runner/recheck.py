@@ -47,7 +47,7 @@ def recheck(
     """Recompute the frames of some rows of a run, and compare their digests and the columns that depend on ground
     truth.
 
-    With a model, also predict the rows again, and compare the mean error and the mean change of each row.
+    With a model, also predict the flows again, and compare the mean error and the mean change of each row.
 
     Args:
         identity: identity of the run, from which benchmark, seed, variant and scale are read.
@@ -102,7 +102,7 @@ def recheck(
         )
     drawn_rows = f"{chosen.height} of {rows.height} rows, drawn with seed {seed}"
     if model is not None:
-        return f"{drawn_rows}, were predicted again and agree to within {TOLERANCE_PX} px of mean error"
+        return f"{drawn_rows}, were predicted again and agree to within {TOLERANCE_PX} px in mean error"
     return f"{drawn_rows}, match the frames and ground truth of these data"
 
 

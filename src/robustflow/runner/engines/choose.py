@@ -106,7 +106,7 @@ def _processes(workers: int, timeout: float | None) -> Engine:
 
 
 def _spread(why_not: str) -> Engine:
-    """Return one process per CPU if there is enough work for each and nothing prevents it; otherwise this process."""
+    """Return an engine with one process per CPU if each has enough work and nothing prevents it; otherwise `SERIAL`."""
 
     def engine(units: Sequence[Unit]) -> Engine:
         cells = sum(len(unit.severities) for unit in units)
