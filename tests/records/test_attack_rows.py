@@ -68,6 +68,6 @@ def test_attacks_that_are_missing_or_unknown_are_noticed(attacked):
 
     kept = ["random_sign", "random_gauss", "square:queries=3"]
     assert failure(with_rows(attacked, lambda rows: rows.filter(~_SQUARE)))[0] == "cells"
-    assert "attacks without random_sign" in failure(with_json(attacked, "manifest.json", attacks(kept[1:])))[1]
+    assert "the attacks lack random_sign" in failure(with_json(attacked, "manifest.json", attacks(kept[1:])))[1]
     assert failure(with_json(attacked, "manifest.json", attacks([*kept, kept[2]])))[1] == "an attack is selected twice"
     assert failure(with_json(attacked, "manifest.json", attacks([*kept, "os:system"])))[0] == "manifest"

@@ -124,7 +124,7 @@ def test_croissant_describes_the_rows_beside_it(run, tmp_path):
 
 def test_croissant_is_valid_and_its_loader_reads_the_rows(run, tmp_path):
     mlcroissant = pytest.importorskip(
-        "mlcroissant", reason="needs mlcroissant, which no extra includes: it takes 370 MB with its dependencies"
+        "mlcroissant", reason="needs mlcroissant, which no extra includes because it takes 370 MB with its dependencies"
     )
     metadata, _ = exported(run, "croissant", tmp_path)
     dataset = mlcroissant.Dataset(metadata)

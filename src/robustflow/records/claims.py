@@ -124,7 +124,7 @@ def _attack_problems(plan: Manifest) -> list[str]:
     if len(set(attacks)) != len(attacks):
         return ["an attack is selected twice"]
     if attacks and not set(CONTROLS) <= set(attacks):
-        return [f"attacks without {' and '.join(CONTROLS)}, which every run with attacks includes"]
+        return [f"the attacks lack {' and '.join(CONTROLS)}, which every run with attacks includes"]
     return []
 
 

@@ -155,7 +155,7 @@ class Reader:
             if not frame[column].drop_nulls().str.contains("^[0-9a-f]{32}$").all():
                 raise DataError(f"rows.csv: a {column} does not consist of 32 hexadecimal digits")
         if not frame["truth_digest"].is_null().equals(frame["n_valid"].is_null()):
-            raise DataError("rows.csv: a row has a truth_digest but no pixels with ground truth, or the reverse")
+            raise DataError("rows.csv: a row has a truth_digest but no pixels with ground truth, or vice versa")
         for column, kind in ROW_SCHEMA.items():
             if kind is pl.Int64 and not frame[column].drop_nulls().is_between(0, _LARGEST_INT).all():
                 raise DataError(f"rows.csv: a value of '{column}' is negative or too large")

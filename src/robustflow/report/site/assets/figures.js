@@ -1,5 +1,5 @@
 "use strict";
-// Marks of the figures: tooltips on hover or focus, highlighting of a model in all figures, and links to its page.
+// Marks of the figures: tooltips on hover or focus, highlighting of a model in all figures, and links to its model page.
 const charts = [...document.querySelectorAll(".plot")];
 const tip = document.getElementById("tip");
 const ofModel = new Map();
