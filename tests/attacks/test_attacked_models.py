@@ -1,4 +1,4 @@
-"""What attacks require of a model, and the problems with its flow and gradient that they detect."""
+"""Attacks check what they require of a model, and detect problems with its flow and gradient."""
 
 from __future__ import annotations
 

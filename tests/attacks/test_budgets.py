@@ -84,7 +84,7 @@ def test_no_attack_exceeds_any_budget_in_8_bits_and_none_that_searches_ends_belo
     assert size <= budget * (1 + 1e-9)
     assert not change[{"first": 1, "second": 0}.get(moved, slice(0, 0))].any()
     assert moved != "joint" or np.array_equal(*change)
-    # these attacks search and can return the clean pair
+    # these attacks search, so they may return the clean pair
     if name in ("bim", "pgd", "cospgd", "apgd", "pcfa", "square", "worst_of"):
         gain = attacked.loss - attacked.clean_loss
         assert (-gain if name == "pcfa" else gain) >= 0

@@ -44,8 +44,8 @@ def _smooth(pack: Pack) -> TorchModel:
 
 
 def _raft_small(pack: Pack):
-    """Return ptlflow's network, to which the adapter passes RGB; in FlowBench's pack there was no adapter, so it
-    received BGR."""
+    """Return ptlflow's network, to which the adapter passes RGB; FlowBench's pack was created without an adapter, so
+    its network received BGR."""
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=6, device="cpu")
     pack.fill(model.net.model, "keys_raft_small.json")

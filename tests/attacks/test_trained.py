@@ -140,7 +140,7 @@ BOMB = _npy(np.zeros((3, 8, 10), np.float32)).replace(b"(3, 8, 10)", b"(3, 8, 99
         (_npy(np.zeros((8, 10))), r"an array float64 \(8, 10\)"),
         (_npy(np.zeros((2, 2, 8, 10))), r"an array \(2, 2, 8, 10\)"),
         (_npy(np.full((3, 8, 10), np.nan)), "NaN or infinite"),
-        (_npy(np.zeros((3, 9, 10))), "is for frames of 10x9 pixels, but those of sample '' are 10x8"),
+        (_npy(np.zeros((3, 9, 10))), "is for frames of 10x9 pixels, but the frames of sample '' are 10x8"),
     ],
 )
 def test_a_perturbation_file_that_does_not_fit_is_refused_in_one_line(tmp_path, content, message):

@@ -33,7 +33,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
     text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert text.count("missing  ") == 5
-    assert "put it into a folder named sintel or mpisintel there, or pass --data sintel=FOLDER" in text
+    assert "put it into a folder named sintel or mpisintel in a data folder, or pass --data sintel=FOLDER" in text
     assert "100001 updates of 6 pairs, crop 368x768, fp32, 12 iterations" in text
     assert text.endswith("training cannot start until the missing data are available")
 
@@ -105,7 +105,7 @@ def test_plan_names_the_corruptions_of_the_frames_and_refuses_unknown_ones():
 
 
 def test_a_part_without_a_recipe_is_a_usage_error():
-    with pytest.raises(UsageError, match="unknown method with a recipe 'dis'"):
+    with pytest.raises(UsageError, match="unknown trainable method 'dis'"):
         load_recipe("dis", "ood")
 
 

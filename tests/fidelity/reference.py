@@ -25,9 +25,8 @@ def table():
 
 
 def cases(group, every=1):
-    """Return test parameters (name, key) for every n-th entry per corruption in a group.
-
-    If there is no table, a single skipped test is returned.
+    """Return test parameters (name, key) for every n-th entry of each corruption in a group, or a single skipped test
+    if there is no table.
     """
     if table() is None:
         reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that contains it"
@@ -36,7 +35,7 @@ def cases(group, every=1):
 
 
 def read_image(name):
-    """Return an image in the folder as RGB uint8, or None if it is missing."""
+    """Return an image from the folder as RGB uint8, or None if it is missing."""
     image = cv2.imread(str(FOLDER / name), cv2.IMREAD_COLOR)
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 

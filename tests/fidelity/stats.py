@@ -42,7 +42,8 @@ def mean_gradient(frame):
 
 
 def image_stats(clean, corrupted):
-    """Return the statistics of a pair except for those of flow, named as in the reference table; None if undefined."""
+    """Return the statistics of a pair, without the flow statistics, named as in the reference table; None if
+    undefined."""
     out, residuals = {}, []
     for number, (before, after) in enumerate(zip(clean, corrupted, strict=True), start=1):
         residual = after.astype(np.float64) - before
@@ -68,7 +69,7 @@ FLOWS = {
 
 
 def flows(frames):
-    """Return the flow of a pair for every method, {name: (H, W, 2)}."""
+    """Return the flow of a pair computed by every method, {name: (H, W, 2)}."""
     return {name: estimate(grey(frames[0]), grey(frames[1])) for name, estimate in FLOWS.items()}
 
 

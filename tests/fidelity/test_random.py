@@ -1,4 +1,5 @@
-"""Random corruptions: the mean of every statistic over our seeds is compared with that over the reference's 16 seeds.
+"""Random corruptions: the mean of every statistic over our seeds is compared with its mean over the reference's 16
+seeds.
 
 The test follows the README of the reference folder: means may differ by four standard errors plus a floor. The
 exceptions are also explained there: for glass blur, the fraction of white samples (the reference truncates 254.999..)

@@ -15,8 +15,8 @@ a reason.
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run a test with the argument `case` once for each case letter in the pack that its class or module names as PACK;
-    the mark `expected` sets the file ending (`a_expected_ft.npz` is case a with the ending "_ft").
+    """Run a test with the argument `case` once for each case letter in the pack given by PACK in the test's class or
+    module. The mark `expected` sets the file ending (`a_expected_ft.npz` is case a with the ending "_ft").
     """
     if "case" not in metafunc.fixturenames:
         return
@@ -30,7 +30,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def pack(request: pytest.FixtureRequest, shared):
-    """The pack that the test's class or module names as PACK."""
+    """The pack given by PACK in the test's class or module."""
     pytest.importorskip("torch", reason="needs the torch extra")
     from .pack import Pack
 

@@ -42,7 +42,7 @@ class Pack:
             return dict(arrays)
 
     def fill(self, net: torch.nn.Module, keys: str = "keys.json") -> torch.nn.Module:
-        """Set a network's weights by the rule. Their names, shapes, dtypes and order must equal the original's."""
+        """Set a network's weights by the rule. Their names, shapes, dtypes and order must match the original's."""
         entries = json.loads((self.folder / keys).read_text())["entries"]
         own = net.state_dict()
         assert [(name, list(value.shape), str(value.dtype).removeprefix("torch.")) for name, value in own.items()] == [

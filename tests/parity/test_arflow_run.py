@@ -1,4 +1,4 @@
-"""A weight file in the layout of ARFlow's authors, from the command line to the report, on real frames."""
+"""Use a weight file in the ARFlow authors' format end to end, from the command line to the report, on real frames."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ PACK = "arflow"
 
 @pytest.fixture
 def checkpoint(pack, tmp_path):
-    """Write a file in the authors' format: weights from multi-GPU training, among the other entries that their trainer
-    saves.
+    """Write a file in the authors' format: weights from multi-GPU training, alongside the other entries that the
+    authors' trainer saves.
     """
     state = {f"module.{key}": value for key, value in pack.fill(ARFlow()).state_dict().items()}
     torch.save({"epoch": 1000, "state_dict": state}, tmp_path / "pwclite_ar.tar")

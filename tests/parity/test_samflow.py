@@ -1,4 +1,4 @@
-"""SAMFlow matches the outputs of the original implementation. The weights of the variant H need 2.6 GB."""
+"""SAMFlow matches the outputs of the original implementation. The weights of variant H need 2.6 GB."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray], Batch]:
     plain, whole = kinds
     first, second = whole.crops(*cases["crop"])
     nothing = torch.zeros(2, *cases["crop"])
-    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # makes it distinguishable from other frames
+    students = (torch.full_like(first, 7.0), torch.full_like(second, 9.0))  # distinct from other frames
     batch = Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), None, None, whole, plain)
     return cases, arrays, Batch(**{**vars(batch), "changed": students})
 

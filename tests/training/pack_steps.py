@@ -1,5 +1,5 @@
-"""A pack of training steps (`parity/training_*` in the shared data): its batch and weights, and the steps that the
-project computes from them with the loss, optimiser and schedule of the recipe.
+"""Load a pack of training steps (`parity/training_*` in the shared data), and compute the same steps from its batch and
+weights with the recipe's loss, optimiser and schedule.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class TrainingPack:
         return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float()
 
     def batch(self, step: int = 0, times: list[int] | None = None) -> Batch:
-        """The batch of a step, with noise step and noise if the case has `times`."""
+        """The batch of a step, including the noise step and the noise if the case has `times`."""
         with np.load(self.folder / "truth.npz") as file:
             truth, valid = (torch.from_numpy(file[key]).float() for key in ("flow", "valid"))
         batch = Batch(self.frames(1), self.frames(2), truth, valid, ("0", "1"))
@@ -117,7 +117,7 @@ def steps(
 
 @contextmanager
 def flows_kept() -> Iterator[list[Tensor]]:
-    """Record the predictions that enter the sequence loss within the block."""
+    """Within the block, record the predictions that are passed to the sequence loss."""
     kept: list[Tensor] = []
     real = loss_of_batch.sequence_loss
 
@@ -131,7 +131,7 @@ def flows_kept() -> Iterator[list[Tensor]]:
 
 
 def gradients_of(network: TrainedNetwork) -> dict[str, Tensor]:
-    """Copies of all gradients that exist, by parameter name in the authors' files."""
+    """Copies of all existing gradients, keyed by the parameter names in the authors' files."""
     return {
         name.removeprefix("net.").removeprefix("model."): value.grad.clone()
         for name, value in network.named_parameters()

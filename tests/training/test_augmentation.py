@@ -1,4 +1,5 @@
-"""Augmentation: the draws are distributed as in the original code, and the flow still matches the images."""
+"""Augmentation: parameters are distributed as in the original code, and the augmented flow still matches the augmented
+images."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.training
 DRAWS = 2000
 SHAPE, CROP = (436, 1024), (368, 768)
 _ALPHA = 1e-4
-"""Probability that a correct distribution fails one of these tests; their draws are fixed."""
+"""Probability that samples from the correct distribution fail one of these tests; the seeds are fixed."""
 
 
 def drawn(sparse: bool, flip: bool = True, log2_scale: tuple[float, float] = (-0.2, 0.6)) -> list[Geometry]:

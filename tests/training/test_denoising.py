@@ -58,7 +58,7 @@ def test_the_window_volume_is_the_same_with_gradients_and_its_gradient_is_the_pl
     weights = torch.randn(volume.shape, generator=generator)
     (volume * weights).sum().backward()
     others = [features.clone().requires_grad_() for features in (features1, features2)]
-    dense = torch.einsum("bchw,bcij->hwij", *others) / 8**0.5  # all pairs, then only the window
+    dense = torch.einsum("bchw,bcij->hwij", *others) / 8**0.5  # all pairs; windows are cut out below
     x, y = target[0].round().long()
     padded = torch.nn.functional.pad(dense, (8, 9, 8, 9))
     total = sum(

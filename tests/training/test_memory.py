@@ -1,5 +1,4 @@
-"""The memory estimate of a plan, compared with a count at a crop and a number of iterations that are not in the
-table."""
+"""A plan's memory estimate agrees with a count for a crop and a number of iterations that are not in the table."""
 
 from __future__ import annotations
 

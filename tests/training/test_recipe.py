@@ -109,7 +109,7 @@ def test_brightflow_erases_nothing_and_flips(stage):
 def test_updates_are_counted_as_the_originals_do():
     assert load_recipe("raft", "ood").updates == 100_001
     assert load_recipe("gma", "ood").updates == 120_000
-    assert load_recipe("samflow_b", "ood").updates == 120_000  # two steps each
+    assert load_recipe("samflow_b", "ood").updates == 120_000  # two steps per update
 
 
 @pytest.mark.parametrize("method", trained_methods())
@@ -165,7 +165,7 @@ def test_the_digest_names_what_decides_the_weights():
     ("method", "stage", "says"),
     [
         ("raft", "odd", "unknown recipe of raft 'odd': did you mean 'ood'"),
-        ("rafd", "ood", "unknown method with a recipe 'rafd': did you mean 'raft'"),
+        ("rafd", "ood", "unknown trainable method 'rafd': did you mean 'raft'"),
     ],
 )
 def test_an_unknown_name(method, stage, says):

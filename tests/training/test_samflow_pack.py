@@ -20,8 +20,8 @@ from .pack_steps import STEPS, TrainingPack, steps  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
-"""Tolerances from the pack's README: relative tolerances of the loss and of the gradient norm in each of the two steps,
-of a gradient relative to its largest value, and the absolute tolerance of the final weights.
+"""Tolerances from the pack's README: for the loss and the gradient norm, relative, in each of the two steps; for a
+gradient, relative to its largest value; and for the final weights, absolute.
 """
 NO_GRADIENT = ("k_proj.bias", ".k.bias")
 """Parameters whose true gradient is 0, because softmax cancels any value added to all scores."""
@@ -42,7 +42,7 @@ def recipe(pack) -> Recipe:
 
 
 def alone(batch: Batch, number: int) -> Batch:
-    """One pair of a batch, because the original code has one per process."""
+    """One pair of a batch, because the original code uses one pair per process."""
     only = slice(number, number + 1)
     return Batch(batch.image1[only], batch.image2[only], batch.flow[only], batch.valid[only], batch.names[only])
 
@@ -78,7 +78,7 @@ def test_mistake_in_the_recipe_moves_the_loss_beyond_its_tolerance(pack, recipe,
 
 
 def test_pairs_of_one_batch_do_not_see_each_other(pack, recipe):
-    """The original code has one pair per process; with more, contexts would be mixed as in FlowFormer."""
+    """The original code uses one pair per process; with more, contexts would be mixed as in FlowFormer."""
     network, batch = pack.network(recipe), pack.batch()
     with torch.no_grad():
         together, *singly = (

@@ -183,8 +183,8 @@ def test_loss_over_other_pixels_is_rejected(name):
 
 
 def test_matching_of_gmflownet_with_other_frames_or_pixels_is_rejected():
-    """The values in the README are for frames in 0..1, in which no pixel is occluded, and without pixels of unknown
-    ground truth.
+    """The README's values are for frames scaled to 0..1, for which no pixel counts as occluded, and for matches without
+    the pixels whose ground truth is unknown.
     """
     pack, batch = pack_of("gmflownet"), batch_of("gmflownet")
     expected = pack.header["cases"]["things"]

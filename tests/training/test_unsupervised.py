@@ -104,7 +104,7 @@ def test_the_seed_is_that_of_every_random_weight(method):
     ("method", "crop", "says"),
     [
         ("arflow", (96, 128), "crop 96x128: arflow needs multiples of 64; choose a different --crop"),
-        ("brightflow", (128, 192), "so each side needs more than 128; use a larger --crop"),
+        ("brightflow", (128, 192), "so each side must be longer than 128; use a larger --crop"),
     ],
 )
 def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
@@ -118,7 +118,7 @@ def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
 def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
     text = plan_text(load_recipe("arflow", "unsupervised"), DataPlan([tmp_path]))
     assert "no labels: census from 0, smooth 75, second order true, self supervision 0.02" in text
-    assert "put it into a folder named kittimultiview or datasceneflowmultiview there" in text
+    assert "put it into a folder named kittimultiview or datasceneflowmultiview in a data folder" in text
     for frame in range(21):
         for camera in ("image_2", "image_3"):
             path = tmp_path / "data_scene_flow_multiview" / "training" / camera / f"000000_{frame:02d}.png"

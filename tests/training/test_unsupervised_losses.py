@@ -71,7 +71,7 @@ def test_the_masked_census_does_not_see_what_is_hidden():
     seen[..., :10] = 1
     before = masked_census(first, second, seen)
     hidden = second.clone()
-    hidden[..., 13:] = 127.0  # at least three pixels (the window's radius) from visible pixels
+    hidden[..., 13:] = 127.0  # at least three pixels (the window's radius) away from any visible pixel
     assert masked_census(first, hidden, seen) == before
     assert masked_census(first, second, torch.zeros_like(seen)) == 0
 
@@ -119,7 +119,7 @@ def test_the_smoothness_of_second_order_leaves_affine_motion_alone():
     flat = torch.full((1, 3, 20, 30), 0.5)
     assert robust_smoothness(flow, flat, 150.0, second_order=True).item() == pytest.approx(2e-3, rel=1e-3)
     first = robust_smoothness(flow, flat, 150.0, second_order=False).item()
-    assert first == pytest.approx((0.3 + 0.0 + 0.1 + 0.2) / 2, rel=5e-3)  # both components, mean of both axes
+    assert first == pytest.approx((0.3 + 0.0 + 0.1 + 0.2) / 2, rel=5e-3)  # sum of components, mean of axes
     edge = flat.clone()
     edge[..., 15:] = 0.9
     step = torch.zeros(1, 2, 20, 30)
@@ -146,7 +146,7 @@ def test_the_student_is_asked_for_the_teachers_flow_in_its_own_pixels():
     teacher = torch.full((1, 2, 32, 48), 4.0)
     enlarged = torch.empty(1, 2, 32, 48)
     enlarged[:, 0], enlarged[:, 1] = 4.0 * 48 / 32, 4.0 * 32 / 16
-    assert self_supervised([enlarged], teacher, 8).item() == pytest.approx(2e-3, rel=1e-2)  # of both components
+    assert self_supervised([enlarged], teacher, 8).item() == pytest.approx(2e-3, rel=1e-2)  # the sum of both components
     assert self_supervised([enlarged, enlarged + 1], teacher, 8).item() == pytest.approx(2.0 + 1.6e-3, rel=1e-3)
 
 
@@ -158,13 +158,13 @@ def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
     target = torch.full((1, 3, 4, 5), 100.0)
     target[..., 1, 1] = 115.0  # here, 120 is closer than 100
     flow = torch.zeros(1, 2, 4, 5)
-    flow[:, 0] = 1.0  # which ends one pixel to the right
+    flow[:, 0] = 1.0  # points one pixel to the right
     kept = kept_offsets(target, torch.full_like(target, 100.0), torch.full_like(target, 120.0), flow)
     assert kept.nonzero().tolist() == [[0, 0, 1, 2]]
     half = torch.zeros(1, 1, 4, 5)
     half[..., :2] = 1
     off = correction_loss(target, torch.where(half > 0, target + 25.5, target + 200), half)
-    assert off.item() == pytest.approx(3 * 0.1, rel=1e-5)  # the sum over three colours of 0..1
+    assert off.item() == pytest.approx(3 * 0.1, rel=1e-5)  # the sum over three colours, each in 0..1
 
 
 def test_brightflow_gets_the_frames_also_in_their_own_colours_and_without_their_border(chairs):

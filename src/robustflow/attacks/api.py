@@ -255,7 +255,7 @@ def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) 
         if not is_frame or frame.shape[2] != 3 or frame.shape != frame1.shape:
             raise DataError("an attack needs two RGB uint8 frames (H, W, 3) of equal size")
     if valid is not None and flow is None:
-        raise UsageError("a mask of valid pixels needs ground truth; give the flow, too")
+        raise UsageError("a mask of valid pixels needs ground truth; pass flow= as well")
     expected = (*frame1.shape[:2], 2)
     if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
         raise DataError(f"the ground truth is {_described(flow)}; expected float32 {expected}, the size of the frames")

@@ -64,7 +64,7 @@ class Ball:
     def __post_init__(self) -> None:
         for what, value, choice in (("norm", self.norm, NORMS), ("moved frames", self.moved, MOVED)):
             if value not in choice:
-                raise UsageError(f"unknown {what} '{value}' of an attack: choose from {', '.join(choice)}")
+                raise UsageError(f"unknown {what} '{value}' for an attack: choose from {', '.join(choice)}")
         most, unit = (100, "% of the pixels") if self.norm == "area" else (WHITE, "grey levels")
         number = isinstance(self.budget, int | float | np.number) and not isinstance(self.budget, bool)
         if not number or not 0 < self.budget <= most:

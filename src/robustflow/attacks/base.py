@@ -220,7 +220,7 @@ class Attack(ABC):
         if pair.truth is None or self.reference == "clean":
             if self.reference == "truth":
                 raise UsageError(
-                    f"attack {self.name} needs ground truth, and there is none; give the flow, or omit reference=truth"
+                    f"attack {self.name} needs ground truth, but the pair has none; pass flow=, or omit reference=truth"
                 )
             return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
         if self.masked:

@@ -47,7 +47,7 @@ class Loss:
 
     def __post_init__(self) -> None:
         if self.kind not in LOSSES:
-            raise UsageError(f"unknown loss '{self.kind}' of an attack: choose from {', '.join(LOSSES)}")
+            raise UsageError(f"unknown attack loss '{self.kind}': choose from {', '.join(LOSSES)}")
         if self.valid is not None and not self.valid.any():
             raise UsageError("the ground truth has no valid pixels, so there is nothing to attack")
 

@@ -27,7 +27,7 @@ the model's robustness."""
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the step size is unsuitable",
     "square_above_white_box": "Square, which uses no gradient, is stronger",
-    "transfer_above_white_box": "frames attacked on a different model are stronger",
+    "transfer_above_white_box": "frames attacked on a different model increase the error more",
 }
 """Warnings based on a comparison with the other attacks of the run."""
 

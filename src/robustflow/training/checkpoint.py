@@ -74,7 +74,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
         ModelError: the file is damaged.
     """
     if not path.exists():
-        raise RunError(f"{path.parent}: no training run to resume (no {path.name}); start one without --resume")
+        raise RunError(f"{path.parent}: no training run to resume ({path.name} not found); start one without --resume")
     content, _ = read_content(path)
     if not isinstance(content, dict) or not {_ABOUT, *_STATE} <= content.keys():
         raise RunError(f"{path} contains weights but no training state; start from the weights with --init {path}")

@@ -61,7 +61,7 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
         if min(recipe.crop) <= 2 * settings.border:
             raise UsageError(
                 f"crop {recipe.crop[0]}x{recipe.crop[1]}: brightflow's student does not use the outer "
-                f"{settings.border} pixels of the crop, so each side needs more than {2 * settings.border}; use a "
+                f"{settings.border} pixels of the crop, so each side must be longer than {2 * settings.border}; use a "
                 "larger --crop"
             )
         return Brightflow(network, recipe, settings)

@@ -182,7 +182,7 @@ def recipes_of(method: str) -> dict[str, Recipe]:
         UsageError: there is no recipe for the method.
     """
     if method not in trained_methods():
-        raise unknown_name("method with a recipe", method, trained_methods())
+        raise unknown_name("trainable method", method, trained_methods())
     document = dict(_read(method))
     if "same_as" in document:
         return {stage: recipe.changed(method=method) for stage, recipe in recipes_of(document["same_as"]).items()}

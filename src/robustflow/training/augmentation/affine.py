@@ -104,7 +104,7 @@ def _inside(
         if (places >= 0).all() and (places < side).all():
             return tried
     raise UsageError(
-        f"in {_ATTEMPTS} draws, every transform of the second pass reached beyond the frame; increase the zoom or "
+        f"in {_ATTEMPTS} draws, every transform of the second pass extended beyond the frame; increase the zoom or "
         "reduce the motion"
     )
 

@@ -87,7 +87,7 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
     if getattr(dataset, "non_occluded", False):
         warnings.warn(
             f"{part.data} has no flow_occ/, so training uses its non-occluded ground truth (flow_noc/): the network "
-            "does not learn occluded motion, and the data differ from those of the recipe; unpack flow_occ/",
+            "does not learn occluded motion, and the data differ from the recipe's; unpack flow_occ/",
             stacklevel=2,
         )
     return OpenPart(part, dataset, tuple(keys))
@@ -127,7 +127,7 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
     raise DataError(
         f"{part.data} {options}".strip()
         + f" was not found ({'; '.join(reasons) or where}); put it into a folder named {' or '.join(names[:2])} "
-        f"there, or pass --data {part.data}=FOLDER"
+        f"in a data folder, or pass --data {part.data}=FOLDER"
     )
 
 
