@@ -59,7 +59,7 @@ def markdown(about: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Format the results as one table."""
     words = {True: "yes", False: "**no**", None: ""}
     lines = [", ".join(f"{key} {value}" for key, value in about.items()), ""]
-    lines += ["| section | what | figures | as expected |", "|---|---|---|---|"]
+    lines += ["| section | what | results | as expected |", "|---|---|---|---|"]
     for row in rows:
         figures = ", ".join(f"{key} {value}" for key, value in row["figures"].items()).replace("|", "/")
         lines.append(f"| {row['section']} | {row['what']} | {figures} | {words[row['as expected']]} |")

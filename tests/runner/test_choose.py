@@ -1,4 +1,4 @@
-"""The choice of a run's engine."""
+"""The engine chosen for a run."""
 
 import sys
 import threading

@@ -56,8 +56,8 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
     Returns:
         One row per arm, condition (a family, a corruption, or "clean") and quantity, with a flag that indicates whether
         the arm was trained with the condition (null for "clean") and the fields of `Effect`. CREr is a ratio of means
-        over pairs and seeds, because a pair with a clean error near zero would dominate a mean of ratios; CREr has no
-        interval.
+        over pairs and seeds, because a pair with a clean error near zero would dominate a mean of ratios; it has no
+        confidence interval.
     """
     names = [arm.name for arm in arms()]
     scores = {name: [_scores(runs[name, dataset, seed]) for seed in seeds] for name in names}
