@@ -1,4 +1,4 @@
-"""Helpers for alias tables."""
+"""Helpers for testing alias tables."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Textured frames with depth."""
+"""Helpers that create textured frames with depth."""
 
 import numpy as np
 

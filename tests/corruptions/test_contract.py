@@ -83,7 +83,7 @@ class _NotToBeUsed:
 
 
 def draws_nothing(name):
-    """Return whether a corruption is independent of key and seed: neither `draw` nor `apply` uses the generator."""
+    """Return whether a corruption is independent of key and seed because it never uses the random generator."""
     corruption = load_corruption(name)
     try:
         state = corruption.draw_with_depth(_NotToBeUsed(), 3, (64, 80), scene(64, 80))
@@ -94,7 +94,7 @@ def draws_nothing(name):
 
 
 def test_which_corruptions_draw_nothing():
-    """The paper's corruptions without random parameters."""
+    """The paper lists no random parameters for these corruptions."""
     fixed = {name for name in IMAGE_PAIR if draws_nothing(name)}
     assert fixed == {
         "jpeg_compression", "pixelate", "contrast", "saturate", "high_light", "low_light", "gaussian_blur",

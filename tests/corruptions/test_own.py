@@ -168,7 +168,7 @@ def test_an_own_corruption_in_three_dimensions_gets_the_depth_of_each_frame(made
         rf.corrupt(FRAME, FRAME, made, 4, depth=seen(metres, 50 - metres)), (metres, 50 - metres), strict=True
     ):
         expected = np.where((depth < limit)[..., None], np.uint8(value), FRAME)
-        assert (frame != expected).any(axis=2).sum() <= (name == "near_white")  # its dot
+        assert (frame != expected).any(axis=2).sum() <= (name == "near_white")  # its random dot
     assert needs_depth(name)
     assert needs_depth(f"fog+{name}:2")
 
