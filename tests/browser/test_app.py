@@ -154,7 +154,7 @@ def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
     for whose in ("dis", "farneback"):
         assert f"Flow on the corrupted frames, {whose}" in captions
     with page.expect_download() as download:
-        page.get_by_role("button", name="Save what is shown").click()
+        page.get_by_role("button", name="Save this view").click()
     download.value.save_as(tmp_path / "saved.png")
     with Image.open(tmp_path / "saved.png") as saved:
         assert saved.width == 3 * 652 + 12
@@ -179,7 +179,7 @@ def test_a_stack_and_the_five_severities(opened, app):
     expect(page.locator("#status")).to_contain_text("all five severities measured")
     shown = page.locator("#sweep-rows tr").nth(2).locator("td").first.inner_text()
     assert float(shown) == pytest.approx(_number(page, "epe"), abs=5.1e-4)
-    page.get_by_role("button", name="Add another on top").click()
+    page.get_by_role("button", name="Add another corruption").click()
     expect(page.locator("#status")).to_contain_text("fog 3 + jpeg compression 3")
     expect(page.locator("#call")).to_contain_text('"fog:3+jpeg_compression:3"')
     expect(page.get_by_role("button", name="Measure all five severities")).to_be_disabled()
@@ -194,7 +194,7 @@ def test_own_frames_and_ground_truth(opened, app, tmp_path):
     rng = np.random.default_rng(1)
     frame = np.repeat(np.repeat(rng.integers(0, 255, (40, 60, 3)), 3, 0), 3, 1).astype(np.uint8)
     rf.write_flow(tmp_path / "gt.png", np.tile(np.array([2.0, 0.0]), (*frame.shape[:2], 1)))
-    page.get_by_text("Your own: drop them, or choose").click()
+    page.get_by_text("Your own frames: drop files, or choose them").click()
     page.get_by_label("Frame 1").set_input_files(_file("<img src=x onerror=alert(1)>.png", _png(frame)))
     page.get_by_role("button", name="Use these frames").click()
     expect(page.get_by_role("alert")).to_have_text("choose both frames first")
@@ -216,13 +216,13 @@ def test_own_frames_and_ground_truth(opened, app, tmp_path):
 def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     seen = opened()
     page = seen.page
-    page.get_by_text("Your own: drop them, or choose").click()
+    page.get_by_text("Your own frames: drop files, or choose them").click()
     for field in ("Frame 1", "Frame 2"):
         page.get_by_label(field).set_input_files(_file("notes.png", b"<b>only</b> text\n"))
     page.get_by_role("button", name="Use these frames").click()
     expect(page.get_by_role("alert")).to_contain_text("notes.png: cannot be read as an image")
     assert "\n" not in page.get_by_role("alert").inner_text()
-    expect(page.locator("#shown")).to_have_text("No frames: choose others, or the demo pair.")
+    expect(page.locator("#shown")).to_have_text("No frames: choose different ones, or the demo pair.")
     expect(page.locator("#pictures figure")).to_have_count(0)
     expect(page.locator("#numbers")).to_be_empty()
     for field in ("#frame1", "#frame2"):
@@ -258,7 +258,7 @@ def test_frames_dropped_on_the_page(opened, app):
 def test_a_narrow_page_does_not_scroll_sideways(opened, app):
     seen = opened(width=390, height=844)
     assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
-    seen.page.get_by_text("Your own: drop them, or choose").click()
+    seen.page.get_by_text("Your own frames: drop files, or choose them").click()
     assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
     _clean(seen, app)
 
@@ -278,8 +278,8 @@ def test_keyboard_alone(opened, app):
 def test_no_serious_barrier(opened, app):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
     seen = opened(bypass_csp=True)  # axe injects a script into the page
-    seen.page.get_by_text("Your own: drop them, or choose").click()
-    seen.page.get_by_role("button", name="Add another on top").click()
+    seen.page.get_by_text("Your own frames: drop files, or choose them").click()
+    seen.page.get_by_role("button", name="Add another corruption").click()
     seen.page.get_by_role("button", name="Remove corruption 2").click()
     seen.page.get_by_role("button", name="Measure all five severities").click()
     expect(seen.page.locator("#status")).to_contain_text("all five severities measured")

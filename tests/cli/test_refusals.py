@@ -1,4 +1,4 @@
-"""Bad input, missing extras and full disks are refused in one line that says what to do."""
+"""Bad input, missing extras and full disks are reported in one line that says what to do."""
 
 from __future__ import annotations
 

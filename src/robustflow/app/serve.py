@@ -1,4 +1,4 @@
-"""Start the app's server, print its address, and make sure that Ctrl-C stops it regardless of models and clients."""
+"""Start the app's server, print its address, and make sure that Ctrl-C stops it even if models or clients hang."""
 
 from __future__ import annotations
 

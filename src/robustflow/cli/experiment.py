@@ -26,7 +26,7 @@ def robust_training(
     size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
     loaders: Annotated[int, typer.Option(help="Processes that prepare batches in advance.")] = 1,
 ) -> None:
-    """Test whether training with corruptions helps against unseen corruptions, with noise, then weather, held out.
+    """Test whether training with corruptions helps against unseen corruptions, holding out noise, then weather.
 
     Trains `tiny` from several random initialisations; continues each without corruptions, with all of them, and with
     all but noise or weather; and evaluates every network on unseen pairs. Ctrl-C stops the experiment; run the same

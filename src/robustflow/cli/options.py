@@ -84,7 +84,7 @@ OwnCorruptions = Annotated[
     typer.Option(
         "--own-corruption",
         metavar="MODULE:ATTRIBUTE",
-        help="Your own corruption that the run used. It must be given because names in a run are never imported.",
+        help="Your own corruption that the run used. It must be given: names stored in a run are never imported.",
     ),
 ]
 OwnAttacks = Annotated[
@@ -93,7 +93,7 @@ OwnAttacks = Annotated[
         "--own-attack",
         metavar="MODULE:ATTRIBUTE",
         help="Your own attack that the run used, or an attack made with your own file or model. It must be given "
-        "because names in a run are never loaded.",
+        "because names stored in a run are never loaded.",
     ),
 ]
 Corruptions = Annotated[

@@ -170,7 +170,7 @@ def _print_paper() -> None:
         "BrightFlow and SAMFlow predict a flow after every iteration, as published; predicting only the last saves "
         "23.6 G."
     )
-    typer.echo("See docs/design/profiling.md for their remaining differences and SAMFlow-H's 236 G.")
+    typer.echo("See docs/design/profiling.md for the remaining differences and the extra 236 G of SAMFlow-H.")
 
 
 def _cells(counts: "Counts", parameters_m: float, flops_g: float) -> tuple[str, ...]:

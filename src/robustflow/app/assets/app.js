@@ -1,6 +1,6 @@
 "use strict";
 
-// Settings, requests and uploads; results.js shows what comes back.
+// Settings, requests and uploads; results.js shows the responses.
 const PAGE = Math.random().toString(36).slice(2);
 const PAUSE_MS = 250;
 const STAGES = {
@@ -57,7 +57,7 @@ function layers() {
   }));
 }
 
-// The model, and the one beside it where one is chosen: {model, checkpoint, label}.
+// The one or two chosen models: {model, checkpoint, label}.
 function models() {
   const chosen = ["", "second"].filter((which) => $(which || "model").value).map((which) => ({
     model: $(which || "model").value, checkpoint: $(which ? `${which}-checkpoint` : "checkpoint").value.trim(),
@@ -73,13 +73,13 @@ function request(chosen, withFrames, { model, checkpoint } = models()[0]) {
   };
 }
 
-// Neither the pair from before nor its results are what was asked for when an upload fails, and the file is not sent again.
+// After a failed upload, remove the previous pair and its results, and do not send the file again.
 function forget() {
   source = null;
   framesShown = "";
   clearResults();
   for (const id of ["frame1", "frame2", "truth", "clip"]) $(id).value = "";
-  $("shown").textContent = "No frames: choose others, or the demo pair.";
+  $("shown").textContent = "No frames: choose different ones, or the demo pair.";
   $("pair-field").hidden = true;
   $("use-demo").hidden = false;
   $("sweep").disabled = true;
@@ -126,7 +126,7 @@ async function preview(wanted, signal, onStage) {
       if (message.result) result = message.result;
     }
     if (done && result) return result;
-    if (done) throw new Error("the server stopped in the middle; is it still running?");
+    if (done) throw new Error("the server's response is incomplete; is it still running?");
   }
 }
 
@@ -154,7 +154,7 @@ async function whole(work) {
   }
 }
 
-// What the pictures on the page would be of.
+// Identify what the pictures on the page would show.
 function shownBy() {
   return JSON.stringify([source.source, $("pair").value, $("model").value, $("checkpoint").value.trim()]);
 }
@@ -212,7 +212,7 @@ async function upload(files) {
   let bytes = 0;
   for (const [name, file] of Object.entries(files)) { form.append(name, file); bytes += file.size; }
   await whole(async (signal) => {
-    if (bytes > choices.max_bytes) throw new Error(`more than ${Math.floor(choices.max_bytes / 2 ** 20)} MB; shrink it or take less`);
+    if (bytes > choices.max_bytes) throw new Error(`more than ${Math.floor(choices.max_bytes / 2 ** 20)} MB; choose smaller files or a shorter clip`);
     say("Reading the files…");
     let found;
     try {
@@ -240,7 +240,7 @@ function dropped(files) {
   if (pictures.length === 2 && flows.length <= 1) {
     return upload({ frame1: pictures[0], frame2: pictures[1], ...(flows.length ? { truth: flows[0] } : {}) });
   }
-  return complain("drop two frames, with a .flo or .pfm file of ground truth where there is one, or one clip");
+  return complain("drop two frames, optionally with ground truth (.flo or .pfm), or one clip");
 }
 
 // ---- start

@@ -1,7 +1,7 @@
 "use strict";
 
-// What a preview shows. Text of the server and of files is only ever set as textContent; addresses of pictures are the
-// server's own data.
+// Show a preview. Text from the server or from files is only ever set as textContent; picture URLs are the server's own
+// data.
 const $ = (id) => document.getElementById(id);
 const NUMBERS = [
   ["epe", "EPE", "px"], ["epe_clean", "clean EPE", "px"], ["cre", "CRE", "px"],
@@ -22,7 +22,7 @@ function complain(text) {
 
 function figure(value) { return value === null ? "–" : value.toFixed(3); }
 
-// Of one model, or of two on the same frames, each with its `label`.
+// Show the numbers of one model, or of two on the same frames, each with its `label`.
 function showNumbers(results) {
   const [result] = results;
   $("numbers").replaceChildren(...NUMBERS.filter(([name]) => result.numbers[name] !== null).map(([name, label, unit]) => {
@@ -37,7 +37,7 @@ function showNumbers(results) {
     });
     return box;
   }));
-  const unknown = results.filter((one) => one.invalid).map((one) => `${one.invalid} pixels predicted by ${one.label} are NaN or infinite and left out.`);
+  const unknown = results.filter((one) => one.invalid).map((one) => `${one.invalid} pixels predicted by ${one.label} are NaN or infinite and are left out.`);
   if (unknown.length) complain(unknown.join(" "));
   $("save").disabled = false;
   $("call").textContent = result.call;
@@ -99,7 +99,7 @@ function showPictures(results) {
   $("pictures").replaceChildren(...figures);
 }
 
-// One PNG with the numbers, the call that makes the frames, and all pictures with their captions.
+// Save one PNG with the numbers, the call that makes the frames, and all pictures with their captions.
 function save() {
   const [room, line, gap] = [640, 26, 12];
   const shown = [...$("pictures").children].map((one) => [one.querySelector("img"), one.querySelector("figcaption").textContent]);
