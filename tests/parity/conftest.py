@@ -9,8 +9,8 @@ import pytest
 from ..shared_data import shared_root
 
 NO_CASE = "none"
-"""If a pack is missing or has no case with this ending, a single test with this parameter is created, and skipped with
-a reason.
+"""Parameter of the single test that is created, and skipped with a reason, if a pack is missing or has no matching
+case.
 """
 
 

@@ -29,7 +29,7 @@ PACK = "parity/training_brightflow"
 RECIPES = {"kitti": "unsupervised", "sintel": "sintel"}
 STEPS = 75_000
 LOSS, GRADIENT = 1e-5, 1e-2
-"""Relative tolerances; those of a gradient are relative to its largest value."""
+"""Relative tolerances; a gradient's is relative to the gradient's largest value."""
 INPUTS = {"flow": "flow", "stud": "student", "correc_aug": "offsets_augmented"}
 KEYS = {name: key for key, name in INPUTS.items()}
 TERMS = {"photometric": "photo", "smoothness": "smooth", "self_supervision": "self", "corrector": "correc"}

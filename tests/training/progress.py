@@ -1,4 +1,4 @@
-"""The files that a training run writes to its folder, and a way to stop it."""
+"""Read the files that a training run writes, and stop a run after a given number of updates."""
 
 from __future__ import annotations
 

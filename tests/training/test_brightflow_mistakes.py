@@ -1,4 +1,4 @@
-"""Mistakes in BrightFlow's loss that a comparison with the original code must detect."""
+"""The comparison with the original code detects deliberate mistakes in BrightFlow's loss."""
 
 from __future__ import annotations
 

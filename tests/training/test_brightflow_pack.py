@@ -1,4 +1,4 @@
-"""BrightFlow's loss, corrector and learning rates compared with those of the original code."""
+"""BrightFlow's loss, corrector and learning rates match those of the original code."""
 
 from __future__ import annotations
 

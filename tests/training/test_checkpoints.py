@@ -1,4 +1,4 @@
-"""Checkpoints of a training run: damaged, forged or unrelated files, and full disks."""
+"""Training checkpoints: damaged, forged or unrelated files are rejected, and full disks are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Losses compared with naive loops and with numerical derivatives."""
+"""Losses agree with naive loops and with numerical derivatives."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""GMFlowNet's matching loss compared with a naive loop and with the port of its authors' code in ptlflow."""
+"""GMFlowNet's matching loss agrees with a naive loop and with ptlflow's port of the authors' code."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""SAMFlow-T's training steps compared with the original code: two optimiser steps of one pair each, and mistakes that
-the comparison must detect.
+"""SAMFlow-T's training steps (two optimiser steps of one pair each) match the original code, and the comparison detects
+deliberate mistakes.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser compared with those of their authors' code,
-from the packs `training_*` in the shared data; and mistakes that the comparison must detect.
+"""Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser match those of their authors' code (packs
+`training_*` in the shared data), and the comparison detects deliberate mistakes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Losses and transforms for training without labels, compared with independently written formulas."""
+"""Losses and transforms for training without labels agree with independently written formulas."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""UPFlow's loss, gradients and optimiser steps compared with those of its authors' code, from the pack
-`training_upflow` in the shared data; and mistakes that the comparison must detect.
+"""UPFlow's loss, gradients and optimiser steps match those of its authors' code (pack `training_upflow` in the shared
+data), and the comparison detects deliberate mistakes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ GRADIENT, WEIGHT = 1e-3, 5e-5
 
 @dataclass
 class Made:
-    """Results of the steps of a case; `ways` contains the results of the first step."""
+    """Results of a case's training steps; `ways` contains the two flow directions in the first step."""
 
     steps: list[Step]
     ways: list[OneWay]

@@ -145,7 +145,7 @@ class _Lane(threading.Thread, Generic[_Result]):
     """The thread of one attack.
 
     Attributes:
-        asked: the evaluation that it is waiting for; None if it has ended.
+        asked: the evaluation that the thread is waiting for; None if the thread has ended.
         result: return value of the function.
     """
 

@@ -36,7 +36,7 @@ from .unsupervised.objective import TrainingStep
 
 @dataclass(frozen=True)
 class TrainingSetup:
-    """Everything that the loop needs, except its changing state.
+    """Everything that the loop needs, except the state that changes during training.
 
     Attributes:
         request: the user's request.

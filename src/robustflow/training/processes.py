@@ -16,7 +16,7 @@ from ..models.torch.model import find_device
 
 @dataclass(frozen=True)
 class Process:
-    """The place of this process among the processes of a training run.
+    """This process's place among the processes of a training run.
 
     Attributes:
         rank: rank of the process; process 0 writes files and shows progress.

@@ -36,7 +36,8 @@ def over_iterations(losses: Sequence[Tensor]) -> Tensor:
 
 
 def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
-    """Return the mean over pairs of each pair's mean of `values` (N, 1, H, W), weighted by `mask` (N, 1, H, W)."""
+    """Average `values` (N, 1, H, W), weighted by `mask` (N, 1, H, W), over the pixels of each pair and then over the
+    pairs."""
     pixels = (1, 2, 3)
     return ((values * mask).sum(pixels) / (mask.sum(pixels) + _EPS)).mean()
 
