@@ -28,7 +28,7 @@ PAIR = Sample("7", (np.zeros((4, 4, 3), np.uint8),) * 2)
 
 
 def filled_in_plain_python(depth):
-    """Fill holes by the documented method, pixel by pixel."""
+    """Fill holes with the documented method, pixel by pixel."""
     known = np.isfinite(depth) & (depth > 0)
     rows = {}
     for y in np.flatnonzero(known.any(axis=1)):

@@ -101,7 +101,7 @@ def check_frames(depth, scene, atol=0.02):
 
 
 def kitti(root, scene, baseline=0.54):
-    """A pair of KITTI 2015 with disparity, as stored in its PNG files, and calibration."""
+    """A KITTI 2015 pair with disparity, as stored in its PNG files, and calibration."""
     training = root / "training"
     for number in (10, 11):
         picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
@@ -152,7 +152,7 @@ def test_a_damaged_calibration_of_kitti_is_refused(tmp_path, text):
 
 
 def sintel(root, scene, first, second, zoom=1.0):
-    """A pair of MPI-Sintel with the files of its depth package."""
+    """An MPI-Sintel pair with the files of its depth package."""
     training = root / "training"
     tag = np.float32(202021.25).tobytes()
     for number, metres, pose, focal in ((1, scene.depth, first, FOCAL), (2, scene.then, second, zoom * FOCAL)):

@@ -1,4 +1,4 @@
-"""Each built-in dataset and benchmark defines its facts once, and unknown names get neutral ones."""
+"""Each built-in dataset and benchmark defines its facts once, and unknown names get neutral facts."""
 
 import sys
 

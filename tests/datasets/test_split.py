@@ -41,8 +41,8 @@ def test_fewer_than_200_pairs_are_all_evaluated(count: int) -> None:
 
 
 def test_no_drive_is_on_both_sides_of_the_drive_disjoint_split() -> None:
-    """The default split would fail this test: 45 of its 56 evaluated pairs with a known drive share it with a
-    training pair.
+    """The default split would fail this test: 45 of its 56 evaluated pairs with a known drive share that drive
+    with a training pair.
     """
     for seed in range(5):
         evaluation, training = drive_disjoint_split(KEYS, seed)

@@ -137,7 +137,7 @@ def test_raw_data_hold_the_evaluated_frames():
     raw = _on_kitti("KR", evaluation)
     assert raw.setting == "ID"
     assert raw.note == (
-        "pairs: KITTI's raw data contain 56 of the 80 evaluated, seen in training unless they were left out"
+        "pairs: KITTI's raw data contain 56 of the 80 evaluated, which were seen in training unless they were left out"
     )
     assert not _on_kitti("KR:train", evaluation).note
 

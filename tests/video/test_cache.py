@@ -63,7 +63,7 @@ def test_the_least_recently_used_goes_first(tmp_path):
     for age, name in ((3, "a"), (2, "b"), (1, "c")):
         cache.use(name, make, read)
         os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
-    cache.use("a", make, read)  # is now the most recently used
+    cache.use("a", make, read)  # now the most recently used entry
     cache.use("d", make, read)
     assert [entry.name for entry in cache.entries()] == ["a", "c", "d"]
     assert sum(file.stat().st_size for entry in cache.entries() for file in entry.iterdir()) <= 450

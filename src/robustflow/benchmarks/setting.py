@@ -107,4 +107,7 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
 
 def _raw_note(training_set: str, keys: Collection[str]) -> str:
     count = sum(key in drives(training_set) for key in keys)
-    return f"KITTI's raw data contain {count} of the {len(keys)} evaluated, seen in training unless they were left out"
+    return (
+        f"KITTI's raw data contain {count} of the {len(keys)} evaluated, which were seen in training unless they were "
+        "left out"
+    )

@@ -129,8 +129,8 @@ class GoProFCPrepared(Samples):
         return [self._pair(key)[0].master.path]
 
     def with_variant(self, variant: str) -> GoProFCPrepared:
-        """Return the same data with the parameters of a variant ("reference" uses the value 5 M for the most
-        severe bit errors)."""
+        """Return the same data with the parameters of a variant ("reference" uses N = 5 M for the most severe
+        bit errors)."""
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:

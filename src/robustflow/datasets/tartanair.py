@@ -75,7 +75,7 @@ class TartanAir(PairDataset):
         flow = _array(pair.flow)
         mask = _array(pair.occlusion)
         if flow.ndim != 3 or flow.shape[2] != 2 or mask.shape != flow.shape[:2]:
-            raise DataError(f"{pair.flow}: {flow.shape}with a mask of {mask.shape}; expected (H, W, 2) and (H, W)")
+            raise DataError(f"{pair.flow}: {flow.shape} with a mask of {mask.shape}; expected (H, W, 2) and (H, W)")
         valid = np.isfinite(flow).all(axis=2)
         flow = np.where(valid[..., None], flow, 0).astype(np.float32)
         return Truth(flow, valid, mask != 0)

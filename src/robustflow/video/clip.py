@@ -124,7 +124,7 @@ class ClipReader:
             raise IndexError(f"{self.clip.path.name} has frames 0 to {self.clip.count - 1}, but no frame {index}")
         if index in self._recent:
             return self._recent[index]
-        # a seek goes back to the start of a group of pictures (250 frames in x264), so decoding is faster if it is near
+        # a seek goes back to the start of a group of pictures (250 frames); decoding forward is faster for short steps
         if self._rest is None or not self._next <= index < self._next + 250:
             self._rest, self._next = read_pictures(self.clip, index), index
         for number, picture in self._rest:

@@ -1,8 +1,8 @@
 """The motion of a layer: an affine map and a smooth wave, with an inverse that is exact up to rounding. For use inside
 compiled loops.
 
-Every point of a layer moves in a straight line at constant speed: at time t it is at m + t (T(m) - m), with m its
-position in frame 1 and T(m) its position in frame 2.
+Every point of a layer moves in a straight line at constant speed: at time t it is at m + t (T(m) - m), where m is
+its position in frame 1 and T(m) its position in frame 2.
 
 Layer coordinates are coordinates of frame 1. A point m moves to T(m) = c + t + A (m - c + d(m)) in frame 2; d is a wave
 along each axis, made of parabolas instead of sines, because only the four basic operations and the square root give
