@@ -78,7 +78,7 @@ target, loss, reference, moved, steps, starts
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise controls
     come first, then the random-patch control if any attack is a patch. Call this only with names that the user entered,
-    because `module.path:Attribute` is imported.
+    because names of the form `module.path:Attribute` are imported.
 
     Raises:
         UsageError: an unknown attack or option.
@@ -124,7 +124,7 @@ def attack(
         The attacked frames, rounded to 8 bits, with flows, norms and costs.
 
     Raises:
-        UsageError: unknown attack or option, both a severity and a budget, or a mask without flow.
+        UsageError: unknown attack or option, both a severity and a budget, or a mask without ground truth.
         ModelError: the attack needs gradients, which the model does not provide.
         DataError: the frames are not RGB uint8 of equal size, or the ground truth does not match them in size.
 

@@ -95,7 +95,7 @@ class Disc:
     """The position of a disc in a pair, and the orientation of the pattern in the disc.
 
     Attributes:
-        frames: slice of the frames with the disc.
+        frames: slice that selects the frames with the disc.
         where: rows and columns of the square around the disc.
         mask: bool, True inside the disc.
         rng: the random generator for the rotation and the scale.

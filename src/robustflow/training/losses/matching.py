@@ -27,7 +27,8 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
     """Return the mean of -log(confidence) over the matches, plus the mean of -log(1 - confidence) over all other pairs.
 
     Args:
-        confidence: confidence that coarse pixel i of frame 1 matches coarse pixel j of frame 2, float (B, P, P), 0..1.
+        confidence: confidence that coarse pixel i of frame 1 matches coarse pixel j of frame 2, float (B, P, P), 0..1,
+            for P coarse pixels per frame.
         image1, image2: RGB frames, float (B, 3, H, W), 0..255; H and W are multiples of 8.
         truth: ground-truth flow, float (B, 2, H, W), in pixels.
 
