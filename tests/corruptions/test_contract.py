@@ -94,7 +94,7 @@ def draws_nothing(name):
 
 
 def test_which_corruptions_draw_nothing():
-    """The paper lists no random parameters for these corruptions."""
+    """Among the pair corruptions, only these have no random parameters."""
     fixed = {name for name in IMAGE_PAIR if draws_nothing(name)}
     assert fixed == {
         "jpeg_compression", "pixelate", "contrast", "saturate", "high_light", "low_light", "gaussian_blur",
