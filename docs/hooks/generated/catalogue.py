@@ -17,21 +17,22 @@ def files() -> dict[str, str]:
     parts = [
         "---\nhide:\n  - toc\n---",
         "# Catalogue",
-        "Everything that can be named on the command line; `robustflow list` prints the same, with what is installed "
-        "here. The corruptions have [separate pages](../corruptions/index.md).",
+        "Every name that the command line accepts. `robustflow list` prints the same names and shows what is "
+        "installed on your machine. The corruptions have [separate pages](../corruptions/index.md).",
         "## Models",
-        "Besides these: `module.path:Attribute` of your own, an exported network (`.onnx`), a folder of flow "
-        "files, and every model of ptlflow by its name there.",
+        "You can also use your own `module.path:Attribute`, an exported network (`.onnx`), a folder of flow files, and "
+        "every model of ptlflow under its ptlflow name.",
         _methods(),
         "### Checkpoints",
-        "What each published checkpoint has seen, and so its setting on a benchmark: OOD saw nothing of its domain, ID "
-        "none of the pairs that are evaluated, LEAKED those pairs. UNKNOWN, which is never ranked with OOD: the "
-        "authors do not say, and `?` marks what it may have seen.",
+        "The training data of each published checkpoint, and the resulting setting on a benchmark. OOD: trained on "
+        "nothing from the benchmark's domain; ID: trained on that domain, but on none of the evaluated pairs; LEAKED: "
+        "trained on evaluated pairs; UNKNOWN: not documented by the authors, and never ranked with OOD. `?` marks "
+        "possible training data.",
         _checkpoints(),
         "## Benchmarks",
         _benchmarks(),
         "## Datasets",
-        "Each is a benchmark as well, by its name, under every corruption of image pairs.",
+        "Each dataset is also a benchmark of the same name, with every corruption of image pairs.",
         _datasets(),
         "## Training recipes",
         _recipes(),

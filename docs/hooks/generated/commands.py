@@ -59,8 +59,8 @@ def index() -> str:
     lines += ["", "## Options before a command", "", *_options(root)]
     lines += [
         "",
-        "An error is one line on the standard error output. The exit code is 0 for success, 1 for an error, 2 for a "
-        "command that makes no sense, 130 for a run that was stopped. `--debug` prints the traceback.",
+        "An error is one line on the standard error output. The exit code is 0 for success, 1 for an error, 2 for an "
+        "invalid command, and 130 for a run that was stopped. `--debug` prints the traceback.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -78,7 +78,7 @@ def page(name: str, cells: list[Seen]) -> str:
     if name in CLIP:
         traits.append("Needs the whole clip.")
     elif one.temporal:
-        traits.append("Temporal: what it does changes from frame to frame.")
+        traits.append("Temporal: the effect changes from frame to frame.")
     if name not in PAPER_ORDER:
         traits.append("Not among the paper's 24.")
     parts = [
@@ -88,11 +88,11 @@ def page(name: str, cells: list[Seen]) -> str:
         "## Equation",
         f"$${note.equation}$$",
         note.where,
-        "Frames are RGB on 8 bits; results are clipped and rounded once. Where the paper and its code differ, "
-        "[the list of differences](../design/discrepancies.md) says what is done.",
+        "Frames are 8-bit RGB; results are clipped and rounded once. Where the paper and its code differ, "
+        "[the list of differences](../design/discrepancies.md) states which one is followed.",
         "## Severities",
         _severities(name),
-        "## What it does to flow",
+        "## Effect on flow",
         note.effect,
         _measured(name, cells),
         *_published(name),
@@ -143,7 +143,7 @@ def _number(value: Any) -> str:
 
 def _measured(name: str, cells: list[Seen]) -> str:
     where = (
-        "a clip made of one photograph: 64 frames that move by a quarter of a pixel each, at 960 a second, 360x240; "
+        "a clip made of one photograph: 64 frames of 360x240 at 960 per second, each shifted by a quarter of a pixel; "
         "the pair is 32 frames apart"
         if name in CLIP
         else "the demonstration pair (`robustflow run --model dis`)"
@@ -151,10 +151,10 @@ def _measured(name: str, cells: list[Seen]) -> str:
     clean = cells[0].epe_clean
     intro = f"OpenCV's DIS on {where}. Its end-point error on the clean frames is {clean:.2f} px."
     if name == "bit_error":
-        intro += " The amounts are counted in bytes: of a clip this short few are hit, or none."
+        intro += " Errors occur once per given number of bytes, so a clip this short has few errors or none."
     rows = [(c.severity, f"{c.ssim:.2f}", f"{c.epe:.2f}", f"{c.epe - clean:.2f}", f"{c.rcre:.2f}") for c in cells]
     heading = ("severity", "SSIM", "EPE (px)", "CRE (px)", "RCRE (px)")
-    return "\n\n".join([intro, table(heading, rows), "What the columns are: [metrics](../design/metrics.md)."])
+    return "\n\n".join([intro, table(heading, rows), "[Metrics](../design/metrics.md) defines the columns."])
 
 
 def _published(name: str) -> list[str]:
@@ -167,7 +167,7 @@ def _published(name: str) -> list[str]:
     title = "GoPro-FC" if name in CLIP else "KITTI-FC"
     return [
         f"In the paper's table of {title}, the mean {metric.upper()} of its out-of-domain models under this corruption "
-        f"is {means[name]:.2f} px: number {order.index(name) + 1} of {len(order)}, counted from the worst."
+        f"is {means[name]:.2f} px: rank {order.index(name) + 1} of {len(order)}, where 1 is the worst."
     ]
 
 
@@ -231,9 +231,9 @@ depth = rf.SceneDepth((metres, metres), (known, known), camera)
 def _index() -> str:
     parts = [
         "# Corruptions",
-        "The paper's 24 corruptions at five severities, in the order of its tables, and besides `elastic_transform` "
-        "from its appendix and those [in three dimensions](../depth.md), which are in none of its means. Each is made "
-        "on the fly from a seed, with the same bytes on every machine.",
+        "The paper's 24 corruptions at five severities, in the order of its tables; and further ones that its means "
+        "do not include: `elastic_transform` from its appendix and those [in three dimensions](../depth.md). Each is "
+        "generated on the fly from a seed, with the same bytes on every machine.",
     ]
     for family, names in {**FAMILIES, "besides": tuple(n for n in SHIPPED if n not in PAPER_ORDER)}.items():
         title = family.capitalize()

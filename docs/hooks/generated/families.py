@@ -17,18 +17,18 @@ from .tables import table
 FOLDER = "corruptions"
 
 ABOUT = {
-    "digital": "What software does to a picture that was taken: compression, coarse pixels, and a change of contrast "
+    "digital": "Effects of software on a finished picture: compression, coarse pixels, and changes of contrast "
     "or of colour. Both frames are treated alike.",
-    "illumination": "More or less light. It changes the whole frame, and in `over_exposure` and `under_exposure` "
-    "only one of the two frames, which breaks the assumption that a point keeps its brightness.",
-    "weather": "What is between the camera and the scene, or on the lens. Fog takes contrast, frost and spatter do "
-    "not move in front of a moving scene, and snow moves on its own.",
-    "noise": "The sensor's: each pixel is disturbed separately and differently in every frame, so that the best match "
-    "is no longer the right one.",
-    "blur": "Light of one point reaches several pixels, by optics or by motion. Detail is gone that matching lives on; "
-    "strong edges stay.",
-    "video": "What encoding and transmitting a clip does to it. It needs the whole clip, for an error stays until the "
-    "next key frame.",
+    "illumination": "More or less light over the whole frame. `over_exposure` and `under_exposure` change only one "
+    "of the two frames, which breaks the assumption that a point keeps its brightness.",
+    "weather": "Effects between the camera and the scene, or on the lens. Fog reduces contrast, frost and spatter "
+    "stay still in front of a moving scene, and snow moves independently of the scene.",
+    "noise": "Sensor noise: it is independent for each pixel and each frame, so the best match may no longer be the "
+    "right one.",
+    "blur": "Optics or motion spread the light of one point over several pixels. Fine detail, which matching depends "
+    "on, is lost; strong edges remain.",
+    "video": "Effects of encoding and transmitting a clip. They need the whole clip, because an error persists until "
+    "the next key frame.",
 }
 """A property shared by the corruptions of a family."""
 
@@ -54,19 +54,21 @@ def page(family: str, measured: Mapping[str, Numbers]) -> str:
         f"# {family.capitalize()}",
         ABOUT[family],
         "\n".join(['<div class="pictures" markdown="0">', *cards, "</div>"]),
-        "Severity 3. Each has a page: " + ", ".join(f"[`{name}`](../{name}.md)" for name in measured) + ".",
+        "The pictures show severity 3. Each corruption has a page: "
+        + ", ".join(f"[`{name}`](../{name}.md)" for name in measured)
+        + ".",
         *_measured(measured),
         "## The paper's models",
         _published(family),
-        f"A leaderboard shows the family corruption by corruption: Columns, {family.capitalize()}, which its address "
-        f"keeps as `#columns={family}`.",
+        f"To see the family's corruptions separately on a leaderboard, choose {family.capitalize()} under Columns, or "
+        f"add `#columns={family}` to the address.",
     ]
     return "\n\n".join(parts) + "\n"
 
 
 def _measured(measured: Mapping[str, Numbers]) -> list[str]:
     """DIS's error at each severity; measurements on the pair and on the clip are not averaged together."""
-    parts = ["## What it does to flow"]
+    parts = ["## Effect on flow"]
     for clip, where in ((False, "the demonstration pair"), (True, "a clip made of one photograph")):
         chosen = {name: numbers for name, numbers in measured.items() if (name in CLIP) == clip}
         if not chosen:
@@ -94,7 +96,7 @@ def _published(family: str) -> str:
     lowest = sorted(means, key=lambda key: (order.index(key[0]), means[key]))
     rows = [(model, setting_words(setting), f"{means[setting, model]:.2f}") for setting, model in lowest]
     intro = f"Mean {metric.upper()} over the family on {title}, in pixels, from the published values; lower is better. "
-    more = "Lines of different settings are not comparable: [what they mean](../../glossary.md)."
+    more = "Rows with different settings are not comparable; see the [glossary](../../glossary.md)."
     return f"{intro}{more}\n\n{table(('model', 'setting', f'{metric.upper()} (px)'), rows)}"
 
 

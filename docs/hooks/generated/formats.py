@@ -20,14 +20,14 @@ from .tables import table
 
 _COLUMNS = {
     "sample": "The sample's key, the same on every machine.",
-    "group": "What samples that are not independent share (a video); the key itself otherwise.",
-    "corruption": "Its name, or `clean`.",
-    "severity": "1 to 5; 0 of the clean row.",
+    "group": "Name shared by samples that are not independent (one video); otherwise the key itself.",
+    "corruption": "Name of the corruption, or `clean`.",
+    "severity": "1 to 5; 0 in the clean row.",
     "frames_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given.",
-    "truth_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: where it is known, and its vectors.",
-    "height": "Of the frames, pixels.",
-    "width": "Of the frames, pixels.",
-    "n_invalid": "Pixels whose own prediction is not finite.",
+    "truth_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: its mask and its vectors.",
+    "height": "Height of the frames, pixels.",
+    "width": "Width of the frames, pixels.",
+    "n_invalid": "Pixels at which this row's prediction is not finite.",
     "n_all": "Usable pixels.",
     "rcre_all_sum": "Distance from the clean flow, summed over `n_all`, pixels.",
     "pred_magnitude_sum": "Length of the predicted flow, summed over `n_all`, pixels.",
@@ -35,27 +35,27 @@ _COLUMNS = {
     "epe_sum": "End-point error, summed over `n_valid`, pixels.",
     "rcre_sum": "Distance from the clean flow, summed over `n_valid`, pixels.",
     "magnitude_sum": "Length of the true flow, summed over `n_valid`, pixels.",
-    "fl_count": "Of `n_valid`: error above 3 px and above 5 % of the true length.",
-    "px1_count": "Of `n_valid`: error above 1 px.",
-    "px3_count": "Of `n_valid`: error above 3 px.",
-    "px5_count": "Of `n_valid`: error above 5 px.",
+    "fl_count": "Pixels of `n_valid` with an error above 3 px and above 5 % of the true length.",
+    "px1_count": "Pixels of `n_valid` with an error above 1 px.",
+    "px3_count": "Pixels of `n_valid` with an error above 3 px.",
+    "px5_count": "Pixels of `n_valid` with an error above 5 px.",
     "wauc_sum": "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel.",
-    "attack_linf": "Rows of attacks alone: largest change of a value in the 8-bit frames, grey levels.",
-    "attack_rms": "Rows of attacks alone: root mean square of the change of the 8-bit frames, grey levels.",
-    "attack_capped_sum": "Rows of attacks alone: error over `n_valid`, each pixel up to the frame's diagonal, pixels.",
-    "attack_median": "Rows of attacks alone: median error over `n_valid`, pixels.",
-    "attack_way_gone": "Rows of attacks alone: share of the way from the clean flow to the attack's target.",
-    "attack_evaluations": "Rows of attacks alone: flows that the attack asked the model for.",
-    "attack_warnings": "Rows of attacks alone: what makes the row doubtful, names joined by commas.",
+    "attack_linf": "Rows of attacks only: largest change of a value in the 8-bit frames, grey levels.",
+    "attack_rms": "Rows of attacks only: root mean square of the change of the 8-bit frames, grey levels.",
+    "attack_capped_sum": "Rows of attacks only: error, capped at the frame's diagonal, summed over `n_valid`, pixels.",
+    "attack_median": "Rows of attacks only: median error over `n_valid`, pixels.",
+    "attack_way_gone": "Rows of attacks only: share of the way from the clean flow to the attack's target.",
+    "attack_evaluations": "Rows of attacks only: number of flows that the attack requested from the model.",
+    "attack_warnings": "Rows of attacks only: reasons why the row is doubtful, separated by commas.",
     "ause": "Runs with a confidence: area between its sparsification curve and the oracle's, pixels.",
-    "confidence_spearman": "Runs with a confidence: rank correlation of confidence and error, -1 at best.",
+    "confidence_spearman": "Runs with a confidence: rank correlation of confidence and error; -1 is best.",
     "rejected_count": "Runs with forward-backward confidence: pixels of `n_all` that the consistency check rejects.",
     **{
         f"{curve}_at_{share}": f"Runs with a confidence: mean error of the {share} % {of} pixels, pixels."
         for curve, of in (("error", "most confident"), ("oracle", "best"))
         for share in rows.COVERAGES
     },
-    "spread_sum": "Runs of several draws: standard deviation of the flow over them, summed over `n_all`, pixels.",
+    "spread_sum": "Runs with several draws: standard deviation of the flow over them, summed over `n_all`, pixels.",
     "n_truth": "Pixels with ground truth, predicted or not.",
     "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
 }
@@ -104,8 +104,8 @@ def _summary() -> str:
         "# summary.json",
         f"The means of a run, version {summary.SUMMARY_VERSION}. In Python: `Result.summary` (as objects) and "
         "`Result.document()` (as in the file).",
-        "The file is the first table below with three things beside it: `pooled` (the same means over the pixels of "
-        "all images at once), which run it is, and its setting.",
+        "The file contains the fields of the first table below and, in addition, `pooled` (the same means over the "
+        "pixels of all images at once), the fields that identify the run, and its setting.",
     ]
     for model in (
         summary.Summary,
@@ -121,8 +121,8 @@ def _summary() -> str:
 def _manifest() -> str:
     parts = [
         "# manifest.json",
-        "What ran. A record holds it as below; a run's folder also has the command line and the machine's name and "
-        "system, which `robustflow pack` omits.",
+        "The configuration of a run. A record contains the fields below; a run's folder also contains the command line "
+        "and the machine's name and system, which `robustflow pack` omits.",
     ]
     for model in (contents.Manifest, *_used_by(contents.Manifest)):
         parts += _model(model)
@@ -132,9 +132,9 @@ def _manifest() -> str:
 def _record() -> str:
     parts = [
         "# Records",
-        f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) says what else "
-        "is in the file, what `verify` checks, and what it cannot show. `manifest.json` is [here](manifest.md), the "
-        "columns of `rows.csv` are [those of rows](rows.md), `summary.json` is [here](summary.md).",
+        f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) describes the "
+        "other entries of the file, what `verify` checks, and what it cannot show. See also "
+        "[`manifest.json`](manifest.md), the [columns of `rows.csv`](rows.md) and [`summary.json`](summary.md).",
     ]
     for model in (contents.Record, contents.PackedEntry):
         parts += _model(model)
