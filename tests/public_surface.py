@@ -45,7 +45,7 @@ def _python(module: ModuleType, names: Iterable[str]) -> Iterator[str]:
         yield f"{home}.{name}{_parameters(thing)}"
         if inspect.isclass(thing):
             for part, value in inspect.getmembers(thing):
-                if not part.startswith("_") and not part.startswith("model_"):
+                if not part.startswith(("_", "model_")) and not hasattr(Exception, part):
                     yield f"{home}.{name}.{part}{_parameters(value)}"
 
 

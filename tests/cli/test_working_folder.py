@@ -104,7 +104,7 @@ def _run(place: Place, output: Path, *arguments: object) -> None:
 
 def test_decoys_that_python_itself_looks_at_run(place):
     place.python("-c", "import multiprocessing")
-    assert place.what_ran() == ["multiprocessing"]
+    assert place.what_ran() in (["multiprocessing"], ["linecache"])  # which one runs depends on the version of Python
 
 
 def test_started_with_python_m_in_a_folder_of_decoys_runs_none_but_what_python_loads_before_it(tmp_path):
