@@ -160,7 +160,7 @@ def moving_name(benchmark: str) -> str:
 
 
 def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
-    """Return the facts of a still-scene benchmark: every pixel has a known flow of zero."""
+    """Return the facts about a still-scene benchmark: every pixel has a known flow of zero."""
     return facts.model_copy(
         update={
             "title": f"{facts.title[:70]}, still",

@@ -1,4 +1,4 @@
-"""Compute a statistic of the clusters in many resamples by multiplying the weights with a few columns.
+"""Compute a statistic of the clusters in many resamples by multiplying the weights by a few columns.
 
 A statistic is a sum of terms +-A or +-A/C, where A and C are weighted means over conditions (a corruption at a
 severity) as in `estimates.weighted_means`. Conditions with the same number of images in every cluster (in a complete

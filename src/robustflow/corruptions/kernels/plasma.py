@@ -59,7 +59,7 @@ def _noise(rng: Rng, level: int, decay: float) -> tuple[np.uint64, np.float32]:
 
 
 def _reach(length: int, factor: int) -> int:
-    """Return the number of points that, upscaled by `factor`, result in at least `length` points and the margin."""
+    """Return the number of points needed to cover `length` points and the margin after upscaling by `factor`."""
     points = length + 2
     while factor > 1:
         points = -(-points // 2) + 2
