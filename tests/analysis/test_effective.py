@@ -56,9 +56,9 @@ def test_settings_apart_or_together():
 
 
 def test_too_few_models():
-    with pytest.raises(UsageError, match="needs 5 models"):
+    with pytest.raises(UsageError, match="needs at least 5 models"):
         effective_robustness(_results({f"m{i}": (1.0 + i, 2.0) for i in range(4)}))
-    with pytest.raises(UsageError, match="needs 5 models"):
+    with pytest.raises(UsageError, match="needs at least 5 models"):
         effective_robustness(_results({f"m{i}": (1.0, 2.0 + i) for i in range(8)}))
 
 

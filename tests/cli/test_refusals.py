@@ -128,7 +128,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
             "give --benchmark gopro-fc, which also accepts a video file; for pairs with exact ground truth, use "
             "--benchmark shapes --data-option readout=0.6 instead of the corruption",
         ),
-        (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),
+        (write_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be created"),
         (write_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
