@@ -91,10 +91,11 @@ def rotated(about_y):
     angle=st.floats(-0.05, 0.05),
     severity=severities,
 )
-def test_a_point_is_smeared_along_its_projections(at, by, angle, severity):
+def test_a_dot_is_smeared_along_its_projections(at, by, angle, severity):
     metres, share = 6.0, SHARES[severity - 1]
     frame = np.zeros((60, 100, 3), np.uint8)
-    frame[at[1], at[0]] = 255
+    # three pixels wide: a single pixel may fall between the pixels of a view that shrinks it
+    frame[at[1] - 1 : at[1] + 2, at[0] - 1 : at[0] + 2] = 255
     rotation = rotated(angle)
     ys, xs = np.nonzero(blurred(frame, moving(level((60, 100), metres), by=by, rotation=rotation), severity)[..., 0])
     point = np.array([(at[0] - 49.5) / 100, (at[1] - 29.5) / 100, 1]) * metres
@@ -104,8 +105,8 @@ def test_a_point_is_smeared_along_its_projections(at, by, angle, severity):
     way = way[:, :2] / way[:, 2:] * 100 + [49.5, 29.5]
     smeared = np.stack([xs, ys], axis=1)
     apart = np.hypot(*(smeared[:, None] - way[None]).transpose(2, 0, 1))
-    assert apart.min(axis=1).max() < 1.6, "a pixel outside the path"
-    assert apart.min(axis=0).max() < 1.6, "a part of the path without a pixel"
+    assert apart.min(axis=1).max() < 1.6 + 2**0.5, "a pixel outside the path"
+    assert apart.min(axis=0).max() < 1, "a part of the path without a pixel"
 
 
 def test_content_does_not_shift():
