@@ -17,7 +17,7 @@ import torch
 from scipy.optimize import nnls
 
 from robustflow.training.data.loader import Batch
-from robustflow.training.loss_of_batch import loss_of_batch
+from robustflow.training.network_with_loss import loss_of_batch
 from robustflow.training.networks import load_network
 from robustflow.training.recipe import load_recipe, recipes_of, trained_methods
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from robustflow.images.io import read_image
-from robustflow.training import loss_of_batch
+from robustflow.training import network_with_loss
 from robustflow.training.data.loader import Batch
 from robustflow.training.networks import TrainedNetwork, learning_parameters, load_network
 from robustflow.training.optimizers import build_optimizer, set_rate
@@ -100,7 +100,7 @@ def steps(
         count: number of steps.
         loss_of: function that returns the loss of a batch; by default the recipe's loss.
     """
-    loss_of = loss_of or (lambda batch: loss_of_batch.loss_of_batch(network, batch, recipe))
+    loss_of = loss_of or (lambda batch: network_with_loss.loss_of_batch(network, batch, recipe))
     optimizer = build_optimizer(network, recipe)
     for number in range(count):
         rate = rate_of(recipe, number)
@@ -119,14 +119,14 @@ def steps(
 def flows_kept() -> Iterator[list[Tensor]]:
     """Within the block, record the predictions that are passed to the sequence loss."""
     kept: list[Tensor] = []
-    real = loss_of_batch.sequence_loss
+    real = network_with_loss.sequence_loss
 
     def watched(flows: list[Tensor], *rest: Any) -> Tensor:
         kept[:] = flows
         return real(flows, *rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loss_of_batch, "sequence_loss", watched)
+        patch.setattr(network_with_loss, "sequence_loss", watched)
         yield kept
 
 

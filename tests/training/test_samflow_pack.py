@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
 
 from robustflow.training.data.loader import Batch  # noqa: E402
-from robustflow.training.loss_of_batch import loss_of_batch  # noqa: E402
+from robustflow.training.network_with_loss import loss_of_batch  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 
 from ..shared_data import shared_folder  # noqa: E402

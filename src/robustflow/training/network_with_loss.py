@@ -1,16 +1,17 @@
-"""Combine a network with the loss of its recipe in one module."""
+"""Compute the loss of a batch as defined by a recipe, in one module with the network."""
 
 from __future__ import annotations
 
 import math
 
+import torch
 from torch import Tensor, nn
 
 from ..errors import UsageError
 from .data.loader import Batch
-from .loss_of_batch import loss_of_batch
-from .losses.sequence import end_point_error
-from .networks import TrainedNetwork
+from .losses.matching import MATCHING_WEIGHT, matching_loss
+from .losses.sequence import end_point_error, sequence_loss
+from .networks import TrainedNetwork, mixed_precision
 from .objectives import ArflowObjective, BrightflowObjective, UpflowObjective
 from .recipe import Recipe
 from .unsupervised.arflow import Arflow
@@ -67,3 +68,35 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
         return Brightflow(network, recipe, settings)
     assert isinstance(settings, UpflowObjective)
     return Upflow(network, recipe, settings)
+
+
+def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tuple[Tensor, dict[str, float]]:
+    """Return the loss to be minimised, and values for the log (EPE of the last prediction, in pixels).
+
+    Args:
+        network: network being trained; its method `loss` is used if defined.
+        batch: batch on the network's device.
+        recipe: recipe, which defines precision and loss.
+
+    Raises:
+        UsageError: the network does not support the loss.
+    """
+    matching: Tensor | None = None
+    with mixed_precision(batch.image1, recipe):
+        if network.has_own_loss:
+            return network.own_loss(batch)
+        if recipe.loss == "denoising":
+            assert batch.time is not None
+            assert batch.noise is not None
+            flows = network.denoised(batch.image1, batch.image2, batch.flow, batch.time, batch.noise)
+        elif recipe.loss == "sequence+matching":
+            flows, matching = network.matched(batch.image1, batch.image2)
+        else:
+            flows = network(batch.image1, batch.image2)
+    loss = sequence_loss(flows, batch.flow, batch.valid, recipe.gamma)
+    numbers = {}
+    if matching is not None:
+        off = matching_loss(matching.float(), batch.image1, batch.image2, batch.flow)
+        loss, numbers["matching"] = loss + MATCHING_WEIGHT * off, off.item()
+    with torch.no_grad():
+        return loss, {"epe": end_point_error(flows[-1], batch.flow, batch.valid).item(), **numbers}

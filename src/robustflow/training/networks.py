@@ -35,6 +35,8 @@ _NEEDED = {
     "denoising": ("denoised_predictions", "flows denoised from ground truth"),
 }
 """The method that a network needs for each loss, and what that method returns."""
+_MIXED = {"bf16": torch.bfloat16, "fp16": torch.float16}
+"""The data type of each mixed-precision mode."""
 _CORRECTOR = "corrector."
 """Prefix of the parameter names of BrightFlow's corrector, also in its authors' files."""
 
@@ -221,6 +223,11 @@ def kaiming(network: nn.Module, seed: int = 0) -> None:
                 module.weight.copy_(drawn)
                 if module.bias is not None:
                     module.bias.zero_()
+
+
+def mixed_precision(image: Tensor, recipe: Recipe) -> torch.autocast:
+    """Return a context that computes in the recipe's precision on the image's device."""
+    return torch.autocast(image.device.type, _MIXED.get(recipe.precision), enabled=recipe.precision in _MIXED)
 
 
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:

@@ -11,8 +11,7 @@ from torch import Tensor, nn
 from ...errors import UsageError
 from ...models.torch.fit import fitted_values
 from ..data.loader import Batch
-from ..loss_of_batch import DTYPES
-from ..networks import TrainedNetwork
+from ..networks import TrainedNetwork, mixed_precision
 from ..recipe import Recipe
 
 
@@ -55,7 +54,7 @@ class LabelFree(nn.Module):
             )
         self.network = network
         self._convention = replace(network.convention, fit="none", multiple=1, size=None)
-        self._precision = recipe.precision
+        self._recipe = recipe
 
     def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """Return the loss, and values for the log; among these, `flow` is the final flow, (N, 2, H, W), in pixels."""
@@ -72,4 +71,4 @@ class LabelFree(nn.Module):
 
     def autocast(self, image: Tensor) -> torch.autocast:
         """Return a context with the recipe's precision."""
-        return torch.autocast(image.device.type, DTYPES.get(self._precision), enabled=self._precision in DTYPES)
+        return mixed_precision(image, self._recipe)
