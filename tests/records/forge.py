@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 import polars as pl
@@ -51,9 +53,7 @@ def put(*path: str | int, value: object) -> Edit:
     """Make an edit that sets the value at a path in a JSON document."""
 
     def edit(document: Any) -> None:
-        for name in path[:-1]:
-            document = document[name]
-        document[path[-1]] = value
+        reduce(getitem, path[:-1], document)[path[-1]] = value
 
     return edit
 

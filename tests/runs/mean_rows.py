@@ -1,6 +1,8 @@
 """Rows with given mean errors."""
 
 COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
+NO_TRUTH = dict.fromkeys(("n_valid", "n_truth", "epe_sum", "clean_epe_sum", "rcre_sum", "wauc_sum", *COUNTS))
+"""What a row without ground truth lacks."""
 
 
 def row(sample, corruption="clean", severity=0, n=10, epe=0.0, rcre=0.0, **columns):

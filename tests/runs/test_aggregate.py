@@ -16,7 +16,7 @@ from robustflow.metrics.summary import METRICS, has_gaps
 from robustflow.runs.aggregate import summarize
 from tests.made_rows import rows_frame
 
-from .mean_rows import COUNTS, TWO_IMAGES, row
+from .mean_rows import COUNTS, NO_TRUTH, TWO_IMAGES, row
 
 
 def test_image_averaging_by_hand():
@@ -192,9 +192,6 @@ def test_rows_without_a_pixel_to_measure_are_listed_not_averaged():
     assert summary.n_invalid == 60
     assert [(unit.corruption, unit.samples) for unit in summary.unmeasured] == [("fog", ["b"])]
     assert (summary.epe, summary.cre, summary.epe_clean) == (2.0, 1.0, 2.0)
-
-
-NO_TRUTH = dict.fromkeys(("n_valid", "n_truth", "epe_sum", "clean_epe_sum", "rcre_sum", "wauc_sum", *COUNTS))
 
 
 def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_none():

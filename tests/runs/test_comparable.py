@@ -27,6 +27,8 @@ from robustflow.runs.run import Run
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame
 
+from .mean_rows import row
+
 CELLS = ((CLEAN, 0), ("fog", 1), ("fog", 3), ("snow", 1), ("snow", 3))
 
 
@@ -41,28 +43,13 @@ def base(tmp_path_factory):
 def rows(shift: float = 0.0, pairs: int = 6, cells=CELLS, seed: int = 0) -> pl.DataFrame:
     """Errors of a model: 1 to 2 px on clean frames, and `shift` px more under corruption; `seed` selects the frames."""
     return rows_frame(
-        {
-            "sample": f"{pair}",
-            "group": f"{pair}",
-            "corruption": corruption,
-            "severity": severity,
-            "frames_digest": f"{pair} {corruption} {severity} {seed if severity else 0}",
-            "height": 1,
-            "width": 10,
-            "n_invalid": 0,
-            "n_all": 10,
-            "n_valid": 10,
-            "rcre_all_sum": 10.0 * severity,
-            "pred_magnitude_sum": 10.0,
-            "epe_sum": 10 * (1 + pair / 5 + (severity and (1 + shift) * severity * (1 + pair / 10))),
-            "rcre_sum": 10.0 * severity,
-            "magnitude_sum": 100.0,
-            "fl_count": 0,
-            "px1_count": 0,
-            "px3_count": 0,
-            "px5_count": 0,
-            "wauc_sum": 1.0,
-        }
+        row(
+            *(f"{pair}", corruption, severity, 10),
+            epe=1 + pair / 5 + (severity and (1 + shift) * severity * (1 + pair / 10)),
+            rcre=float(severity),
+            frames_digest=f"{pair} {corruption} {severity} {seed if severity else 0}",
+            magnitude_sum=100.0,
+        )
         for pair in range(pairs)
         for corruption, severity in cells
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import reduce
+from operator import getitem
 
 import numpy as np
 import pytest
@@ -27,10 +29,7 @@ def whole(tmp_path_factory):
 
 def _without(*path):
     def edit(manifest):
-        part = manifest
-        for key in path[:-1]:
-            part = part[key]
-        del part[path[-1]]
+        del reduce(getitem, path[:-1], manifest)[path[-1]]
         return manifest
 
     return edit
@@ -38,10 +37,7 @@ def _without(*path):
 
 def _with(value, *path):
     def edit(manifest):
-        part = manifest
-        for key in path[:-1]:
-            part = part[key]
-        part[path[-1]] = value
+        reduce(getitem, path[:-1], manifest)[path[-1]] = value
         return manifest
 
     return edit
