@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from html.parser import HTMLParser
 
 
@@ -11,24 +12,37 @@ class Elements(HTMLParser):
     Attributes:
         found: (tag, attributes) of every element, in order.
         scripts: (attributes, text) of every script, which may be data.
+        texts: all text outside scripts.
     """
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
         self.scripts: list[tuple[dict[str, str | None], str]] = []
+        self.texts: list[str] = []
+        self._in_script = False
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found.append((tag, dict(attrs)))
-        if tag == "script":
+        self._in_script = tag == "script"
+        if self._in_script:
             self.scripts.append((dict(attrs), ""))
 
+    def handle_endtag(self, tag: str) -> None:
+        self._in_script = False
+
     def handle_data(self, data: str) -> None:
-        if self.found and self.found[-1][0] == "script":
+        if self._in_script:
             attributes, text = self.scripts[-1]
             self.scripts[-1] = (attributes, text + data)
+        else:
+            self.texts.append(data)
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
         """The attributes of every element with a given tag."""
         return [attributes for name, attributes in self.found if name == tag]
+
+    def data(self) -> list[dict]:
+        """The parsed contents of every script of type application/json."""
+        return [json.loads(text) for attributes, text in self.scripts if attributes.get("type") == "application/json"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
@@ -33,17 +32,16 @@ def test_frames_of_differences():
     assert list(overall) == [("epe", "clean"), *((m, "average") for m in ("epe", "cre", "crer", "rcre"))]
     each = _FOUND.per_corruption("epe")
     assert each["corruption"].to_list() == ["fog", "snow"]
-    for corruption in ("fog", "snow"):
-        expected = [
-            np.mean([r["epe_sum"] / r["n_valid"] for r in rows.iter_rows(named=True) if r["corruption"] == corruption])
-            for rows in (_BETTER, _WORSE)
-        ]
-        row = each.filter(corruption=corruption).row(0, named=True)
+    for row in each.iter_rows(named=True):
+        rows_of_both = (rows.filter(corruption=row["corruption"]) for rows in (_BETTER, _WORSE))
+        expected = [(rows["epe_sum"] / rows["n_valid"]).mean() for rows in rows_of_both]
         assert row["value_first"] == pytest.approx(expected[0])
         assert row["difference"] == pytest.approx(expected[0] - expected[1])
         assert row["low"] < row["difference"] < row["high"] < 0
         assert row["p"] <= row["p_holm"] <= 1
     assert overall["epe", "clean"]["difference"] == 0
+    with pytest.raises(UsageError, match="did you mean 'rcre'"):
+        _FOUND.per_corruption("rcree")
 
 
 def test_the_sentence_and_the_table_say_who_is_better():
@@ -70,20 +68,8 @@ def test_marks_follow_the_level():
         assert ("grows less" in found.sentence) == expected
 
 
-def test_unknown_metric():
-    with pytest.raises(UsageError, match="did you mean 'rcre'"):
-        _FOUND.per_corruption("rcree")
-
-
-def test_without_ground_truth_and_outside_the_paper(tmp_path):
-    rng = np.random.default_rng(1)
-    for index in range(3):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (32, 40, 3), np.uint8))
-    runs = [
-        evaluate(model, "folder", tmp_path, tmp_path / model, corruptions=["elastic_transform"], severities=[1])
-        for model in ("dis", "farneback")
-    ]
-    found = runs[0].compare(runs[1])
+def test_without_ground_truth_and_outside_the_paper(runs_without_truth):
+    found = runs_without_truth[0].compare(runs_without_truth[1])
     assert found.metric == "rcre"
     assert found.overall["metric"].to_list() == ["rcre"]
     assert "The average RCRE of DIS and Farneback differs" in found.sentence
@@ -91,15 +77,9 @@ def test_without_ground_truth_and_outside_the_paper(tmp_path):
     assert "Elastic transform" in repr(found)
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs")
-    options = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
-    return [evaluate(model, "demo", output=folder / model, **options) for model in ("dis", "farneback")]
-
-
-def test_of_runs(runs, tmp_path):
-    first, second = runs
+def test_of_runs(small_run, tmp_path):
+    chosen = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
+    first, second = small_run, evaluate("farneback", "demo", output=tmp_path / "f", **chosen)
     found = rf.compare(first, second, resamples=99)
     assert found.names == ("DIS", "Farneback")
     assert found.frame.equals(first.compare(second, resamples=99).frame)

@@ -2,9 +2,7 @@
 
 import base64
 import io
-import json
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from PIL import Image
 
 import robustflow as rf
 from robustflow.cli.gallery import gallery as gallery_command
-from robustflow.cli.main import main
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
 from robustflow.corruptions.scale import calibrated_levels
 from robustflow.errors import DataError, UsageError
@@ -35,12 +32,8 @@ def pair():
     return tuple(np.array(image.resize((90, 60), Image.Resampling.BICUBIC)) for image in rough)
 
 
-def _data(page):
-    return next(json.loads(text) for attrs, text in page.scripts if attrs.get("type") == "application/json")
-
-
 def _shots(page):
-    return [one["shots"] for one in _data(page)["corruptions"]]
+    return [one["shots"] for one in page.data()[0]["corruptions"]]
 
 
 def decoded(uri):
@@ -80,19 +73,17 @@ def test_what_is_not_a_pair_or_needs_a_clip_is_refused(pair):
 
 
 def test_the_figure_holds_every_picture_in_its_place(pair):
-    red, green, blue = (np.full((60, 90, 3), colour, np.uint8) for colour in ((250, 0, 0), (0, 250, 0), (0, 0, 250)))
-    data = draw_figure(red, [CorruptedPicture("a", 1, green), CorruptedPicture("b", 1, blue)], "title", "png")
-    image = np.array(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
-    centres = [
-        np.argwhere(np.abs(image - np.array(c)).max(axis=2) < 5) for c in ((250, 0, 0), (0, 250, 0), (0, 0, 250))
-    ]
+    colours = ((250, 0, 0), (0, 250, 0), (0, 0, 250))
+    red, green, blue = (np.full((60, 90, 3), colour, np.uint8) for colour in colours)
+    cells = [CorruptedPicture("a", 1, green), CorruptedPicture("b", 1, blue)]
+    image = np.array(Image.open(io.BytesIO(draw_figure(red, cells, "title", "png"))).convert("RGB")).astype(int)
+    centres = [np.argwhere(np.abs(image - np.array(colour)).max(axis=2) < 5) for colour in colours]
     assert all(len(found) > 0.2 * image.shape[0] * image.shape[1] / 3 for found in centres)
     columns = [found[:, 1].mean() for found in centres]
     assert columns == sorted(columns)
-    assert draw_figure(red, [CorruptedPicture("a", 1, green)], "title", "pdf").startswith(b"%PDF")
-    assert draw_figure(red, [CorruptedPicture("a", 1, green)], "t", "pdf") == draw_figure(
-        red, [CorruptedPicture("a", 1, green)], "t", "pdf"
-    )
+    one, again = (draw_figure(red, cells[:1], "t", "pdf") for _ in range(2))
+    assert one.startswith(b"%PDF")
+    assert one == again
 
 
 @pytest.mark.parametrize(
@@ -139,26 +130,18 @@ def test_titles_and_names_are_text(pair):
     assert "alert(1)</script>" not in text
 
 
-def test_the_command_writes_three_files(tmp_path, monkeypatch, capsys, pair):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_writes_three_files(gallery_command, tmp_path, pair):
     for name, frame in zip(("a.png", "b.png"), pair, strict=True):
         write_image(tmp_path / name, frame)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["robustflow", "gallery", *arguments])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return int(stop.value.code or 0), capsys.readouterr()
-
-    code, said = call("--frames", "a.png", "b.png", "-s", "4", "-c", "contrast,fog+jpeg_compression", "-o", "out")
-    assert code == 0
-    assert said.out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
+    chosen = ("-s", 4, "-c", "contrast,fog+jpeg_compression", "-o", "out")
+    code, out, _ = gallery_command("--frames", "a.png", "b.png", *chosen)
+    assert (code, out.split()) == (0, ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"])
     assert Image.open("out/gallery.png").size[0] == 1920
     assert len(Elements((tmp_path / "out/gallery.html").read_text()).all("img")) == 3
-    assert call("-c", "contrast", "-s", "6")[0] == 2
-    assert call("-c", "frosst")[0] == 2
-    assert call("-c", "contrast", "--severity-scale", "other")[0] == 2
-    assert call("--frames", "a.png", "none.png")[0] == 1
+    assert gallery_command("-c", "contrast", "-s", 6)[0] == 2
+    assert gallery_command("-c", "frosst")[0] == 2
+    assert gallery_command("-c", "contrast", "--severity-scale", "other")[0] == 2
+    assert gallery_command("--frames", "a.png", "none.png")[0] == 1
 
 
 def test_the_gallery_of_attacks_has_a_row_for_each_and_for_the_noise(tmp_path, monkeypatch, capsys):

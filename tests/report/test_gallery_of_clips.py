@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,7 +10,6 @@ import pytest
 from skimage import data
 
 import robustflow as rf
-from robustflow.cli.main import main
 from robustflow.corruptions import CLIP, corrupt_clip
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
@@ -37,21 +34,6 @@ def video(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("clip") / "walk.mp4"
     pictures = (rgb_to_i420(_frame(index)) for index in range(COUNT))
     return write_clip(path, pictures, (HEIGHT, WIDTH), Fraction(25), crf(10)).path
-
-
-@pytest.fixture
-def gallery(tmp_path, monkeypatch, capsys):
-    """Run the command in an empty folder; return its exit code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["robustflow", "gallery", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        shown = capsys.readouterr()
-        return int(stop.value.code or 0), shown.out, shown.err
-
-    return call
 
 
 def test_the_frames_shown_are_the_middle_of_the_part(video):
@@ -143,14 +125,14 @@ def test_what_cannot_be_made_is_said():
             chosen_corruptions([name], scale)
 
 
-def test_the_command_plays_a_video(gallery, video):
-    code, out, error = gallery("--clip", video, "-c", "snow,h264_crf", "--length", 4, "-s", 4, "-o", "out")
+def test_the_command_plays_a_video(gallery_command, video):
+    code, out, error = gallery_command("--clip", video, "-c", "snow,h264_crf", "--length", 4, "-s", 4, "-o", "out")
     assert (code, error) == (0, "")
     assert out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
     text = Path("out/gallery.html").read_text()
     page = Elements(text)
     assert "frames 8 to 11" in text
-    (block,) = (json.loads(t) for a, t in page.scripts if a.get("type") == "application/json")
+    (block,) = page.data()
     assert [one["name"] for one in block["corruptions"]] == ["Snow", "H.264 CRF"]
     assert len(block["clean"]) == 4
     for one in block["corruptions"]:
@@ -162,18 +144,18 @@ def test_the_command_plays_a_video(gallery, video):
     assert "http" not in text.replace("http-equiv", "")
 
 
-def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery, video, monkeypatch):
+def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery_command, video, monkeypatch):
     from robustflow.report.gallery import clip
 
     monkeypatch.setattr(clip, "IMAGE_PAIR", ("contrast",))
     monkeypatch.setattr(clip, "MADE_FROM_CLIP", ("h264_crf",))
-    code, _, error = gallery("--clip", video, "--length", 2)
+    code, _, error = gallery_command("--clip", video, "--length", 2)
     assert code == 0
     assert "rolling_shutter are left out" in error
     assert "rolling_shutter are left out" in Path("gallery/gallery.html").read_text()
 
 
-def test_wrong_requests_are_a_sentence(gallery, video, tmp_path):
+def test_wrong_requests_are_a_sentence(gallery_command, video, tmp_path):
     for arguments, code, words in (
         (("--clip", video, "--frames", "a.png", "b.png"), 2, "choose one"),
         (("--length", 4), 2, "require --clip"),
@@ -183,7 +165,7 @@ def test_wrong_requests_are_a_sentence(gallery, video, tmp_path):
         (("--clip", video, "--start", "20"), 1, "1 frame"),
         (("--clip", tmp_path / "none.mp4"), 1, "no such"),
     ):
-        got, _, error = gallery(*arguments)
+        got, _, error = gallery_command(*arguments)
         assert (got, error.count("\n")) == (code, 1), error
         assert words in error
         assert not Path("gallery").exists()

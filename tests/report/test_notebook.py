@@ -4,7 +4,6 @@ import io
 import re
 from base64 import b64decode
 
-import cv2
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -26,10 +25,9 @@ class Hostile(BrightnessFlow):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs")
-    options = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
-    return [evaluate(m, "demo", output=folder / str(i), **options) for i, m in enumerate(("dis", Hostile()))]
+def runs(small_run, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hostile")
+    return [small_run, evaluate(Hostile(), "demo", output=folder, corruptions=["contrast", "fog"], severities=[1, 5])]
 
 
 def test_a_table_and_a_figure(runs):
@@ -88,11 +86,8 @@ def test_plots_that_cannot_be(runs, tmp_path):
         runs[0].plot("classes", others=[other])
 
 
-def test_without_ground_truth(tmp_path):
-    rng = np.random.default_rng(0)
-    for index in range(2):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (32, 40, 3), np.uint8))
-    run = evaluate("dis", "folder", tmp_path, tmp_path / "run", corruptions=["fog"], severities=[1])
+def test_without_ground_truth(runs_without_truth):
+    run = runs_without_truth[0]
     html = run._repr_html_()
     assert "RCRE (px)" in html
     assert "<img" not in html

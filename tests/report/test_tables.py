@@ -7,7 +7,6 @@ import pytest
 from robustflow.analysis.cost_ranks import printed_cost_ranks
 from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_costs, published_results
-from robustflow.analysis.ranking import average_ranks, competition_ranks
 from robustflow.analysis.results_file import parse_results
 from robustflow.errors import UsageError
 from robustflow.report.tables import TABLES, build_table
@@ -70,20 +69,9 @@ def test_ranks_are_the_printed_ones():
         assert ranks["crer_id"].get(name) == cost.crer_rank_id
         assert ranks["average_ood"].get(name) == cost.average_rank_ood
         assert ranks["average_id"].get(name) == cost.average_rank_id
-    line = _printed("cost")["Published", "CSFlow"]
-    assert line == [
-        ("5.60", False),
-        ("251.7 (5)", False),
-        ("1.16 (3)", False),
-        ("2.19 (5)", False),
-        ("1", True),
-        ("4", False),
-    ]
-
-
-def test_ranks_of_ties():
-    assert competition_ranks({"a": 1.0, "b": 1.0, "c": 1.0, "d": 2.0}) == {"a": 1, "b": 1, "c": 1, "d": 4}
-    assert average_ranks({"a": 1, "b": 2}, {"b": 1, "c": 2}) == {"b": 1}
+    texts, best = zip(*_printed("cost")["Published", "CSFlow"], strict=True)
+    assert texts == ("5.60", "251.7 (5)", "1.16 (3)", "2.19 (5)", "1", "4")
+    assert best == (False, False, False, False, True, False)
 
 
 def _own(text: str) -> list[ModelResult]:

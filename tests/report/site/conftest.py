@@ -1,4 +1,4 @@
-"""Fixtures for page tests: a small real run, and synthetic runs with many images and known rows."""
+"""Fixtures for page tests: synthetic runs with many images and known rows, and results of many models."""
 
 from __future__ import annotations
 
@@ -9,20 +9,13 @@ import numpy as np
 import pytest
 
 from robustflow.analysis.model_result import ModelResult
-from robustflow.api import Result, evaluate
+from robustflow.analysis.published.tables import published_results
+from robustflow.api import Result
 from robustflow.runs.manifest import Selection
 from robustflow.runs.provenance import Provenance
 from tests.made_rows import change_identity, change_manifest
 
 from ...analysis.simulated import Truth, rows_of
-
-
-@pytest.fixture(scope="session")
-def small_run(tmp_path_factory) -> Result:
-    """A run of DIS on the embedded pair with two corruptions, two severities and example pictures."""
-    folder = tmp_path_factory.mktemp("site") / "dis"
-    options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 5]}
-    return evaluate("dis", "demo", output=folder, examples=True, **options)
 
 
 @pytest.fixture(scope="session")
@@ -53,8 +46,6 @@ def many_images(small_run) -> Callable[..., Result]:
 @pytest.fixture(scope="session")
 def many_models() -> list[ModelResult]:
     """Results of a hundred models: the published results under new names, in three settings."""
-    from robustflow.analysis.published.tables import published_results
-
     of_raft = ("kitti-fc", "ID", "RAFT")
     (source,) = (line for line in published_results() if (line.benchmark, line.setting, line.name) == of_raft)
     return [

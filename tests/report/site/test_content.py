@@ -226,10 +226,10 @@ def test_intervals_of_averages_are_those_among_all(structured_rows):
         assert few[name].to_list() == pytest.approx(kept[name].to_list(), rel=1e-12)
 
 
-@pytest.fixture
-def structured_rows(tmp_path):
+@pytest.fixture(scope="module")
+def structured_rows(small_run):
     """Ten pairs with different errors."""
-    rows = evaluate("dis", "demo", output=tmp_path / "one", corruptions=["contrast", "fog"], severities=[1]).rows
+    rows = small_run.rows
     totals = [name for name in rows.columns if "epe_sum" in name or ("rcre" in name and "sum" in name)]
     return pl.concat(
         rows.with_columns(

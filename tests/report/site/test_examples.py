@@ -38,7 +38,7 @@ def _rewritten(run: Result, change) -> None:
 
 def test_the_slider_shows_the_folders_pictures(copied):
     slider, panels = run_examples(copied)
-    assert [name for name, _ in slider.corruptions] == ["Contrast", "Impulse noise"]
+    assert [name for name, _ in slider.corruptions] == ["Contrast", "Fog"]
     assert [shot.severity for shot in slider.corruptions[0][1]] == [1, 5]
     clean = _pixels(slider.clean[0])
     assert clean.shape == (slider.height, slider.width, 3)

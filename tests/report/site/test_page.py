@@ -8,7 +8,6 @@ import json
 import re
 from dataclasses import replace
 from html import unescape
-from html.parser import HTMLParser
 
 import pytest
 
@@ -19,6 +18,7 @@ from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import render_site
 from tests.made_rows import change_manifest
 
+from ..elements import Elements
 from ..hostile import HOSTILE
 
 _CELLS = "setting,model,metric,corruption,value\n" + "".join(
@@ -33,31 +33,6 @@ _CELLS = "setting,model,metric,corruption,value\n" + "".join(
 )
 
 
-class Page(HTMLParser):
-    """Tags, attributes, ids, texts and scripts of a page."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: list[str] = []
-        self.scripts: list[tuple[str | None, str]] = []
-        self._script: str | None = None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        self._script = (dict(attrs).get("type") or "") if tag == "script" else None
-
-    def handle_endtag(self, tag):
-        self._script = None
-
-    def handle_data(self, data):
-        if self._script is not None:
-            self.scripts.append((self._script, data))
-        else:
-            self.texts.append(data)
-
-
 @pytest.fixture(scope="module")
 def published_page() -> str:
     return render_site(whole_content([]))
@@ -65,8 +40,7 @@ def published_page() -> str:
 
 def data_of(text: str) -> dict:
     """The data from which the page's script builds rows and model pages."""
-    blocks = (json.loads(body) for kind, body in Page(text).scripts if kind == "application/json")
-    return next(block for block in blocks if "boards" in block)  # the other script belongs to the slider
+    return next(block for block in Elements(text).data() if "boards" in block)  # the other one belongs to the slider
 
 
 def test_the_paper_and_its_observations_and_audit_are_there(published_page):
@@ -87,20 +61,15 @@ def test_the_paper_and_its_observations_and_audit_are_there(published_page):
     assert published_page.count('class="chart"') == 2 + 3 + 4 + 2
 
 
-def test_the_page_is_the_same_every_time(published_page):
-    assert render_site(whole_content([])) == published_page
-
-
 def test_nothing_but_the_pages_own_script_may_run(published_page):
-    page = Page(published_page)
-    policy = next(attrs["content"] for tag, attrs in page.tags if attrs.get("http-equiv") == "Content-Security-Policy")
-    running = [body for kind, body in page.scripts if kind == ""]
-    assert len(running) == 1
-    digest = base64.b64encode(hashlib.sha256(running[0].encode()).digest()).decode()
+    page = Elements(published_page)
+    policy = next(a["content"] for a in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
+    (running,) = (body for attrs, body in page.scripts if "type" not in attrs)
+    digest = base64.b64encode(hashlib.sha256(running.encode()).digest()).decode()
     assert policy.startswith("default-src 'none'; img-src data:; style-src 'unsafe-inline'; ")
     assert f"script-src 'sha256-{digest}';" in policy
-    assert not any(name.startswith("on") for _, attrs in page.tags for name in attrs)
-    for tag, attrs in page.tags:
+    assert not any(name.startswith("on") for _, attrs in page.found for name in attrs)
+    for tag, attrs in page.found:
         for name in ("src", "href", "action", "data"):
             address = attrs.get(name)
             assert address is None or address.startswith(("#", "data:image/jpeg;base64,")), (tag, address)
@@ -108,14 +77,13 @@ def test_nothing_but_the_pages_own_script_may_run(published_page):
 
 
 def test_ids_are_unique_and_every_reference_finds_its_own(published_page):
-    page = Page(published_page)
-    ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
+    page = Elements(published_page)
+    ids = [attrs["id"] for _, attrs in page.found if "id" in attrs]
     assert len(ids) == len(set(ids))
-    used = {attrs["href"][1:] for _, attrs in page.tags if (attrs.get("href") or "").startswith("#")}
+    used = {attrs["href"][1:] for _, attrs in page.found if (attrs.get("href") or "").startswith("#")}
     used |= set(re.findall(r"url\(#([^)]*)\)", published_page))
-    used |= {
-        name for _, a in page.tags for key in ("aria-labelledby", "aria-describedby") for name in a.get(key, "").split()
-    }
+    described = (attrs.get(f"aria-{kind}by", "") for _, attrs in page.found for kind in ("labelled", "described"))
+    used |= {name for names in described for name in names.split()}
     assert used <= set(ids)
     data = data_of(published_page)
     entries = [entry for board in data["boards"] for group in board["groups"] for entry in group]
@@ -132,10 +100,10 @@ def test_hostile_names_are_text(published_page):
     hostile_settings = (names[0], names[3], "`code` **b** ~~s~~ $$m$$")  # each setting is a panel in two figures
     lines = [replace(made, name=name, setting=name if name in hostile_settings else "OOD", note=name) for name in names]
     text = render_site(whole_content([], [(names[0], lines)], published=False))
-    page, plain = Page(text), Page(published_page)
-    assert {tag for tag, _ in page.tags} <= {tag for tag, _ in plain.tags}
-    assert {name for _, attrs in page.tags for name in attrs} <= {name for _, attrs in plain.tags for name in attrs}
-    assert [kind for kind, _ in page.scripts] == [kind for kind, _ in plain.scripts]
+    page, plain = Elements(text), Elements(published_page)
+    assert {tag for tag, _ in page.found} <= {tag for tag, _ in plain.found}
+    assert {name for _, attrs in page.found for name in attrs} <= {name for _, attrs in plain.found for name in attrs}
+    assert [attrs for attrs, _ in page.scripts] == [attrs for attrs, _ in plain.scripts]
     assert "<img src=x onerror=alert(1)>" in "".join(page.texts)  # in the table of a figure
     assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", text)
     data = data_of(text)
@@ -227,7 +195,9 @@ def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
 
 def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary):
     """A run on a single pair has no bands, brackets or whiskers; a run on forty images has all of them."""
-    (alone,) = _sections(render_site(whole_content([small_run], published=False))).values()
+    page, again = (render_site(whole_content([small_run], published=False)) for _ in range(2))
+    assert page == again, "a page is the same every time"
+    (alone,) = _sections(page).values()
     assert "In brackets" not in alone
     assert "confidence intervals." not in alone.replace("No confidence intervals:", "")
     runs = [imaginary("A"), imaginary("Bb", 1.5)]

@@ -1,0 +1,46 @@
+"""Fixtures: runs that tables, figures and pages show, and the command that draws the gallery."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from robustflow.api import Result, evaluate
+from robustflow.cli.main import main
+from robustflow.images.io import write_image
+
+
+@pytest.fixture(scope="session")
+def small_run(tmp_path_factory) -> Result:
+    """A run of DIS on the embedded pair with two corruptions, two severities and example pictures."""
+    folder = tmp_path_factory.mktemp("small") / "dis"
+    return evaluate("dis", "demo", output=folder, corruptions=["contrast", "fog"], severities=[1, 5], examples=True)
+
+
+@pytest.fixture(scope="session")
+def runs_without_truth(tmp_path_factory) -> list[Result]:
+    """Runs of DIS and Farneback on three frames of noise, which have no ground truth."""
+    folder = tmp_path_factory.mktemp("noise")
+    rng = np.random.default_rng(0)
+    for index in range(3):
+        write_image(folder / f"{index}.png", rng.integers(0, 255, (32, 40, 3), np.uint8))
+    chosen = {"corruptions": ["elastic_transform", "fog"], "severities": [1]}
+    return [evaluate(model, "folder", folder, folder / model, **chosen) for model in ("dis", "farneback")]
+
+
+@pytest.fixture
+def gallery_command(tmp_path, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
+    """Run `robustflow gallery` in an empty folder; return its exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["robustflow", "gallery", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        shown = capsys.readouterr()
+        return int(stop.value.code or 0), shown.out, shown.err
+
+    return call
