@@ -11,6 +11,7 @@ import polars as pl
 
 from robustflow.metrics.rows import CLEAN
 from tests.made_rows import rows_frame
+from tests.runs.mean_rows import row
 
 PIXELS = 1000
 SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
@@ -20,39 +21,15 @@ def rows_of(
     clean: np.ndarray, corrupted: np.ndarray, rcre: np.ndarray, groups: list[str] | None = None, digest: str = "d"
 ) -> pl.DataFrame:
     """Build rows from per-image errors: clean (n,), corrupted and rcre (n, 3), in pixels."""
-    records = []
-    for index, first in enumerate(clean):
-        base = {
-            "sample": f"{index:05d}",
-            "group": groups[index] if groups else f"{index:05d}",
-            "height": 1,
-            "width": PIXELS,
-            "n_invalid": 0,
-            "n_all": PIXELS,
-            "n_valid": PIXELS,
-            "pred_magnitude_sum": 50.0 * PIXELS,
-            "magnitude_sum": 50.0 * PIXELS,
-            "fl_count": 0,
-            "px1_count": 0,
-            "px3_count": 0,
-            "px5_count": 0,
-            "wauc_sum": 0.0,
-        }
-        cells = [(CLEAN, 0, first, 0.0)]
-        cells += [(*s, e, r) for s, e, r in zip(SETTINGS, corrupted[index], rcre[index], strict=True)]
-        for corruption, severity, epe, moved in cells:
-            records.append(
-                base
-                | {
-                    "corruption": corruption,
-                    "severity": severity,
-                    "frames_digest": f"{digest}{index}{corruption}{severity}",
-                    "epe_sum": PIXELS * float(epe),
-                    "rcre_sum": PIXELS * float(moved),
-                    "rcre_all_sum": PIXELS * float(moved),
-                }
-            )
-    return rows_frame(records)
+    cells, rows = ((CLEAN, 0), *SETTINGS), []
+    for index, (first, after, moved) in enumerate(zip(clean, corrupted, rcre, strict=True)):
+        name = f"{index:05d}"
+        lengths = {"magnitude_sum": 50.0 * PIXELS, "pred_magnitude_sum": 50.0 * PIXELS}
+        same = {"group": groups[index] if groups else name, "height": 1, "n_all": PIXELS, **lengths}
+        for cell, epe, change in zip(cells, (first, *after), (0.0, *moved), strict=True):
+            own = {"frames_digest": f"{digest}{index}{cell[0]}{cell[1]}", "rcre_all_sum": PIXELS * float(change)}
+            rows.append(row(name, *cell, PIXELS, float(epe), float(change), **same, **own))
+    return rows_frame(rows)
 
 
 @dataclass(frozen=True)

@@ -118,21 +118,14 @@ def test_sums_of_products_give_what_influences_give(data, clusters, settings_, c
     np.testing.assert_allclose(fast.standard_error, slow.standard_error, rtol=1e-6, atol=1e-12)
 
 
-def test_the_standard_error_of_independent_images_is_the_textbook_one():
-    rows = _rows(25)
-    errors = rows.filter(corruption="clean")["epe_sum"].to_numpy() / 1000
-    found = intervals(rows).filter(metric="epe", corruption="clean")
-    assert found["standard_error"].item() == pytest.approx(errors.std(ddof=1) / math.sqrt(25))
-
-
-def test_the_standard_error_of_equal_clusters_is_that_of_their_means():
-    rows = _rows(24, groups=6)
+@pytest.mark.parametrize("clusters", [24, 6], ids=["independent images", "equal clusters"])
+def test_the_standard_error_is_that_of_the_means_of_the_clusters(clusters):
+    rows = _rows(24, groups=clusters)
     errors = rows.filter(corruption="clean").sort("sample")["epe_sum"].to_numpy() / 1000
-    means = np.array([errors[g::6].mean() for g in range(6)])
-    found = intervals(rows).filter(metric="epe", corruption="clean")
-    assert found["standard_error"].item() == pytest.approx(means.std(ddof=1) / math.sqrt(6))
-    assert found["clusters"].item() == 6
-    assert found["images"].item() == 24
+    means = np.array([errors[g::clusters].mean() for g in range(clusters)])
+    (found,) = intervals(rows).filter(metric="epe", corruption="clean").to_dicts()
+    assert found["standard_error"] == pytest.approx(means.std(ddof=1) / math.sqrt(clusters))
+    assert (found["clusters"], found["images"]) == (clusters, 24)
 
 
 def test_a_ratio_against_the_delta_method():
