@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import polars as pl
 import pytest
 
 from robustflow.analysis.conclusion import conclusions
-from robustflow.analysis.exclusion import (
-    ACCURATE_BELOW,
-    clean_epe,
-    exclusion_reasons,
-    reasons_from_rows,
-    zero_flow_epe,
-)
+from robustflow.analysis.exclusion import clean_epe, exclusion_reasons, reasons_from_rows, zero_flow_epe
 from robustflow.analysis.run_results import run_results
 from robustflow.analysis.uncertainty import compare_all, compare_rows
 from robustflow.api import evaluate
@@ -29,7 +25,7 @@ from .simulated import PIXELS, rows_of
 
 _RNG = np.random.default_rng(3)
 _HARD = _RNG.gamma(2, 1, 40)
-_HARD *= 1 / _HARD.mean()
+_HARD /= _HARD.mean()
 
 
 def _rows(clean: float, moved: float, motion: float = 50.0, truth: bool = True) -> pl.DataFrame:
@@ -56,8 +52,6 @@ def test_clean_error_at_half_of_zero_flows_is_excluded():
     (reason,) = reasons_from_rows(_rows(11.93, 0.02, motion=12.10))
     assert "11.93 px is at least half of the 12.10 px" in reason
     assert not reasons_from_rows(_SOUND)
-    assert not reasons_from_rows(_rows(24.9, 5.0))
-    assert reasons_from_rows(_rows(25.1, 5.0))
 
 
 def test_reason_on_small_motion_names_the_motion():
@@ -68,17 +62,11 @@ def test_reason_on_small_motion_names_the_motion():
 
 
 def test_experiments_and_rankings_use_one_guard():
-    class Arm:
-        rows = _rows(25.1, 5.0)
-
-    class Better:
-        rows = _rows(24.9, 5.0)
-
-    assert ACCURATE_BELOW == 0.5
-    runs = {(arm.name, "demo", seed): Better for arm in arms() for seed in (0, 1)}
-    runs[PLAIN, "demo", 1] = Arm
+    worse, better = (SimpleNamespace(rows=_rows(epe, 5.0)) for epe in (25.1, 24.9))
+    runs = {(arm.name, "demo", seed): better for arm in arms() for seed in (0, 1)}
+    runs[PLAIN, "demo", 1] = worse
     assert left_out(runs, "demo") == {1: f"{PLAIN}: clean EPE 25.10 px, zero flow 50.00 px"}
-    assert [bool(reasons_from_rows(one.rows)) for one in (Arm, Better)] == [True, False]
+    assert [bool(reasons_from_rows(one.rows)) for one in (worse, better)] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -125,7 +113,7 @@ def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("excluded")
     models = {"dis": ScaledDis(1.0), "most": ScaledDis(0.9), "tenth": ScaledDis(0.1)}
     models |= {"constant": ConstantFlow(-30.0, 0.0)}
-    options = {"corruptions": ["fog", "gaussian_noise"], "severities": [1, 3], "examples": False, "workers": 1}
+    options = {"corruptions": ["gaussian_noise"], "severities": [3], "examples": False, "workers": 1}
     return {name: evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()}
 
 
@@ -184,9 +172,6 @@ def test_a_lower_cre_is_not_a_verdict_without_the_accuracy():
     assert (
         turned.filter(metric="cre", corruption="average")["sentence"].item().endswith("less accurate: EPE +18.00 px.")
     )
-    epe = lines.filter(metric="epe", corruption="average")["sentence"].item()
-    assert epe.endswith("dis is more accurate.")
-    assert not lines.filter(pl.col("sentence").str.contains("is better")).height
 
 
 def test_many_models_are_compared_over_what_all_of_them_measured():

@@ -1,52 +1,33 @@
 """Flat corruptions are compared with their 3D counterparts for models with known errors."""
 
 import numpy as np
+import polars as pl
 import pytest
 
-import robustflow as rf
 from robustflow.analysis.flat_and_depth import TWINS, twin_comparisons
 from robustflow.corruptions.registry import CORRUPTIONS, FURTHER
-from robustflow.datasets import load_dataset
 from robustflow.errors import UsageError
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
-from robustflow.runs.run import Run
+from tests.made_rows import made_run
 
-SHAPES = {"pairs": 6, "size": "32x48"}
-ERRORS = {
-    "a": (1.0, 2.0), "b": (2.0, 1.0), "c": (3.0, 5.0), "d": (4.0, 4.0), "e": (5.0, 9.0)
-}  # fmt: skip
-"""Error in pixels under fog and fog_3d; the ranks are 1 2 3 4 5 and 2 1 4 3 5, so Spearman's rho is 1 - 6 * 4 / 120 =
+from .simulated import rows_of
+
+INCREASES = {"a": (1.0, 2.0), "b": (2.0, 1.0), "c": (3.0, 5.0), "d": (4.0, 4.0), "e": (5.0, 9.0)}
+"""CRE in pixels under fog and fog_3d; the ranks are 1 2 3 4 5 and 2 1 4 3 5, so Spearman's rho is 1 - 6 * 4 / 120 =
 0.8.
 """
 
 
-class Offset:
-    """The true flow plus the given error."""
-
-    def __init__(self, name):
-        self._name = name
-
-    def identity(self):
-        return {"name": self._name}
-
-    def lookup(self, key, corruption, severity):
-        sample = load_dataset("shapes", **SHAPES).load(key)
-        flat, deep = ERRORS[self._name]
-        error = {"clean": 0.0, "fog": flat, "fog_3d": deep}[corruption]
-        spread = (int(key) - 2.5) / 10 if corruption == "fog_3d" else 0
-        return sample.flow + np.float32([error + spread, 0])
-
-
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(base):
+    """Models on six pairs, whose CRE under fog_3d differs by 0.5 px."""
     made = []
-    for name in ERRORS:
-        result = rf.evaluate(
-            Offset(name), "shapes", output=tmp_path_factory.mktemp("twins") / name, corruptions=["fog", "fog_3d"],
-            severities=[3], data_options=SHAPES, examples=False, name=name, workers=1,
-        )  # fmt: skip
-        made.append(Run(result.path))
+    for name, (flat, deep) in INCREASES.items():
+        cre = np.array([(0, flat, deep + spread) for spread in np.linspace(-0.25, 0.25, 6)])
+        rows = rows_of(np.ones(6), 1 + cre, cre).filter(pl.col("severity") != 1)  # fog at 3 and snow at 2 remain
+        twins = (pl.col("corruption").replace("snow", "fog_3d"), pl.col("severity").replace(2, 3))
+        made.append(made_run(base, rows.with_columns(twins), name))
     return made
 
 
@@ -54,11 +35,9 @@ def test_differences_and_rank_correlation_are_those_of_the_errors(runs):
     (one,) = twin_comparisons(runs)
     assert (one.flat, one.deep, one.severities, one.metric, one.count) == ("fog", "fog_3d", (3,), "cre", 5)
     for model in one.models:
-        flat, deep = ERRORS[model.model]
-        assert model.flat == pytest.approx(flat, abs=1e-4)
-        assert model.deep == pytest.approx(deep, abs=1e-4)
-        assert model.difference == pytest.approx(deep - flat, abs=1e-4)
-        assert model.low < deep - flat < model.high  # the pairs differ by 0.5 px
+        flat, deep = INCREASES[model.model]
+        assert (model.flat, model.deep, model.difference) == pytest.approx((flat, deep, deep - flat))
+        assert model.low < deep - flat < model.high
         assert model.high - model.low < 1
     assert one.rho == pytest.approx(0.8)
     assert one.interval[0] < 0.8 < one.interval[1]
@@ -68,7 +47,7 @@ def test_the_table_has_a_line_for_each_correlation_and_each_model(runs):
     (table,) = tables_of(runs, published=False, wanted=["flat-and-depth"])
     assert "+0.80" in render(table, "markdown")
     assert table.sections[1].title == "fog and fog_3d, severities 3"
-    assert [line.label for line in table.sections[1].lines] == list(ERRORS)
+    assert [line.label for line in table.sections[1].lines] == list(INCREASES)
 
 
 def test_few_models_have_differences_and_no_correlation(runs):
@@ -78,14 +57,11 @@ def test_few_models_have_differences_and_no_correlation(runs):
     assert "too few for a correlation" in render(table, "markdown")
 
 
-def test_runs_without_twins_have_no_such_table(tmp_path):
-    alone = rf.evaluate(
-        Offset("a"), "shapes", output=tmp_path / "run", corruptions=["fog"], severities=[3], data_options=SHAPES,
-        examples=False, workers=1,
-    )  # fmt: skip
-    assert twin_comparisons([Run(alone.path)]) == []
+def test_runs_without_twins_have_no_such_table(runs):
+    alone = made_run(runs[0], runs[0].rows.filter(pl.col("corruption") != "fog_3d"))
+    assert twin_comparisons([alone]) == []
     with pytest.raises(UsageError, match="fog,fog_3d"):
-        tables_of([Run(alone.path)], published=False, wanted=["flat-and-depth"])
+        tables_of([alone], published=False, wanted=["flat-and-depth"])
 
 
 def test_every_twin_exists_and_is_one_by_depth():

@@ -44,7 +44,7 @@ def _measured(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: f
     return rows_frame(rows)
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(
     st.integers(0, 2**32),
     st.sampled_from([0.1, 3.0, 12.0, 60.0]),
