@@ -23,7 +23,6 @@ from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.errors import RunError
 from robustflow.records.audit import audit
-from tests.made_rows import values_frame
 
 from ..runs.edited import edit_rows
 
@@ -64,22 +63,13 @@ def test_both_numbers_are_given():
 
 def test_cre_against_exact_decimal_arithmetic():
     """The same check with exact decimal arithmetic finds the same cells."""
-    rows = values_frame(published_results()).filter(benchmark="kitti-fc")
-    number = {
-        (r["metric"], r["setting"], r["model"], r["corruption"]): Decimal(f"{r['value']:.2f}")
-        for r in rows.iter_rows(named=True)
-    }
-    expected = {
-        (setting, model, name)
-        for metric, setting, model, name in number
-        if metric == "cre"
-        and abs(
-            number["epe", setting, model, name]
-            - number["epe", setting, model, CLEAN]
-            - number[metric, setting, model, name]
-        )
-        > Decimal("0.015")
-    }
+    expected = set()
+    for line in published_results():
+        if line.benchmark == "kitti-fc":
+            number = {key: Decimal(f"{value.number:.2f}") for key, value in line.values.items()}
+            for name in {name for metric, name in number if metric == "cre"}:
+                if abs(number["epe", name] - number["epe", CLEAN] - number["cre", name]) > Decimal("0.015"):
+                    expected.add((line.setting, line.name, name))
     assert {(f.setting, f.model, f.corruption) for f in _of("cre")} == expected
 
 
@@ -101,10 +91,7 @@ def test_what_fits_is_not_reported():
 
 def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, str]] = frozenset()) -> list[ModelResult]:
     lines = ["setting,model,metric,corruption,value,marked"]
-    lines += [
-        f"ID,{model},{metric},{name},{value},{'yes' if (model, metric, name) in marked else 'no'}"
-        for (model, metric, name), value in values.items()
-    ]
+    lines += [f"ID,{','.join(key)},{value},{'yes' if key in marked else 'no'}" for key, value in values.items()]
     return parse_results("\n".join(lines), "made.csv", "made")
 
 
@@ -112,14 +99,16 @@ def _consistent(errors: dict[str, list[float]], decimals: int) -> dict[tuple[str
     """A consistent table, rounded only after everything has been computed."""
     out = {}
     for model, (clean, *epe) in errors.items():
+        of_metric = {
+            "epe": epe,
+            "cre": [value - clean for value in epe],
+            "rcre": [abs(value - clean) * 1.2 + 0.1 for value in epe],
+            "crer": [(value - clean) / clean for value in epe],
+        }
         table = {("epe", CLEAN): clean}
-        table |= {("epe", name): value for name, value in zip(IMAGE_PAIR, epe, strict=False)}
-        table |= {("cre", name): value - clean for name, value in zip(IMAGE_PAIR, epe, strict=False)}
-        table |= {("rcre", name): abs(value - clean) * 1.2 + 0.1 for name, value in zip(IMAGE_PAIR, epe, strict=False)}
-        table |= {("crer", name): (value - clean) / clean for name, value in zip(IMAGE_PAIR, epe, strict=False)}
-        for metric in ("epe", "cre", "rcre", "crer"):
-            parts = [value for (m, name), value in table.items() if m == metric and name != CLEAN]
-            table[metric, AVERAGE] = sum(parts) / len(parts)
+        for metric, values in of_metric.items():
+            table |= {(metric, name): value for name, value in zip(IMAGE_PAIR, values, strict=False)}
+            table[metric, AVERAGE] = sum(values) / len(values)
         out |= {(model, *key): f"{value:.{decimals}f}" for key, value in table.items()}
     return out
 
@@ -170,8 +159,9 @@ def test_json_reads_back():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("audit") / "run"
-    return evaluate("farneback", "demo", output=folder, corruptions=["contrast", "jpeg_compression"], severities=[1, 5])
+    options = {"corruptions": ["contrast", "jpeg_compression"], "severities": [1, 5]}
+    pairs = {"pairs": 2, "size": "64x96"}
+    return evaluate("farneback", "shapes", output=tmp_path_factory.mktemp("audit"), data_options=pairs, **options)
 
 
 def test_a_run_folder_fits(run):
@@ -181,63 +171,57 @@ def test_a_run_folder_fits(run):
     assert found.checked["rows"] == len(RULES) * run.rows.height
 
 
-def test_a_changed_summary_is_found(run, tmp_path):
-    folder = _copy(run.path, tmp_path)
-    summary = json.loads((folder / "summary.json").read_text())
+@pytest.fixture
+def folder(run, tmp_path):
+    return shutil.copytree(run.path, tmp_path / "copy")
+
+
+@pytest.fixture
+def summary(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def _messages(folder, summary):
+    (folder / "summary.json").write_text(json.dumps(summary))
+    return [finding.message for finding in audit(folder).findings]
+
+
+def test_a_changed_summary_is_found(folder, summary):
     summary["cre"] -= 0.25
     summary["corruptions"]["contrast"]["by_severity"]["epe"][1] += 1e-6
-    summary["extra"] = 1
-    (folder / "summary.json").write_text(json.dumps(summary))
-    says = [finding.message for finding in audit(folder).findings]
-    assert len(says) == 3
-    assert any(": cre is " in text for text in says)
-    assert any("corruptions.contrast.by_severity.epe.1" in text for text in says)
-    assert any("extra is 1, but according to the rows it is missing" in text for text in says)
+    messages = _messages(folder, summary | {"extra": 1})
+    assert len(messages) == 3
+    assert any(": cre is " in text for text in messages)
+    assert any("corruptions.contrast.by_severity.epe.1" in text for text in messages)
+    assert any("extra is 1, but according to the rows it is missing" in text for text in messages)
 
 
-def test_a_summary_of_another_version_is_refused_with_what_to_do(run, tmp_path):
-    folder = _copy(run.path, tmp_path)
-    summary = json.loads((folder / "summary.json").read_text())
+def test_a_summary_of_another_version_is_refused_with_what_to_do(folder, summary):
     now = summary["version"]
-    (folder / "summary.json").write_text(json.dumps(summary | {"version": now - 1}))
     with pytest.raises(RunError, match=f"has version {now - 1}, .* reads {now}; recreate it .* robustflow show"):
-        audit(folder)
+        _messages(folder, summary | {"version": now - 1})
 
 
-def test_a_summary_without_its_parts_is_found(run, tmp_path):
+def test_a_summary_without_its_parts_is_found(folder, summary):
     """An entire section may be missing, or a number may be too large for a float."""
-    folder = _copy(run.path, tmp_path)
-    summary = json.loads((folder / "summary.json").read_text())
     del summary["corruptions"]
-    summary["cre"] = 10**400
-    (folder / "summary.json").write_text(json.dumps(summary))
-    says = [finding.message for finding in audit(folder).findings]
-    assert any("corruptions is missing" in one for one in says)
-    assert any("cre is 1000" in one for one in says)
+    messages = _messages(folder, summary | {"cre": 10**400})
+    assert any("corruptions is missing" in one for one in messages)
+    assert any("cre is 1000" in one for one in messages)
 
 
-def test_impossible_rows_are_found(run, tmp_path):
-    folder = _copy(run.path, tmp_path)
+def test_impossible_rows_are_found(folder):
     contrast = pl.col("corruption") == "contrast"
     changed = {"epe_sum": pl.col("epe_sum") * 100, "fl_count": pl.col("n_valid") + 1}
-    edit_rows(
-        folder,
-        lambda rows: rows.with_columns(
-            pl.when(contrast).then(to).otherwise(name).alias(name) for name, to in changed.items()
-        ),
-    )
-    says = " ".join(finding.message for finding in audit(folder).findings if finding.check == "rows")
-    assert "more outliers than pixels" in says
-    assert "changed by more than the flow itself" in says
+    changes = [pl.when(contrast).then(to).otherwise(name).alias(name) for name, to in changed.items()]
+    edit_rows(folder, lambda rows: rows.with_columns(changes))
+    messages = " ".join(finding.message for finding in audit(folder).findings if finding.check == "rows")
+    assert "more outliers than pixels" in messages
+    assert "changed by more than the flow itself" in messages
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000])
-def test_a_summary_that_is_none(run, tmp_path, text):
-    folder = _copy(run.path, tmp_path)
+@pytest.mark.parametrize("text", ["", "[1]", "[" * 100_000])
+def test_a_summary_that_is_none(folder, text):
     (folder / "summary.json").write_text(text)
     with pytest.raises(RunError, match="robustflow show"):
         audit(folder)
-
-
-def _copy(folder, tmp_path):
-    return shutil.copytree(folder, tmp_path / "copy")

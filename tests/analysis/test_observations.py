@@ -80,23 +80,16 @@ def test_margins_cover_the_truth_and_exclude_its_other_side_as_rarely_as_they_sa
 
 def test_variants_of_one_model_count_once():
     evidence = Evidence(published_results(), None)
-    names = (
-        "SAMFlow-T",
-        "SAMFlow-H",
-        "RAFT",
-        "RAFT-small",
-        "RAFT-large",
-        "RAFT (seed 1)",
-        "Mine-small",
-        "Mine_large #2",
-    )
-    assert [evidence.family(("own", name)) for name in names] == [*["SAMFlow"] * 2, *["RAFT"] * 4, "Mine", "Mine"]
-    assert [evidence.family(("own", name)) for name in ("Tiny", "Tiny (all corruptions)", "FlowFormer++", "T")] == [
-        "Tiny",
-        "Tiny",
-        "FlowFormer++",
-        "T",
-    ]
+    families = {
+        "SAMFlow": ("SAMFlow-T", "SAMFlow-H"),
+        "RAFT": ("RAFT", "RAFT-small", "RAFT-large", "RAFT (seed 1)"),
+        "Mine": ("Mine-small", "Mine_large #2"),
+        "Tiny": ("Tiny", "Tiny (all corruptions)"),
+        "FlowFormer++": ("FlowFormer++",),
+        "T": ("T",),
+    }
+    for family, names in families.items():
+        assert {evidence.family(("own", name)) for name in names} == {family}
     values = {("own", f"net-{size}"): {"clean": 2.0 + i, "average": 20.0 + 3 * i} for i, size in enumerate("tsblh")}
     values |= {("own", "other"): {"clean": 1.0, "average": 9.0}}
     assert set(_verdicts(_results(values)).values()) <= {"too little evidence", "cannot be computed"}
@@ -115,26 +108,10 @@ def test_numbers_read_off_the_tables_by_hand():
     assert _part(10, "than most CNN").numbers == {"best_samflow": 1.54, "middle_cnn": 1.53}
 
 
-def test_spearman_against_a_count_of_pairs_in_order():
-    """Spearman's rho computed from its definition."""
-    evidence = Evidence(published_results(), None)
-    entries = [entry for entry in evidence.discussed("ID") if "SAMFlow" not in entry[1]]
-    sizes = [("ID", f"SAMFlow-{size}") for size in "TBH"]
-    ranks = []
-    for value in (evidence.clean, evidence.cre):
-        numbers = [*(value(entry) for entry in entries), fmean(value(entry) for entry in sizes)]
-        ranks.append([sum(b < a for b in numbers) + (sum(b == a for b in numbers) + 1) / 2 for a in numbers])
-    n = len(entries) + 1
-    mean = (n + 1) / 2
-    top = sum((a - mean) * (b - mean) for a, b in zip(*ranks, strict=True))
-    bottom = (sum((a - mean) ** 2 for a in ranks[0]) * sum((b - mean) ** 2 for b in ranks[1])) ** 0.5
-    assert _part(1, "CRE grows with clean EPE (ID)").numbers["rho"] == pytest.approx(top / bottom)
-
-
-def _results(values: dict[tuple[str, str], dict[str, float]], metric: str = "epe", benchmark: str = "kitti-fc"):
-    lines = ["benchmark,setting,model,metric,corruption,value"]
+def _results(values: dict[tuple[str, str], dict[str, float]]):
+    lines = ["setting,model,metric,corruption,value"]
     for (setting, model), cells in values.items():
-        lines += [f"{benchmark},{setting},{model},{metric},{name},{value}" for name, value in cells.items()]
+        lines += [f"{setting},{model},epe,{name},{value}" for name, value in cells.items()]
     return parse_results("\n".join(lines), "made.csv", "made")
 
 
@@ -151,17 +128,9 @@ def test_nothing_can_be_computed_from_nothing():
 def test_the_verdicts_turn_with_the_numbers():
     """Accuracy and robustness correlate positively or negatively; either dark or bright frames are worse."""
     for sign, verdict in ((1, "holds"), (-1, "does not hold")):
-        models = {
-            ("own", f"m{i}"): {
-                "clean": 2.0 + i,
-                "average": 20.0 + 3 * sign * i,
-                "low_light": 5.0 + sign,
-                "high_light": 5.0,
-                "over_exposure": 5.0 + sign,
-                "under_exposure": 5.0,
-            }
-            for i in range(6)
-        }
+        worse, milder = ("low_light", "over_exposure"), ("high_light", "under_exposure")
+        same = dict.fromkeys(worse, 5.0 + sign) | dict.fromkeys(milder, 5.0)
+        models = {("own", f"m{i}"): {"clean": 2.0 + i, "average": 20.0 + 3 * sign * i, **same} for i in range(6)}
         verdicts = _verdicts(_results(models))
         assert verdicts[1] == verdict
         assert verdicts[7] == verdict
@@ -170,21 +139,10 @@ def test_the_verdicts_turn_with_the_numbers():
 def test_own_models_can_be_described():
     """If the user states the kind of each model, the observations about kinds are checked."""
     known = {"encoder": "CNN", "decoder": "", "year": 2025, "source": "own"}
-    methods = {
-        name: Method(method=name, type=kind, **known)
-        for name, kind in (
-            ("A", "supervised"),
-            ("B", "supervised"),
-            ("C", "unsupervised"),
-            ("D", "supervised"),
-            ("E", "supervised"),
-            ("F", "unsupervised"),
-        )
-    }
-    models = {
-        ("ID", name): {"clean": 2.0, "average": value}
-        for name, value in (("A", 9), ("B", 8), ("C", 3), ("D", 9), ("E", 9), ("F", 3.5))
-    }
+    kinds = dict.fromkeys("ABDE", "supervised") | dict.fromkeys("CF", "unsupervised")
+    methods = {name: Method(method=name, type=kind, **known) for name, kind in kinds.items()}
+    averages = {"A": 9, "B": 8, "C": 3, "D": 9, "E": 9, "F": 3.5}
+    models = {("ID", name): {"clean": 2.0, "average": value} for name, value in averages.items()}
     assert _verdicts(_results(models), methods=methods)[3] == "holds"
     models["ID", "C"]["average"] = 8.5
     assert _verdicts(_results(models), methods=methods)[3] == "too little evidence"
@@ -218,32 +176,18 @@ def test_costs_on_kitti_fc_are_no_evidence_about_gopro_fc():
 
 
 def test_samflow_and_flowformer_without_a_common_corruption_have_no_difference():
+    def own_part(line):
+        sam = "SAM" in line.name
+        return {key: value for key, value in line.values.items() if key[1] == "average" or (key[1] == "fog") != sam}
+
     lines = [line for line in published_results() if line.benchmark == "gopro-fc"]
-    disjoint = [
-        replace(
-            line,
-            values={
-                key: v
-                for key, v in line.values.items()
-                if (key[1] == "fog") != ("SAM" in line.name) or key[1] == "average"
-            },
-        )
-        for line in lines
-    ]
-    parts = observations(disjoint)[9].parts
+    parts = observations([replace(line, values=own_part(line)) for line in lines])[9].parts
     assert "None" not in " ".join(part.message for part in parts)
     assert "mean of SAMFlow - FlowFormer unknown" in parts[0].message
 
 
 def test_models_of_equal_error_have_no_correlation():
-    """For five models with the same numbers, no correlation exists and none is reported."""
-    lines = [
-        f"OOD,{name},epe,{corruption},{value}"
-        for name in "ABCDE"
-        for corruption, value in (("clean", 2), ("average", 5))
-    ]
-    results = parse_results("setting,model,metric,corruption,value\n" + "\n".join(lines), "made.csv", "made")
-    first = observations(results)[0]
+    first = observations(_results({("OOD", name): {"clean": 2, "average": 5} for name in "ABCDE"}))[0]
     assert first.verdict == "cannot be computed"
     assert "all models have the same" in first.parts[0].message
 
@@ -275,13 +219,19 @@ def test_a_printed_cre_that_does_not_follow_stands_beside_the_one_that_does():
 
 
 def test_the_factor_by_which_errors_grow_does_not_follow_the_accuracy():
-    """Over the published models, CRE increases with the clean EPE, but ln(EPE / clean EPE) does not."""
-    numbers = _part(1, "not only CRE but also the factor by which errors grow rises with clean EPE (OOD)").numbers
+    """Over the published models, CRE increases with the clean EPE, but ln(EPE / clean EPE) does not; both correlations
+    are those of SciPy.
+    """
     results = [line for line in published_results() if (line.benchmark, line.setting) == ("kitti-fc", "OOD")]
-    epe = {of: {line.name: line.number("epe", of) for line in results} for of in ("clean", "average")}
-    names = [name for name in epe["clean"] if name not in not_discussed(published_results())]
-    families = [[name] for name in names if "SAMFlow" not in name] + [[name for name in names if "SAMFlow" in name]]
-    ratio = [fmean(math.log(epe["average"][name] / epe["clean"][name]) for name in family) for family in families]
-    expected = spearmanr([fmean(epe["clean"][name] for name in family) for family in families], ratio).statistic
-    assert numbers["ratio"] == pytest.approx(expected)
+    families: dict[str, list[tuple[float, ...]]] = {}
+    for line in results:
+        if line.name not in not_discussed(published_results()):
+            clean, after = line.number("epe", "clean"), line.number("epe", "average")
+            family = "SAMFlow" if "SAMFlow" in line.name else line.name
+            families.setdefault(family, []).append((clean, after - clean, math.log(after / clean)))
+    clean, cre, ratio = np.array([np.mean(values, axis=0) for values in families.values()]).T
+    numbers = _part(1, "not only CRE but also the factor by which errors grow rises with clean EPE (OOD)").numbers
+    assert numbers["ratio"] == pytest.approx(spearmanr(clean, ratio).statistic)
+    assert numbers["cre"] == pytest.approx(spearmanr(clean, cre).statistic)
+    assert _part(1, "CRE grows with clean EPE (OOD)").numbers["rho"] == pytest.approx(numbers["cre"])
     assert numbers["ratio"] < 0.1 < 0.55 < numbers["cre"]
