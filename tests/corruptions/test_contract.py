@@ -2,6 +2,7 @@
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.base import VARIANTS
-from robustflow.corruptions.registry import CLIP, CORRUPTIONS, IMAGE_PAIR, PAPER_ORDER
+from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER, IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import AssetError, UsageError
 from robustflow.random.rng import Rng
 
@@ -65,6 +66,15 @@ def test_views_and_read_only_frames(name):
         expected = corrupted(frame.copy(order="C"), frame.copy(order="C"), name, 3)
         found = corrupted(frame, frame, name, 3)
         assert all((out == other).all() for out, other in zip(found, expected, strict=True))
+
+
+@pytest.mark.parametrize("name", FURTHER["depth"])
+def test_layout_of_depth_maps_changes_no_byte(name):
+    frame, depth = picture(60, 90), scene(60, 90)
+    wide = np.zeros((60, 180), np.float32)
+    wide[:, ::2] = depth.maps[1]
+    turned = replace(depth, maps=(np.asfortranarray(depth.maps[0]), wide[:, ::2]))
+    assert np.array_equal(corrupt(frame, frame, name, 4, depth=turned), corrupt(frame, frame, name, 4, depth=depth))
 
 
 @every_corruption
@@ -126,14 +136,15 @@ def test_severities_differ(name):
 
 
 @every_corruption
-def test_a_pickled_state_gives_the_same_frame(name):
+def test_a_pickled_state_gives_the_same_frames_in_any_order(name):
     frame, corruption = picture(40, 50), load_corruption(name)
     state = corruption.draw_with_depth(Rng.of("contract", name), 4, frame.shape[:2], scene(*frame.shape[:2]))
     try:
-        out = corruption.apply(frame, state, 1)
+        out = [corruption.apply(frame, state, index) for index in (0, 1)]
     except AssetError as error:
         pytest.skip(str(error))
-    assert np.array_equal(corruption.apply(frame, pickle.loads(pickle.dumps(state)), 1), out)
+    again = pickle.loads(pickle.dumps(state))
+    assert np.array_equal([corruption.apply(frame, again, index) for index in (1, 0)], out[::-1])
 
 
 @pytest.mark.parametrize("severity", [0, 6, -1, True])

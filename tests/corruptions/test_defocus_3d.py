@@ -95,30 +95,6 @@ def test_a_blurred_foreground_leaves_the_background_sharp():
 
 
 @both
-@settings(max_examples=15)
-@given(seed=st.integers(0, 2**16), value=st.integers(0, 255), severity=st.integers(1, 5))
-def test_an_even_frame_stays_even_whatever_the_depth(kind, seed, value, severity):
-    rng = np.random.default_rng(seed)
-    depth = rng.uniform(1, 60, (9, 13)).astype(np.float32).repeat(7, axis=0).repeat(9, axis=1)
-    depth += rng.uniform(0, 1, depth.shape).astype(np.float32)
-    frame = np.full((*depth.shape, 3), value, np.uint8)
-    assert np.array_equal(kind().apply(frame, drawn(kind, severity, depth), 0), frame)
-
-
-@both
 def test_a_scene_at_one_depth_is_in_focus(kind):
     frame = picture(40, 50)
     assert np.array_equal(kind().apply(frame, drawn(kind, 5, np.full((40, 50), 4.0, np.float32)), 0), frame)
-
-
-@both
-def test_layout_of_depth_and_order_of_frames_do_not_matter(kind):
-    frame = picture(60, 90)
-    first, second = np.random.default_rng(2).uniform(1, 40, (2, 60, 90)).astype(np.float32)
-    state = drawn(kind, 4, first, second)
-    expected = [kind().apply(frame, state, index) for index in (0, 1)]
-    wide = np.zeros((60, 180), np.float32)
-    wide[:, ::2] = second
-    again = drawn(kind, 4, np.asfortranarray(first), wide[:, ::2])
-    assert np.array_equal(kind().apply(np.asfortranarray(frame), again, 1), expected[1])
-    assert np.array_equal(kind().apply(frame, again, 0), expected[0])

@@ -1,5 +1,6 @@
 """Compare 3D fog with Koschmieder's law in float64."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +12,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.random.rng import Rng
 from robustflow.sample import Camera, SceneDepth
 
-from .pictures import picture, scene
+from .pictures import picture, scene, seen
 
 VISIBILITIES = (1000.0, 500.0, 250.0, 125.0, 60.0)
 
@@ -153,7 +154,21 @@ def test_a_camera_that_cannot_be_is_refused(camera, message):
         Camera(*camera)
 
 
-DEPTH_CORRUPTIONS = ("fog_3d", "rain_3d", "snow_3d", "near_focus", "far_focus", "motion_blur_3d")
+BLURS = ("near_focus", "far_focus", "motion_blur_3d")
+DEPTH_CORRUPTIONS = ("fog_3d", "rain_3d", "snow_3d", *BLURS)
+
+
+@pytest.mark.parametrize("name", BLURS)
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**16), value=st.integers(0, 255), severity=st.integers(1, 5))
+def test_an_even_frame_stays_even_whatever_the_depth(name, seed, value, severity):
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(1, 60, (9, 13)).astype(np.float32).repeat(7, axis=0).repeat(9, axis=1)
+    depth += rng.uniform(0, 1, depth.shape).astype(np.float32)
+    turned = cv2.Rodrigues(rng.uniform(-0.02, 0.02, 3))[0]
+    frame = np.full((*depth.shape, 3), value, np.uint8)
+    moving = seen(depth, rotation=turned, translation=rng.uniform(-2, 2, 3))
+    assert np.array_equal(corrupt(frame, frame, name, severity, depth=moving), [frame, frame])
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 90), (90, 1), (7, 2000), (2000, 7)])
@@ -176,5 +191,5 @@ def test_depths_at_the_limits_of_float32_give_an_even_frame_an_even_colour(name,
     for moved in (np.zeros(3), np.array([0.3, 0.1, -1.0]), np.full(3, 1e6)):
         camera = Camera((30.0, 30.0), (14.5, 9.5), np.eye(3), moved)
         for out in corrupt(frame, frame, name, 3, depth=SceneDepth((depth, depth), (known, known), camera)):
-            if name not in ("fog_3d", "rain_3d", "snow_3d"):
+            if name in BLURS:
                 assert (out == 200).all()

@@ -160,16 +160,6 @@ def test_many_edges_are_close_to_the_mean_of_many_views_in_float64(far, by):
     assert np.quantile(difference, 0.9) < 4.5
 
 
-@settings(max_examples=15)
-@given(seed=st.integers(0, 2**16), value=st.integers(0, 255), severity=severities)
-def test_an_even_frame_stays_even_whatever_the_depth(seed, value, severity):
-    rng = np.random.default_rng(seed)
-    depth = rng.uniform(1, 60, (9, 13)).astype(np.float32).repeat(7, axis=0).repeat(9, axis=1)
-    frame = np.full((*depth.shape, 3), value, np.uint8)
-    scene = moving(depth, by=rng.uniform(-2, 2, 3), rotation=rotated(0.02))
-    assert np.array_equal(blurred(frame, scene, severity), frame)
-
-
 def test_a_camera_of_unknown_motion_makes_a_drawn_one():
     depth = plane(7.0, (60, 100))
     paths = [MotionBlur3d().draw_scene(Rng.of(seed), 5, depth).path for seed in range(40)]
@@ -179,17 +169,6 @@ def test_a_camera_of_unknown_motion_makes_a_drawn_one():
     assert len({path.translation.tobytes() for path in paths}) == 40
     frame = picture(60, 100)
     assert (blurred(frame, depth, 5) != frame).any()
-
-
-def test_layout_of_depth_and_order_of_frames_do_not_matter():
-    frame = picture(60, 90)
-    first, second = np.random.default_rng(2).uniform(1, 40, (2, 60, 90)).astype(np.float32)
-    expected = [blurred(frame, moving(first, second, by=(0.2, 0, -0.7)), 4, index) for index in (0, 1)]
-    wide = np.zeros((60, 180), np.float32)
-    wide[:, ::2] = second
-    again = moving(np.asfortranarray(first), wide[:, ::2], by=(0.2, 0, -0.7))
-    assert np.array_equal(blurred(np.asfortranarray(frame), again, 4, 1), expected[1])
-    assert np.array_equal(blurred(frame, again, 4, 0), expected[0])
 
 
 def test_each_frame_is_blurred_through_its_own_lens():

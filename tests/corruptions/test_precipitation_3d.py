@@ -193,19 +193,6 @@ def test_a_camera_of_unknown_motion_stands_still(kind):
 
 
 @both
-def test_layout_of_depth_and_order_of_frames_do_not_matter(kind):
-    frame = picture(60, 90)
-    first, second = np.random.default_rng(2).uniform(1, 40, (2, 60, 90)).astype(np.float32)
-    state = kind().draw_scene(Rng.of("o"), 5, seen(first, second))
-    expected = [kind().apply(frame, state, index) for index in (0, 1)]
-    wide = np.zeros((60, 180), np.float32)
-    wide[:, ::2] = second
-    again = kind().draw_scene(Rng.of("o"), 5, seen(np.asfortranarray(first), wide[:, ::2]))
-    assert np.array_equal(kind().apply(np.asfortranarray(frame), again, 1), expected[1])
-    assert np.array_equal(kind().apply(frame[::-1][::-1], again, 0), expected[0])
-
-
-@both
 def test_intrinsics_of_a_telescope_are_refused(kind):
     with pytest.raises(UsageError, match=r"focal length of 1e\+09 px is not plausible for a frame of 90x"):
         kind().draw_scene(Rng.of("t"), 5, plane(5.0, (60, 90), focal=1e9))
