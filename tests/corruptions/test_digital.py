@@ -31,10 +31,11 @@ def smooth(height, width, seed):
 @pytest.mark.parametrize("size", [(375, 1242), (97, 131), (16, 16), (17, 33)])
 def test_jpeg_is_pillows(severity, size):
     frame = smooth(*size, severity)
-    corruption = load_corruption("jpeg_compression")
-    file = io.BytesIO()
-    Image.fromarray(frame).save(file, "JPEG", quality=corruption.parameter(severity))
-    assert (corrupted(corruption, frame, severity) == np.asarray(Image.open(file))).all()
+    for variant in ("default", "reference"):
+        corruption = load_corruption("jpeg_compression", variant)
+        file = io.BytesIO()
+        Image.fromarray(frame).save(file, "JPEG", quality=corruption.parameter(severity))
+        assert (corrupted(corruption, frame, severity) == np.asarray(Image.open(file))).all()
 
 
 @settings(max_examples=60, deadline=None)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skimage.color import hsv2rgb, rgb2hsv
 
-from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
+from robustflow.corruptions import corrupt, load_corruption
 from robustflow.random.rng import Rng
 
 SEVERITIES = (1, 2, 3, 4, 5)
@@ -65,9 +65,3 @@ def test_one_frame_is_exposed_by_the_toss_of_a_coin(name):
         assert sum(changed) == 1
         which.append(changed[1])
     assert 65 < sum(which) < 135
-
-
-@pytest.mark.parametrize("name", EXPOSURES)
-def test_every_second_frame_of_a_clip(name):
-    changed = [not (frame == COLOURS).all() for frame in corrupt_clip([COLOURS] * 6, name, 2, seed=1)]
-    assert changed in ([True, False] * 3, [False, True] * 3)
