@@ -1,8 +1,5 @@
 """Compare the tensor transform with the array transform for structures, batches and DataLoader workers."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -104,11 +101,3 @@ def test_every_sample_of_every_epoch_has_its_own_draw(workers):
 
 def test_with_keys_the_number_of_workers_changes_nothing():
     assert epochs(0, keyed=True) == epochs(1, keyed=True) == epochs(2, keyed=True)
-
-
-def test_the_guides_example_runs():
-    page = (Path(__file__).resolve().parents[2] / "docs" / "training-with-corruptions.md").read_text()
-    names = {}
-    exec(compile(re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1], "training-with-corruptions.md", "exec"), names)
-    assert names["first"].shape == names["second"].shape == (3, 64, 96)
-    assert names["first"].dtype == torch.float32

@@ -1,11 +1,10 @@
 """Test clips that contain a pair: a single draw, the same bytes for the pair, and the frames that precede it."""
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
+from robustflow.corruptions import corrupt, corrupt_clip
 from robustflow.corruptions.base import VARIANTS
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS, FURTHER
 from robustflow.errors import AssetError, UsageError
@@ -65,17 +64,6 @@ def test_exposure_alternates_across_the_pair(name, seed):
     frame = picture(16, 16)
     changed = [bool((out != frame).any()) for out in window([frame] * 8, name, 4, first=-4, seed=seed)]
     assert changed == [changed[0], not changed[0]] * 4
-
-
-def test_apply_at_a_negative_index_equals_the_clip():
-    frames = [picture(40, 50, seed=i) for i in range(4)]
-    corruption = load_corruption("snow")
-    clip = window(frames, corruption, 2, first=-3, seed=9, key="k")
-    again = [
-        window([frame], corruption, 2, first=index, seed=9, key="k")[0]
-        for index, frame in zip((-3, -1), frames[::2], strict=True)
-    ]
-    np.testing.assert_array_equal(again, clip[::2])
 
 
 @pytest.mark.parametrize("name", [*FURTHER["depth"], "fog+fog_3d:2"])
