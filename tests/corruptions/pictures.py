@@ -1,8 +1,13 @@
-"""Helpers that create textured frames with depth."""
+"""Helpers that create frames of noise, and textured frames with depth."""
 
 import numpy as np
 
 from robustflow.sample import Camera, SceneDepth
+
+
+def noise(height, width, seed=0):
+    """Return a frame of independent samples."""
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
 def picture(height, width, seed=0):

@@ -11,6 +11,8 @@ from robustflow.corruptions.blur.defocus_blur import DefocusBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.random.rng import Rng
 
+from .pictures import noise
+
 
 def opencv_kernel(radius, smoothing):
     """A uniform disk in the smallest array that contains it (at least 17 x 17), smoothed with OpenCV's Gaussian."""
@@ -39,10 +41,6 @@ def direct(frame, kernel):
     return np.clip(np.stack(planes, axis=-1), 0, 255)
 
 
-def random_frame(height, width, seed=0):
-    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
-
-
 @pytest.mark.parametrize(("radius", "smoothing"), DefocusBlur.paper_severities)
 def test_the_kernel_is_the_reference_codes(radius, smoothing):
     assert np.abs(disk_kernel(radius, smoothing) - opencv_kernel(radius, smoothing)).max() < 1e-8
@@ -56,7 +54,7 @@ def test_the_two_widest_kernels_brighten():
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("shape", [(16, 16), (41, 53)])
 def test_every_severity_rounds_the_float64_result(severity, shape):
-    frame = random_frame(*shape)
+    frame = noise(*shape)
     blur = DefocusBlur()
     expected = direct(frame, disk_kernel(*blur.parameter(severity)))
     assert np.abs(blur.apply(frame, blur.draw(Rng.of(0), severity, shape), 0) - expected).max() < 0.501
@@ -64,7 +62,7 @@ def test_every_severity_rounds_the_float64_result(severity, shape):
 
 @pytest.mark.parametrize("severity", [1, 4, 5])
 def test_wide_frames_have_no_seam_between_strips(severity):
-    frame = random_frame(18, 1400)
+    frame = noise(18, 1400)
     parameter = DefocusBlur().parameter(severity)
     assert np.abs(convolve_disk(frame, *parameter) - direct(frame, disk_kernel(*parameter))).max() < 0.501
 
@@ -78,7 +76,7 @@ def test_the_paper_variant_is_the_plain_disk_and_keeps_brightness():
 
 
 def test_the_reference_variant_cuts_the_fraction_off():
-    frame = random_frame(40, 40)
+    frame = noise(40, 40)
     blur = DefocusBlur("reference")
     error = direct(frame, disk_kernel(6, 0.5)) - blur.apply(frame, (6, 0.5), 0)
     assert error.min() > -0.01
@@ -94,6 +92,6 @@ def test_the_reference_variant_cuts_the_fraction_off():
     st.integers(0, 99),
 )
 def test_any_size_and_radius(height, width, radius, smoothing, seed):
-    frame = random_frame(height, width, seed)
+    frame = noise(height, width, seed)
     expected = direct(frame, disk_kernel(radius, smoothing))
     assert np.abs(convolve_disk(frame, radius, smoothing) - expected).max() < 0.501

@@ -10,20 +10,18 @@ from robustflow.corruptions.blur.gaussian_blur import GaussianBlur
 from robustflow.corruptions.kernels.separable import gaussian_frame, gaussian_plane
 from robustflow.random.rng import Rng
 
+from .pictures import noise
+
 
 def scipy_blur(frame, sigma):
     planes = [gaussian_filter(frame[..., c].astype(np.float64), sigma, mode="nearest", truncate=4) for c in range(3)]
     return np.stack(planes, axis=-1)
 
 
-def random_frame(height, width, seed=0):
-    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
-
-
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("shape", [(16, 16), (37, 61)])
 def test_every_severity_rounds_the_float64_result(severity, shape):
-    frame = random_frame(*shape)
+    frame = noise(*shape)
     blur = GaussianBlur()
     expected = scipy_blur(frame, blur.parameter(severity))
     got = blur.apply(frame, blur.draw(Rng.of(0), severity, shape), 0)
@@ -32,7 +30,7 @@ def test_every_severity_rounds_the_float64_result(severity, shape):
 
 def test_the_reference_variant_cuts_the_fraction_off_but_leaves_white_white():
     blur = GaussianBlur("reference")
-    frame = random_frame(20, 30)
+    frame = noise(20, 30)
     error = scipy_blur(frame, 2.0) - blur.apply(frame, 2.0, 0)
     assert error.min() > -0.01
     assert error.max() < 1.0
@@ -43,7 +41,7 @@ def test_the_reference_variant_cuts_the_fraction_off_but_leaves_white_white():
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, 40), st.integers(1, 40), st.floats(0.05, 9.0), st.integers(0, 99))
 def test_any_size_and_width_of_the_filter(height, width, sigma, seed):
-    frame = random_frame(height, width, seed)
+    frame = noise(height, width, seed)
     assert np.abs(gaussian_frame(frame, sigma) - scipy_blur(frame, sigma)).max() < 0.501
 
 

@@ -10,20 +10,14 @@ from robustflow.corruptions.kernels.normal_field import UNIT, normal_field
 from robustflow.corruptions.weather.snow import Snow
 from robustflow.random.rng import Rng
 
+from .line_motion import moved_along_a_line
+
 
 def naive_layer(field, parameter, angle, shape):
     mean, deviation, zoom, threshold, radius, sigma, _ = parameter
     layer = scipy_zoom(mean + deviation * field, zoom, order=1)
     layer = np.where(layer < threshold, 0, np.clip(layer, 0, 1))
-    taps = np.arange(2 * radius + 1)
-    weights = np.exp(-(taps**2) / (2 * sigma**2))
-    moved = np.zeros_like(layer)
-    for i in taps:
-        rows = np.arange(layer.shape[0]) + math.ceil(i * math.sin(math.radians(angle)) - 0.5)
-        columns = np.arange(layer.shape[1]) + math.ceil(i * math.cos(math.radians(angle)) - 0.5)
-        shifted = layer[np.clip(rows, 0, layer.shape[0] - 1)][:, np.clip(columns, 0, layer.shape[1] - 1)]
-        moved += weights[i] / weights.sum() * shifted
-    return np.rint(moved * 255)[: shape[0], : shape[1]]
+    return np.rint(moved_along_a_line(layer, radius, sigma, angle) * 255)[: shape[0], : shape[1]]
 
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
