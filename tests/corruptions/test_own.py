@@ -115,6 +115,7 @@ def test_reading_a_name_imports_nothing(package, name):
         (type("Fog", (Veil,), {}), "has the same name as the corruption 'fog'"),
         (type("Clean", (Veil,), {}), "invalid corruption name 'clean'"),
         (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
+        (type("Bare", (Veil,), {"needs_depth": True}), "has no method draw_scene"),
     ],
 )
 def test_what_is_not_a_corruption_is_refused(package, spec, message):
@@ -206,11 +207,6 @@ def test_an_own_corruption_cannot_change_the_depth_that_the_next_one_gets():
             rf.corrupt(FRAME, FRAME, made, 3, depth=depth)
         assert depth.maps[0].max() > 1
         assert depth.camera.translation.any()
-
-
-def test_a_class_that_says_it_needs_depth_without_draw_scene_is_refused():
-    with pytest.raises(UsageError, match="has no method draw_scene"):
-        corruption_name(type("Bare", (Veil,), {"needs_depth": True}))
 
 
 def test_needs_depth_is_false_for_an_own_flat_corruption_and_for_an_unknown_name():
