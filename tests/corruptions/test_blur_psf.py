@@ -1,7 +1,6 @@
-"""Test PSF blur with the shipped lenses and stacks from files, and compare it with the reference implementation."""
+"""Test PSF blur with the shipped lenses and with stacks from files."""
 
 import io
-import json
 import pickle
 import zipfile
 
@@ -14,7 +13,6 @@ from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.blur import reference_stack
 from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
 from robustflow.errors import AssetError, DataError, RunError, UsageError
-from robustflow.images.io import read_image
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 
@@ -24,10 +22,6 @@ SEVERITIES = (1, 2, 3, 4, 5)
 def picture(height=90, width=140, seed=0):
     rng = np.random.default_rng(seed)
     return cv2.GaussianBlur(rng.integers(0, 256, (height, width, 3)).astype(np.uint8), (0, 0), 2.0)
-
-
-def test_severities_are_the_papers_rms_radii():
-    assert PsfBlur().severities == (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
 
 
 def test_a_severity_without_a_lens_is_refused():
@@ -53,27 +47,12 @@ def test_flat_stays_flat_everywhere(shape, greys):
             assert (second == grey).all()
 
 
-def test_frames_are_blurred_alike_and_seeds_change_nothing():
-    frame = picture()
-    first, second = corrupt(frame, frame, "psf_blur", 3, seed=1)
-    other, _ = corrupt(frame, picture(seed=4), "psf_blur", 3, seed=2, key="another")
-    assert (first == second).all()
-    assert (first == other).all()
-
-
 def test_the_reference_variant_cuts_fractions_off():
     frame = picture()
     rounded, _ = corrupt(frame, frame, "psf_blur", 2)
     cut, _ = corrupt(frame, frame, "psf_blur", 2, variant="reference")
     difference = rounded.astype(int) - cut
     assert set(np.unique(difference)) == {0, 1}
-
-
-def test_means_of_the_channels_stay():
-    frame = picture(240, 320)
-    for severity in SEVERITIES:
-        blurred, _ = corrupt(frame, frame, "psf_blur", severity)
-        assert blurred.mean((0, 1)) == pytest.approx(frame.mean((0, 1)), abs=0.6)
 
 
 # Stacks from files
@@ -223,59 +202,3 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
         PsfBlur(psf_dir=stacks).field(0.0296)
     assert "\n" not in str(caught.value)
     assert "executed" not in capsys.readouterr().out
-
-
-# Comparison with the reference implementation on its test pair
-
-
-@pytest.fixture
-def reference(shared):
-    """Return statistics of the reference implementation (with its defects fixed) and the clean pair."""
-    folder = shared("corruption-reference")
-    statistics = json.loads((folder / "reference.json").read_text())["psf_blur_repaired"]
-    return statistics, [read_image(folder / f"clean_{number}.png") for number in (1, 2)]
-
-
-def psnr(a, b):
-    return 10 * np.log10(255**2 / ((a.astype(float) - b) ** 2).mean())
-
-
-@pytest.mark.fidelity
-@pytest.mark.parametrize("severity", SEVERITIES)
-def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, severity):
-    """The CRE of DIS is within 15 % of the reference, and the CRE of Farneback is within 20 %."""
-    statistics, frames = reference
-    coded = cv2.imread(str(shared("corruption-reference", "flow_occ.png")), cv2.IMREAD_UNCHANGED)[..., ::-1]
-    truth, valid = (coded[..., :2].astype(float) - 32768) / 64, coded[..., 2] > 0
-    dis = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    estimators = {
-        "dis": lambda a, b: dis.calc(a, b, None),
-        "farneback": lambda a, b: cv2.calcOpticalFlowFarneback(a, b, None, 0.5, 3, 15, 3, 5, 1.2, 0),
-    }
-    errors = {}
-    for label, pair in (("clean", frames), ("blurred", corrupt(*frames, "psf_blur", severity))):
-        greys = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in pair]
-        for name, estimate in estimators.items():
-            errors[name, label] = np.linalg.norm(estimate(*greys) - truth, axis=2)[valid].mean()
-    wanted = statistics[f"s{severity}"]
-    cre = {name: errors[name, "blurred"] - errors[name, "clean"] for name in estimators}
-    assert cre["dis"] == pytest.approx(wanted["cre_dis"], rel=0.15)
-    assert cre["farneback"] == pytest.approx(wanted["cre_farneback"], rel=0.2)
-
-
-@pytest.mark.fidelity
-@pytest.mark.parametrize("severity", SEVERITIES)
-def test_strength_is_that_of_the_reference(reference, severity):
-    """With the shipped lenses, PSNR is within 1 dB of the reference, gradient loss within 30 % and channel means within
-    0.6 grey levels.
-    """
-    statistics, frames = reference
-    wanted = statistics[f"s{severity}"]
-    for number, (frame, blurred) in enumerate(zip(frames, corrupt(*frames, "psf_blur", severity), strict=True), 1):
-        assert psnr(blurred, frame) == pytest.approx(wanted[f"psnr_{number}"], abs=1.0)
-        grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY).astype(float)
-        dx, dy = np.diff(grey, axis=1)[:-1], np.diff(grey, axis=0)[:, :-1]
-        assert np.sqrt(dx**2 + dy**2).mean() == pytest.approx(wanted[f"grad_{number}"], rel=0.3)
-        for channel, name in enumerate("rgb"):
-            # the reference truncates, which reduces the mean by half a level; rounding does not
-            assert blurred[..., channel].mean() == pytest.approx(wanted[f"mean_{name}_{number}"] + 0.5, abs=0.6)
