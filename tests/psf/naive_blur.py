@@ -25,12 +25,18 @@ def kernel_at(stack, x: float, y: float, height: int, width: int):
     return turned / turned.sum((1, 2), keepdims=True)
 
 
-def blurred_pixel(frame, stack, x: int, y: int):
-    """Return the blurred value (3,) of one pixel; the image is mirrored at its border pixels."""
+def padded(frame):
+    """Return the image in float64, mirrored at its border pixels."""
+    return np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
+
+
+def blurred_pixels(frame, stack, points):
+    """Return the blurred values (n, 3) at points (x, y), each with the exact kernel of its place."""
     height, width = frame.shape[:2]
-    padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
-    around = padded[y : y + 61, x : x + 61][::-1, ::-1].transpose(2, 0, 1)
-    return (kernel_at(stack, x, y, height, width) * around).sum((1, 2))
+    whole = padded(frame)
+    around = [whole[y : y + 61, x : x + 61][::-1, ::-1].transpose(2, 0, 1) for x, y in points]
+    kernels = [kernel_at(stack, x, y, height, width) for x, y in points]
+    return np.einsum("ncyx,ncyx->nc", kernels, around)
 
 
 def blended_blur(frame, stack):
@@ -38,16 +44,18 @@ def blended_blur(frame, stack):
     windows.
     """
     height, width = frame.shape[:2]
-    padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
-    total = np.zeros(frame.shape)
+    whole, total = padded(frame), np.zeros(frame.shape)
     axes = [Axis.of(length, grid_of(height, width)) for length in (height, width)]
     places = [(axis.length - 1) / 2 + np.concatenate([-axis.offsets, axis.offsets]) for axis in axes]
     for y in places[0]:
         for x in places[1]:
-            kernels = kernel_at(stack, x, y, height, width)
-            weight_y = np.maximum(1 - np.abs(np.arange(height) - y) / axes[0].pitch, 0)
-            weight_x = np.maximum(1 - np.abs(np.arange(width) - x) / axes[1].pitch, 0)
-            for channel in range(3):
-                blurred = fftconvolve(padded[..., channel], kernels[channel], mode="valid")
-                total[..., channel] += weight_y[:, None] * weight_x * blurred
+            windows = [
+                np.maximum(1 - np.abs(np.arange(axis.length) - place) / axis.pitch, 0)
+                for axis, place in zip(axes, (y, x), strict=True)
+            ]
+            rows, columns = (slice(window.nonzero()[0].min(), window.nonzero()[0].max() + 1) for window in windows)
+            part = whole[rows.start : rows.stop + 60, columns.start : columns.stop + 60]
+            kernels = kernel_at(stack, x, y, height, width).transpose(1, 2, 0)
+            weights = windows[0][rows, None, None] * windows[1][columns, None]
+            total[rows, columns] += weights * fftconvolve(part, kernels, mode="valid", axes=(0, 1))
     return total

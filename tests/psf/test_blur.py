@@ -13,18 +13,7 @@ from robustflow.psf.blur import KernelCache, Kernels, blur
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 
-from .naive_blur import blended_blur, blurred_pixel, kernel_at
-
-
-def textured(height: int, width: int, seed: int = 0) -> np.ndarray:
-    """Return an image with edges, texture and saturated points."""
-    rng = np.random.default_rng(seed)
-    y, x = np.mgrid[:height, :width]
-    base = 127 + 90 * np.sign(np.sin(x / 9.0) * np.sin(y / 7.0 + x / 31.0))
-    noise = rng.normal(0.0, 25.0, (height, width, 3))
-    image = np.clip(base[..., None] + noise, 0, 255)
-    image[rng.random((height, width)) < 0.004] = 255
-    return image.astype(np.uint8)
+from .naive_blur import blended_blur, blurred_pixels, kernel_at
 
 
 def point_field(shift_rows: int = 0) -> PsfField:
@@ -36,48 +25,43 @@ def point_field(shift_rows: int = 0) -> PsfField:
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
 def test_error_against_exact_kernels_is_below_rounding(severity):
-    """Return errors in grey levels at points distributed over a photograph."""
+    """Errors are in grey levels, at points distributed over a photograph."""
     field, frame = shipped_field(severity), skimage.data.astronaut()
-    rng = np.random.default_rng(severity)
-    got = blur(frame, field)
-    errors = []
-    for x, y in zip(rng.integers(0, 512, 120), rng.integers(0, 512, 120), strict=True):
-        errors.append(got[y, x] - blurred_pixel(frame, field.stack, int(x), int(y)))
-    error = np.array(errors)
+    points = np.random.default_rng(severity).integers(0, 512, (120, 2))
+    got = blur(frame, field)[points[:, 1], points[:, 0]]
+    error = got - blurred_pixels(frame, field.stack, points)
     assert np.sqrt((error**2).mean()) <= 0.15
     assert np.abs(error).max() <= 3.0
 
 
-def picture(kind: str, height: int, width: int) -> np.ndarray:
-    """Return an image that is difficult in a particular way."""
-    rng, (y, x) = np.random.default_rng(height), np.mgrid[:height, :width]
-    kinds = {
-        "noise": rng.integers(0, 256, (height, width, 3)),
-        "black and white": 255 * rng.integers(0, 2, (height, width, 3)),
-        "board": np.repeat(((x + y) % 2 * 255)[..., None], 3, axis=2),
-        "ramp": np.repeat((x * 255 // max(width - 1, 1))[..., None], 3, axis=2),
-        "white": np.full((height, width, 3), 255),
-    }
-    return kinds[kind].astype(np.uint8)
+def noise(height: int, width: int) -> np.ndarray:
+    return np.random.default_rng(height).integers(0, 256, (height, width, 3)).astype(np.uint8)
 
 
-@pytest.mark.parametrize("kind", ["noise", "black and white", "board", "ramp", "white"])
+PICTURES = {
+    "noise": noise,
+    "black and white": lambda height, width: noise(height, width) // 128 * 255,
+    "board": lambda height, width: np.indices((height, width, 3))[:2].sum(0).astype(np.uint8) % 2 * 255,
+}
+
+
+@pytest.mark.parametrize("kind", PICTURES)
 @pytest.mark.parametrize(("shape", "severity"), [((70, 111), 1), ((111, 64), 3), ((131, 90), 5)])
 def test_blur_of_any_picture_equals_the_float64_reference(kind, shape, severity):
     """Single precision causes an error of at most 2e-4 grey levels, a thousandth of the interpolation error."""
-    frame, field = picture(kind, *shape), shipped_field(severity)
+    frame, field = PICTURES[kind](*shape), shipped_field(severity)
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 90), (61, 2), (33, 64), (150, 31)])
 def test_blur_of_any_shape_equals_the_float64_reference(shape):
-    frame, field = picture("noise", *shape), shipped_field(4)
+    frame, field = noise(*shape), shipped_field(4)
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
 
 def test_kernels_with_negative_values_equal_the_float64_reference():
     stack = np.random.default_rng(0).normal(1.0, 0.8, (64, 3, 61, 61))
-    field, frame = PsfField(stack + stack[..., ::-1]), picture("noise", 60, 91)  # lenses are rotationally symmetric
+    field, frame = PsfField(stack + stack[..., ::-1]), noise(60, 91)  # lenses are rotationally symmetric
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
 
@@ -88,12 +72,10 @@ def test_a_flat_image_stays_flat(height, width, grey):
     assert np.abs(blur(frame, shipped_field(5)) - grey).max() < 1e-4
 
 
-@pytest.mark.parametrize("shape", [(16, 16), (17, 400), (375, 1242), (33, 64)])
-def test_every_size_keeps_its_shape_and_range(shape):
-    frame = textured(*shape)
+def test_a_large_blurred_image_stays_within_the_range_of_the_image():
+    frame = noise(375, 1242) // 2 + 64
     got = blur(frame, shipped_field(3))
-    assert got.shape == (*shape, 3)
-    assert np.isfinite(got).all()
+    assert got.shape == frame.shape
     assert got.min() > frame.min() - 1e-4
     assert got.max() < frame.max() + 1e-4
 
@@ -105,11 +87,10 @@ def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
     frame[y, x] = 255
     field = shipped_field(4)
     got = blur(frame, field)
-    rng = np.random.default_rng(1)
-    for row, column in zip(y + rng.integers(-20, 21, 150), x + rng.integers(-25, 26, 150), strict=True):
-        row, column = max(row, 0), max(column, 0)
-        wanted = blurred_pixel(frame, field.stack, min(column, width - 1), min(row, height - 1))
-        assert np.abs(got[min(row, height - 1), min(column, width - 1)] - wanted).max() < 0.5
+    points = np.array([x, y]) + np.random.default_rng(1).integers((-25, -20), (26, 21), (150, 2))
+    points = np.clip(points, 0, (width - 1, height - 1))
+    wanted = blurred_pixels(frame, field.stack, points)
+    assert np.abs(got[points[:, 1], points[:, 0]] - wanted).max() < 0.5
     green = got[..., 1] / got[..., 1].sum()
     rows, columns = np.mgrid[:height, :width]
     assert abs((green * rows).sum() - y) < 1.0  # the part beyond the border is mirrored
@@ -130,7 +111,7 @@ def test_a_psf_displaced_outwards_moves_light_outwards():
 
 
 def test_mirrored_images_blur_to_mirrored_images():
-    frame, field = textured(97, 143), shipped_field(4)
+    frame, field = noise(97, 143), shipped_field(4)
     straight = blur(frame, field)
     assert np.abs(blur(frame[:, ::-1], field)[:, ::-1] - straight).max() < 2e-4
     assert np.abs(blur(frame[::-1], field)[::-1] - straight).max() < 2e-4
@@ -138,14 +119,14 @@ def test_mirrored_images_blur_to_mirrored_images():
 
 def test_no_edge_shows_where_tiles_meet():
     """Second differences of a blurred ramp are as small at nodes as between them."""
-    ramp = np.broadcast_to((np.arange(250) // 1)[None, :, None], (180, 250, 3)).astype(np.uint8)
+    ramp = np.broadcast_to(np.arange(250)[None, :, None], (180, 250, 3)).astype(np.uint8)
     got = blur(ramp, shipped_field(5))[40:-40, 40:-40]
     assert np.abs(np.diff(got, 2, axis=1)).max() < 0.05
     assert np.abs(np.diff(got, 2, axis=0)).max() < 0.05
 
 
 def test_blur_without_cache_is_bit_identical(monkeypatch):
-    frame, field = textured(150, 222), shipped_field(2)
+    frame, field = noise(150, 222), shipped_field(2)
     monkeypatch.setattr(engine, "CACHE", KernelCache(limit=2**28))
     first = blur(frame, field)
     assert engine.CACHE.nbytes > 0
