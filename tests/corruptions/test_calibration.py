@@ -231,29 +231,23 @@ def test_an_export_writes_only_what_exists(tmp_path):
 def test_the_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pictures").mkdir()
-    write_image(tmp_path / "pictures" / "a.png", SMALL["chelsea"])
+    for name in ("pictures/a.png", "b.png"):
+        write_image(tmp_path / name, SMALL["chelsea"])
 
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["robustflow", *arguments])
-        main()
+    def status(command):
+        monkeypatch.setattr(sys, "argv", ["robustflow", *command.split()])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code or 0
 
-    with pytest.raises(SystemExit) as stop:
-        call("calibrate", "-d", "pictures", "-c", "contrast", "--output", "mine.json")
-    assert not stop.value.code
+    assert status("calibrate -d pictures -c contrast --output mine.json") == 0
     assert "contrast" in capsys.readouterr().out
     first = read_table(Path("mine.json"))
     assert list(first.corruptions) == ["contrast"]
-    with pytest.raises(SystemExit) as stop:
-        call("calibrate", "-d", "pictures", "-c", "high_light", "--output", "mine.json")
-    assert not stop.value.code
+    assert status("calibrate -d pictures -c high_light --output mine.json") == 0
     assert list(read_table(Path("mine.json")).corruptions) == ["contrast", "high_light"]
-    with pytest.raises(SystemExit) as stop:
-        call("calibrate", "-d", "pictures", "-c", "high_light", "--seed", "1", "--output", "mine.json")
-    assert stop.value.code == 2
+    assert status("calibrate -d pictures -c high_light --seed 1 --output mine.json") == 2
     assert read_table(Path("mine.json")).corruptions["contrast"] == first.corruptions["contrast"]
-    write_image(tmp_path / "b.png", SMALL["chelsea"])
-    with pytest.raises(SystemExit) as stop:
-        call("corrupt", "pictures/a.png", "b.png", "-c", GAP, "-s", str(MISSING), "--severity-scale", "calibrated")
-    assert stop.value.code == 2
+    assert status(f"corrupt pictures/a.png b.png -c {GAP} -s {MISSING} --severity-scale calibrated") == 2
     assert GAP in capsys.readouterr().err
     assert not Path("corrupted").exists()

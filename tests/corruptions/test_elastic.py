@@ -63,10 +63,6 @@ def test_the_paper_displaces_ten_times_as_far_as_the_code():
     assert np.allclose(paper, 10 * code, rtol=1e-4)
 
 
-def test_both_frames_move_alike_and_the_two_directions_do_not():
-    elastic = ElasticTransform()
-    state = elastic.draw(Rng.of("pair"), 2, (64, 64))
-    frame = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
-    assert np.array_equal(elastic.apply(frame, state, 0), elastic.apply(frame, state, 1))
-    field = displacement(state, (64, 64))
+def test_the_two_directions_are_independent():
+    field = displacement(ElasticTransform().draw(Rng.of("pair"), 2, (64, 64)), (64, 64))
     assert abs(np.corrcoef(field[..., 0].ravel(), field[..., 1].ravel())[0, 1]) < 0.2

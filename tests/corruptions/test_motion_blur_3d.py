@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.corruptions.depth.motion_blur_3d import MotionBlur3d
-from robustflow.datasets import load_dataset
 from robustflow.random.rng import Rng
 from robustflow.sample import SceneDepth
 
@@ -179,9 +178,3 @@ def test_each_frame_is_blurred_through_its_own_lens():
     lit = [blurred(frame, zoomed, 5, index)[30, :, 0] for index in (0, 1)]
     assert 10 < lit[0][:40].max() < 80  # next to the centre of frame 1
     assert lit[1][20] > 200  # at the centre of frame 2
-
-
-def test_shapes_which_move_by_themselves_are_blurred_by_a_drawn_motion():
-    data = load_dataset("shapes", pairs=1, size="64x80")
-    sample = data["000000"]
-    assert (blurred(sample.frames[0], data.depth(sample), 5) != sample.frames[0]).any()

@@ -38,15 +38,15 @@ def test_the_corner_of_small_maps(shape, size):
     assert np.abs(plasma_corner(rng, *shape, 1.7) - expected[: shape[0], : shape[1]]).max() < 1e-5
 
 
-@pytest.mark.parametrize("shape", [(40, 1000), (700, 600)])
-def test_the_corner_of_a_large_map_differs_by_the_extremes_it_does_not_see(shape):
+def test_the_corner_of_a_large_map_differs_by_the_extremes_it_does_not_see():
     rng = Rng.of("large")
     expected = whole_map(rng, 1024, 1.4)
     low, span = expected.min(), expected.max() - expected.min()
-    got = plasma_corner(rng, *shape, 1.4)
-    seen = expected[: shape[0], : shape[1]]
-    assert np.corrcoef(got.ravel(), seen.ravel())[0, 1] > 0.999999
-    assert np.abs(got - (seen - low) / span).max() < 0.002
+    for height, width in ((40, 1000), (700, 600)):
+        got = plasma_corner(rng, height, width, 1.4)
+        seen = expected[:height, :width]
+        assert np.corrcoef(got.ravel(), seen.ravel())[0, 1] > 0.999999
+        assert np.abs(got - (seen - low) / span).max() < 0.002
 
 
 def test_a_4k_corner_stays_between_0_and_1():
