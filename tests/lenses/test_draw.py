@@ -7,8 +7,6 @@ from robustflow.lenses.draw import contact_sheet, lens_figure, save_figure
 from robustflow.lenses.shipped import shipped_lens
 from robustflow.psf.shipped import shipped_field
 
-from .lenses import cooke_triplet
-
 
 @pytest.fixture(scope="module")
 def figure():
@@ -34,9 +32,8 @@ def test_the_title_says_what_the_lens_is(figure):
     assert "f/2.6" in figure.get_suptitle()
 
 
-def test_rays_in_the_section_run_from_the_object_to_the_sensor():
-    lens = cooke_triplet()
-    section = lens_figure(lens, shipped_field(1)).subfigs[0].axes[0]
+def test_rays_in_the_section_run_from_the_object_to_the_sensor(figure):
+    lens, section = shipped_lens(1), figure.subfigs[0].axes[0]
     total = sum(surface.thickness for surface in lens.surfaces)
     rays = [line for line in section.lines if len(line.get_xdata()) == len(lens.surfaces) + 2]
     assert len(rays) == 21
