@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.errors import DataError
-from robustflow.flowio import read_flow
-from robustflow.metrics import epe
 from robustflow.metrics.error_maps import epe_map, error_sum, magnitude_map
 
 from . import naive
@@ -90,26 +88,3 @@ def test_sizes_that_differ_are_refused():
     flow = np.zeros((3, 4, 2), np.float32)
     with pytest.raises(DataError, match="4x3, but its reference is 3x4"):
         epe_map(flow, np.zeros((4, 3, 2), np.float32))
-
-
-def test_no_pixel_has_no_mean():
-    flow = np.zeros((3, 4, 2), np.float32)
-    assert epe(flow, flow, np.zeros((3, 4), np.bool_)) is None
-    assert epe(np.full_like(flow, np.nan), flow) is None
-
-
-@settings(max_examples=30)
-@given(st.data())
-def test_mean_error_of_a_constant_offset_is_its_length(data):
-    shape = data.draw(shapes)
-    truth = np.zeros((*shape, 2), np.float32)
-    assert epe(truth + np.float32([6, -8]), truth) == 10.0
-
-
-def test_lucas_kanade_estimate_of_kitti_2012(shared):
-    """The published EPE of this estimate on its noc map is 10.6271 px."""
-    folder = shared("data/kitti2012_colour_noc_only")
-    (estimate,) = (folder / "LKflow").glob("*.png")
-    flow, _ = read_flow(estimate)
-    truth, valid = read_flow(folder / "training" / "flow_noc" / estimate.name.removeprefix("LKflow_"))
-    assert epe(flow, truth, valid) == pytest.approx(10.6271, abs=5e-5)

@@ -61,3 +61,13 @@ def test_masks_of_another_size_are_refused():
     flow = np.zeros((3, 4, 2), np.float32)
     with pytest.raises(DataError, match=r"mask has shape \(4, 3\)"):
         rf.metrics.epe(flow, flow, np.ones((4, 3), bool))
+
+
+def test_lucas_kanade_estimate_of_kitti_2012(shared):
+    """The published EPE and Fl of this estimate on its noc map are 10.6271 px and 78.560 %."""
+    folder = shared("data/kitti2012_colour_noc_only")
+    (estimate,) = (folder / "LKflow").glob("*.png")
+    flow, _ = rf.read_flow(estimate)
+    truth, valid = rf.read_flow(folder / "training" / "flow_noc" / estimate.name.removeprefix("LKflow_"))
+    assert rf.metrics.epe(flow, truth, valid) == pytest.approx(10.6271, abs=5e-5)
+    assert rf.metrics.fl_all(flow, truth, valid) == pytest.approx(78.560, abs=5e-4)

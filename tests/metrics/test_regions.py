@@ -51,11 +51,6 @@ def test_magnitude_bins_start_at_ten_and_forty_pixels():
     assert regions.mask("s40").tolist() == [[False, False, False, True]]
 
 
-def test_one_motion_is_far_from_any_edge():
-    regions = Regions.of(_sample())
-    assert regions.mask("d60").all()
-
-
 def test_without_ground_truth_there_are_no_regions():
     assert Regions.of(_sample(flow=None, valid=None)) is None
 
