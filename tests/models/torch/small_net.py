@@ -1,10 +1,9 @@
-"""A small network for tests of checkpoints, functions that load it, and the payload of a malicious file."""
+"""A small network for tests of checkpoints, its weights, and the payload of a malicious file."""
 
 from __future__ import annotations
 
 import os
 
-import pytest
 import torch
 
 from robustflow.models.torch.checkpoint import read_checkpoint
@@ -51,10 +50,3 @@ def load(path, net=None, **options):
     net = net or Net()
     read = read_checkpoint(path, options.pop("sha256", None))
     return net, read, load_weights(net, read, "small", **options)
-
-
-def one_line(error: pytest.ExceptionInfo) -> str:
-    """Return the error message for a rejected checkpoint, which must be one line long."""
-    text = str(error.value)
-    assert "\n" not in text
-    return text

@@ -1,0 +1,184 @@
+"""Load the networks by name; test their options, identities and files in the authors' layouts, and that neither workers
+nor batches affect the result rows.
+"""
+
+import hashlib
+import inspect
+from functools import cache
+
+import numpy as np
+import pytest
+
+from robustflow import evaluate, load_model
+from robustflow.errors import ModelError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.models.networks.table import NETWORKS
+from robustflow.models.registry import MODELS
+from robustflow.models.tiling import TiledModel
+
+from ...refusals import refused
+from ..textures import noise_pair
+
+FEW = {"brightflow": {"iterations": 2}, "samflow_t": {"iterations": 2, "tile": "none"}}
+"""Options that make a network fast."""
+SMALL = ("arflow", "upflow", "brightflow", "samflow_t", "flowdiffuser")
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    """Write a network's seeded weights in its authors' layout: SAMFlow's files are Lightning checkpoints, all others
+    come from data-parallel training.
+    """
+    torch = pytest.importorskip("torch", reason="needs the torch extra")
+    from robustflow.models.networks.arflow import ARFlow
+    from robustflow.models.networks.brightflow import BrightFlow
+    from robustflow.models.networks.flowdiffuser import FlowDiffuser
+    from robustflow.models.networks.samflow import SamFlow
+    from robustflow.models.networks.upflow import UPFlow
+
+    builders = dict(zip(SMALL, (ARFlow, UPFlow, BrightFlow, lambda: SamFlow("tiny"), FlowDiffuser), strict=True))
+
+    @cache
+    def write(name, folder="weights"):
+        torch.manual_seed(0)
+        prefix = "model" if name == "samflow_t" else "module"
+        state = {f"{prefix}.{key}": value for key, value in builders[name]().state_dict().items()}
+        path = tmp_path_factory.mktemp(folder) / f"{name}.pth"
+        torch.save({"epoch": 3, "state_dict": state, "hyper_parameters": {}}, path)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def load(checkpoint):
+    """Load a network with its seeded weights on the CPU."""
+    return lambda name, **options: load_model(name, checkpoint=checkpoint(name), device="cpu", **options)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", NETWORKS)
+def test_without_a_checkpoint_the_message_names_the_file(name, tmp_path):
+    pytest.importorskip("torch", reason="needs the torch extra")
+    for options in ({}, {"checkpoint": tmp_path / "absent.pth"}):
+        with refused(ModelError, rf"model '{name}'.*https://github\.com/"):
+            load_model(name, **options)
+
+
+@pytest.mark.parametrize("name", ["samflow_t", "samflow_b", "samflow_h"])
+def test_every_size_is_offered_with_the_same_options(name):
+    parameters = inspect.signature(MODELS.get(name)).parameters
+    assert [option for option in parameters if option != "finetuned"] == [
+        *("checkpoint", "iterations", "tile", "sha256", "device", "precision", "compile", "threads"),
+    ]
+    assert ("finetuned" in parameters) == (name == "samflow_h")
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", SMALL)
+def test_a_checkpoint_makes_a_model_that_says_what_it_is(name, checkpoint, load):
+    model = load(name, **FEW.get(name, {}))
+    identity = model.identity()
+    assert identity["name"] == name
+    assert identity["checkpoint"] == hashlib.sha256(checkpoint(name).read_bytes()).hexdigest()
+    flow = model.predict(*noise_pair(70, 90))
+    assert flow.shape == (70, 90, 2)
+    assert flow.dtype == np.float32
+    assert np.isfinite(flow).all()
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize(
+    ("name", "option", "one", "other"),
+    [
+        ("arflow", "size", "64x128", "native"),
+        ("brightflow", "iterations", 1, 3),
+        ("samflow_t", "iterations", 2, 3),
+        ("flowdiffuser", "seed", 0, 1),
+        ("flowdiffuser", "vertical", "bottom", "both"),
+    ],
+)
+def test_only_an_option_changes_the_flow_and_the_identity(name, option, one, other, load):
+    frames = noise_pair(30, 45)
+    models = [load(name, **{**FEW.get(name, {}), option: value}) for value in (one, one, other)]
+    first, again, changed = (model.predict(*frames) for model in models)
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - changed).max() > 1e-4
+    assert models[0].identity() == models[1].identity() != models[2].identity()
+
+
+@pytest.mark.torch
+def test_bf16_of_samflow_is_near_fp32(load):
+    full, low = (
+        load("samflow_t", precision=precision, **FEW["samflow_t"]).predict(*noise_pair(30, 45))
+        for precision in ("fp32", "bf16")
+    )
+    assert 0 < np.abs(low - full).max() < 0.1 * np.abs(full).max() + 0.1
+
+
+@pytest.mark.torch
+def test_tiles_of_the_authors_size_are_the_default_of_samflow(load):
+    model = load("samflow_t")
+    assert isinstance(model, TiledModel)
+    assert model.identity()["tile"] == [432, 960]
+
+
+@pytest.mark.torch
+def test_the_place_of_a_checkpoint_is_not_part_of_a_runs_identity(checkpoint):
+    specs = [ModelSpec("upflow", (("checkpoint", str(checkpoint("upflow", folder))),)) for folder in ("a", "b")]
+    one, other = (spec.identity(spec.load()) for spec in specs)
+    assert one == other
+    spec = ModelSpec("upflow", (*specs[0].options, ("mask_threshold", 1.0)))
+    assert spec.identity(spec.load()) != one
+
+
+@pytest.mark.torch
+def test_half_precision_weights_are_recorded(checkpoint, tmp_path):
+    import torch
+
+    content = torch.load(checkpoint("arflow"), weights_only=True)
+    content["state_dict"] = {key: value.half() for key, value in content["state_dict"].items()}
+    torch.save(content, tmp_path / "half.pth")
+    assert load_model("arflow", checkpoint=tmp_path / "half.pth").identity()["weights_cast_from"] == "float16"
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "says"),
+    [
+        ("arflow", {"size": "100x200"}, "multiples of 64"),
+        ("arflow", {"iterations": 12}, "unknown option of model 'arflow' 'iterations'"),
+        ("brightflow", {"iterations": True}, "iterations must be an integer of at least 1, not True"),
+        ("samflow_t", {"iterations": 0}, "iterations must be an integer of at least 1"),
+        ("upflow", {"align_corners": "no"}, "align_corners must be true or false, not 'no'"),
+        ("upflow", {"mask_threshold": "high"}, "mask_threshold must be a number from 0 to 1, not 'high'"),
+        ("upflow", {"mask_threshold": 1.5}, "mask_threshold must be a number from 0 to 1, not 1.5"),
+        ("flowdiffuser", {"seed": "first"}, "seed must be an integer"),
+        ("flowdiffuser", {"seed": True}, "seed must be an integer"),
+        ("flowdiffuser", {"vertical": "top"}, "vertical must be bottom"),
+    ],
+)
+def test_options_that_cannot_be(name, options, says):
+    with pytest.raises(UsageError, match=says):
+        load_model(name, checkpoint="random", **options)
+
+
+@pytest.mark.torch
+def test_arflow_is_stretched_to_what_is_requested(load):
+    for options, fitted in (
+        ({}, (256, 832)),
+        ({"size": "64x128"}, (64, 128)),
+        ({"size": "native"}, (384, 1280)),
+    ):
+        assert load("arflow", **options).convention.fitted_size(375, 1242) == fitted
+
+
+@pytest.mark.torch
+def test_the_same_rows_with_any_workers_and_batches(checkpoint, tmp_path):
+    spec = ModelSpec("arflow", (("checkpoint", str(checkpoint("arflow"))), ("size", "64x128"), ("device", "cpu")))
+    one, batched, spread = (
+        evaluate(spec, output=tmp_path / str(i), corruptions=["contrast"], severities=[1, 5], **how)
+        for i, how in enumerate(({}, {"batch_size": 4}, {"workers": 2, "batch_size": 4}))
+    )
+    assert one.rows.equals(batched.rows)
+    assert one.rows.equals(spread.rows)
+    assert one.manifest.identity_digest == batched.manifest.identity_digest == spread.manifest.identity_digest
