@@ -30,13 +30,13 @@ class Deadly(BrightnessFlow):
 
 
 def run(folder, last):
-    robustflow.api.write_report = lambda *_: None
     data = TexturePairs(2, (24, 32))
     benchmark = Benchmark("drawn", data, data.keys(), ("contrast",), (1, 3))
-    rf.evaluate(Deadly(last), benchmark, output=folder, attacks="square:queries=9", corruptions="contrast")
+    return rf.evaluate(Deadly(last), benchmark, output=folder, attacks="square:queries=9", corruptions="contrast")
 
 
 def main():
+    robustflow.api.write_report = lambda *_: None
     for last in (*map(int, sys.argv[2:]), 0):
         child = os.fork()
         if not child:

@@ -1,7 +1,8 @@
-"""Runs on two small pairs under attacks and corruptions."""
+"""Runs on two small pairs under attacks and corruptions, and a model without gradients."""
 
 from __future__ import annotations
 
+import numpy as np
 import polars as pl
 
 import robustflow as rf
@@ -10,9 +11,12 @@ from robustflow.models import ModelSpec
 from robustflow.testing import TexturePairs
 
 TINY = ModelSpec("tiny", (("device", "cpu"),))
-
-
 DATA = TexturePairs(2, (40, 48))
+
+
+def still(frame1, frame2):
+    """Predict a flow that depends on both frames, without a gradient."""
+    return (frame1.astype(np.float32) - frame2)[..., :2] / 20
 
 
 def pairs(count: int = 2) -> Benchmark:

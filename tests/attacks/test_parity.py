@@ -52,12 +52,17 @@ def _raft_small(pack: Pack):
     return model
 
 
+def _truth(pack: Pack, net: str) -> Loss:
+    """Return the end-point error against the pack's ground truth."""
+    with np.load(pack.folder / f"{net}_truth.npz") as arrays:
+        return Loss(arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool))
+
+
 def _problem(pack: Pack, net: str, model, case: dict, reversed_colours: bool = False) -> Problem:
     frames = [pack.frame(f"{net}_{i}") for i in (1, 2)]
     if reversed_colours:
         frames = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
-    with np.load(pack.folder / f"{net}_truth.npz") as arrays:
-        truth = arrays["flow"][0].transpose(1, 2, 0)
+    truth = _truth(pack, net).reference
     height, width = truth.shape[:2]
     norm = "rms" if case.get("norm") == "two" else "linf"
     unit = 255 / np.sqrt(3 * height * width) if norm == "rms" else 255
@@ -120,9 +125,7 @@ def test_sign_attacks_on_the_smooth_network_follow_flowbench(shared, case):
     assert np.mean(np.abs(images - expected["adv"]) > 1e-6) <= (0.1 if singular else 0.002)
     flow = problem.flow(images)
     assert np.abs(flow.transpose(2, 0, 1) - expected["flow_after"][0]).max() <= (3 if singular else 0.2)
-    with np.load(pack.folder / "tiny_truth.npz") as arrays:
-        truth, valid = arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool)
-    assert abs(Loss(truth, valid).of(flow) - expected["epe_gt"][-1]) <= (0.05 if singular else 1e-3)
+    assert abs(_truth(pack, "tiny").of(flow) - expected["epe_gt"][-1]) <= (0.05 if singular else 1e-3)
 
 
 @pytest.mark.slow
@@ -152,9 +155,7 @@ def test_sign_attacks_on_raft_small_take_flowbench_first_step(shared, case):
     losses: list[float] = []
     flow = problem.flow(_run(problem, case, start, losses))
     assert np.allclose(losses, expected["loss"], rtol=0.002 if case["norm"] == "two" else 0.04, atol=0)
-    with np.load(pack.folder / "raft_small_truth.npz") as arrays:
-        truth, valid = arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool)
-    assert abs(Loss(truth, valid).of(flow) - expected["epe_gt"][-1]) <= (0.05 if case["norm"] == "two" else 1)
+    assert abs(_truth(pack, "raft_small").of(flow) - expected["epe_gt"][-1]) <= (0.05 if case["norm"] == "two" else 1)
 
 
 def _start_under_l2(problem: Problem, length: float) -> np.ndarray:

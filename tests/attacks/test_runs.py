@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,9 @@ from robustflow.report.attack_table import attack_table
 from robustflow.runner.frames_digest import frames_digest
 from robustflow.testing import TexturePairs, ZeroFlow
 
-from .small_runs import DATA, TINY, every, run
+from ..refusals import refused
+from . import killed_run
+from .small_runs import DATA, TINY, every, run, still
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
@@ -93,7 +94,7 @@ def test_processes_and_this_process_give_the_same_rows(both, tmp_path):
 
 
 def test_a_model_without_gradients_is_refused_before_anything_is_computed(tmp_path):
-    with pytest.raises(ModelError, match="model 'dis' provides no gradient"):
+    with refused(ModelError, r"^model 'dis' provides no gradient .* use square"):
         run(tmp_path / "run", ModelSpec("dis"))
     assert not (tmp_path / "run").exists()
 
@@ -164,9 +165,8 @@ def test_another_model_behind_a_transfer_is_another_run(tmp_path, monkeypatch):
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(tmp_path, options, message):
-    with pytest.raises(UsageError, match=message) as refused:
+    with refused(UsageError, message):
         run(tmp_path / "run", **options)
-    assert "\n" not in str(refused.value)
 
 
 def test_the_norm_of_each_attack_is_that_of_its_class():
@@ -186,10 +186,7 @@ def test_an_attack_that_finds_nothing_says_so_and_a_control_does_not():
 
 
 def test_square_attacks_any_model_in_a_run(tmp_path):
-    def model(frame1, frame2):
-        return (frame1.astype(np.float32) - frame2)[..., :2] / 20
-
-    done = run(tmp_path / "run", model, attacks="square", severities=3, count=1)
+    done = run(tmp_path / "run", still, attacks="square", severities=3, count=1)
 
     square, noise = (done.attack_rows.filter(corruption=name)["epe_sum"][0] for name in ("square", "random_sign"))
     assert square > noise
@@ -199,11 +196,8 @@ def test_square_attacks_any_model_in_a_run(tmp_path):
 def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
     from robustflow.runner.progress import TerminalProgress
 
-    def model(frame1, frame2):
-        return (frame1.astype(np.float32) - frame2)[..., :2] / 20
-
     with TerminalProgress() as progress:
-        run(tmp_path / "run", model, attacks="square:queries=7", severities=[1, 3], count=2, progress=progress)
+        run(tmp_path / "run", still, attacks="square:queries=7", severities=[1, 3], count=2, progress=progress)
 
     shown = capsys.readouterr().err
     assert "8 steps (one pair under one condition per step)" in shown
@@ -213,10 +207,10 @@ def test_progress_counts_the_evaluations_of_attacks(tmp_path, capsys):
 def test_a_run_killed_in_its_attacks_continues_with_the_same_rows(tmp_path):
     """SIGKILL arrives during an attack on the first pair, then during one on the second; the last run is not
     interrupted."""
-    script = Path(__file__).with_name("killed_run.py")
-    subprocess.run([sys.executable, str(script), str(tmp_path / "killed"), "20", "45"], check=True, timeout=300)
-    subprocess.run([sys.executable, str(script), str(tmp_path / "whole")], check=True, timeout=300)
+    script = [sys.executable, killed_run.__file__, str(tmp_path / "killed"), "20", "45"]
+    subprocess.run(script, check=True, timeout=300)
+    whole = killed_run.run(tmp_path / "whole", 0)
 
-    killed, whole = (rf.load_run(tmp_path / name) for name in ("killed", "whole"))
+    killed = rf.load_run(tmp_path / "killed")
     assert every(killed).equals(every(whole))
     assert killed.attack_rows.filter(corruption="square:queries=9").height == 4

@@ -13,6 +13,7 @@ import robustflow as rf
 from robustflow.analysis.attacks import attack_scores
 from robustflow.attacks import load_attack, patch
 from robustflow.attacks.problem import Pair
+from robustflow.attacks.universal import Universal
 from robustflow.benchmarks import Benchmark
 from robustflow.errors import DataError, ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
@@ -28,15 +29,12 @@ from robustflow.testing import TexturePairs
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
+from ..refusals import refused
+from .small_runs import TINY, still
 from .smooth_net import linear_model, random_pair, smooth_model
 
 TRUTH = np.zeros((8, 10, 2), np.float32)
 GREY = np.full((2, 8, 10, 3), 128, np.uint8)
-
-
-def still(frame1, frame2):
-    """Predict a flow that depends on both frames, without a gradient."""
-    return (frame1.astype(np.float32) - frame2)[..., :2] / 20
 
 
 def _learned(name, model, severity=4, pairs=None, truth=TRUTH, **options):
@@ -112,9 +110,8 @@ def test_a_universal_perturbation_is_the_same_for_every_sample(tmp_path_factory,
     ],
 )
 def test_a_trained_attack_that_cannot_be_made_is_refused_in_one_line(name, error, message):
-    with pytest.raises(error, match=message) as refused:
+    with refused(error, message):
         rf.attack(*GREY, still, name, 3)
-    assert "\n" not in str(refused.value)
 
 
 @settings(max_examples=40, deadline=None)
@@ -196,13 +193,15 @@ def test_a_turned_pattern_is_read_where_the_rotation_says(size, side, angle, sca
 def test_a_patch_that_does_not_fit_the_frame_is_refused_in_one_line(shape, budget, message):
     frames = np.zeros((2, *shape, 3), np.uint8)
 
-    with pytest.raises(DataError, match=message) as refused:
+    with refused(DataError, message):
         rf.attack(*frames, still, "patch", budget=budget)
-    assert "\n" not in str(refused.value)
 
 
 DATA = TexturePairs(4, (40, 48))
-TINY = ModelSpec("tiny", (("device", "cpu"),))
+UNIVERSAL, PATCH = "universal:train=2:steps=2", "patch:train=2:steps=1"
+INSIDE = "transfer:tiny:attack=universal:train=2:steps=2:device=cpu"
+WORST = "worst_of:random_sign+universal:train=2:steps=2"
+TRAINED = [UNIVERSAL, PATCH, INSIDE, WORST]
 
 
 def _run(folder, attacks, keys=("0", "1"), model=TINY, **options):
@@ -211,44 +210,67 @@ def _run(folder, attacks, keys=("0", "1"), model=TINY, **options):
     return rf.evaluate(model, benchmark, None, folder, attacks=attacks, **options)
 
 
+def _rows(run):
+    return run.attack_rows.sort("sample", "corruption")
+
+
+def _column(run, name, column):
+    """A column of the rows of an attack, by sample."""
+    return dict(run.attack_rows.filter(corruption=name).select("sample", column).iter_rows())
+
+
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """A run of trained attacks on two of four samples."""
-    return _run(tmp_path_factory.mktemp("runs") / "run", ["universal:train=2:steps=2", "patch:train=2:steps=1"])
+    """A run of trained attacks, alone and inside composite attacks, on two of four samples."""
+    return _run(tmp_path_factory.mktemp("runs") / "run", TRAINED)
 
 
-def test_a_trained_attack_is_trained_once_on_samples_that_are_not_measured(trained, monkeypatch):
-    rows = trained.attack_rows
-    assert set(rows["corruption"]) >= {"universal:train=2:steps=2", "patch:train=2:steps=1", "random_patch"}
-    assert set(trained.manifest.identity.frames.attack_sources) == {
-        "universal:train=2:steps=2",
-        "patch:train=2:steps=1",
-    }
-    assert len(list((trained.path / "attacks").glob("*.npy"))) == 2
+def test_a_trained_attack_is_trained_once_on_samples_that_are_not_measured(trained):
+    assert set(trained.attack_rows["corruption"]) >= {*TRAINED, "random_patch"}
+    assert set(trained.manifest.identity.frames.attack_sources) == set(TRAINED)
+    # the part of worst_of is the attack alone
+    assert len(list((trained.path / "attacks").glob("*.npy"))) == 3
     lines = [line.label for section in attack_table(trained).sections for line in section.lines]
-    assert {"universal:train=2:steps=2 5", "patch:train=2:steps=1 5", "random_patch 5"} <= set(lines)
+    assert {f"{UNIVERSAL} 5", f"{PATCH} 5", "random_patch 5"} <= set(lines)
+
+
+def test_a_trained_attack_inside_a_transfer_is_trained_on_the_surrogate(trained):
+    # the surrogate is the attacked model
+    assert _column(trained, INSIDE, "frames_digest") == _column(trained, UNIVERSAL, "frames_digest")
+
+
+def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(trained, tmp_path):
+    parts = [_column(trained, name, "epe_sum") for name in ("random_sign", UNIVERSAL)]
+    worst = {sample: max(part[sample] for part in parts) for sample in ("0", "1")}
+
+    assert _column(trained, WORST, "epe_sum") == worst
+    assert _column(_run(tmp_path / "run", WORST), WORST, "epe_sum") == worst, "requested alone"
+
+
+def test_a_trained_attack_inside_another_can_be_drawn_again(trained):
+    setup = set_up(TINY, Benchmark("drawn", DATA, ("0", "1"), (), (5,), attacks=tuple(trained.attacks)))
+    for name in (INSIDE, WORST):
+        learned = with_attack(setup, trained, name, 5).plan.options.learned
+        assert [pattern.shape for levels in learned.values() for pattern in levels.values()] == [(2, 3, 40, 48)]
 
 
 def test_a_random_patch_is_what_patches_are_compared_with_and_not_with_itself(trained):
     scores = {one.attack: one for one in attack_scores(trained)}
 
-    noise, learned = scores["random_patch"], scores["patch:train=2:steps=1"]
+    noise, learned = scores["random_patch"], scores[PATCH]
     assert noise.gain is None
     assert learned.gain == pytest.approx(learned.epe - noise.epe)
 
 
-def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not(trained, tmp_path, monkeypatch):
-    from robustflow.attacks.universal import Universal
-
-    names = ["universal:train=2:steps=2", "patch:train=2:steps=1"]
-    before = trained.attack_rows.sort("sample", "corruption")
-    learn, asked = Universal.learn, []
-    monkeypatch.setattr(Universal, "learn", lambda self, *given: asked.append(1) or learn(self, *given))
+def test_what_was_trained_is_read_again_if_it_is_intact_and_trained_again_if_not(trained, monkeypatch):
+    before, asked = _rows(trained), []
+    for kind in (Universal, patch.Patch):
+        monkeypatch.setattr(kind, "learn", lambda *given, learn=kind.learn: asked.append(1) or learn(*given))
 
     def again():
         for shard in (trained.path / "rows").iterdir():
             shard.unlink()
-        return _run(trained.path, names).attack_rows.sort("sample", "corruption")
+        return _rows(_run(trained.path, TRAINED))
 
     assert again().equals(before)
     assert not asked
@@ -265,37 +287,29 @@ def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
     names = {"universal:train=1:steps=1": (2, 3, 40, 48), "patch:train=1:steps=1": (3, 10, 10)}
     benchmark = Benchmark("drawn", DATA, ("0",), (), (5,), attacks=tuple(names))
     plan, folder = set_up(TINY, benchmark).plan, RunFolder(tmp_path)
-    units = [Unit("0", name, (5,)) for name in names]
-    model = TINY.load()
     for name in names:
         path = folder.pattern_path(name, 5)
         path.parent.mkdir(exist_ok=True)
         write_clean(path, np.zeros(shape, np.float32), f"{plan.digest()} {name} 5")
 
-    learned = learned_patterns(folder, plan, model, units, 1)
+    learned = learned_patterns(folder, plan, TINY.load(), [Unit("0", name, (5,)) for name in names], 1)
 
     assert {name: levels[5].shape for name, levels in learned.items()} == names
 
 
 def test_processes_are_given_what_was_trained(trained, tmp_path):
-    names = ["universal:train=2:steps=2", "patch:train=2:steps=1"]
+    spread = _run(tmp_path / "run", TRAINED, engine="processes", workers=1)
 
-    spread = _run(tmp_path / "run", names, engine="processes", workers=1).attack_rows
-
-    assert spread.sort("sample", "corruption").equals(trained.attack_rows.sort("sample", "corruption"))
+    assert _rows(spread).equals(_rows(trained))
 
 
 def test_what_a_run_trained_can_be_given_as_a_file_to_a_model_without_gradients(trained, tmp_path):
     (path,) = (trained.path / "attacks").glob("universal*")
+    name = f"universal:file={path}"
 
-    moved = _run(tmp_path / "run", f"universal:file={path}", model=ModelSpec("dis"))
+    moved = _run(tmp_path / "run", name, model=ModelSpec("dis"))
 
-    rows, before = moved.attack_rows, trained.attack_rows
-    at = [
-        each.filter(sample="0", corruption=name)["frames_digest"][0]
-        for each, name in ((rows, f"universal:file={path}"), (before, "universal:train=2:steps=2"))
-    ]
-    assert at[0] == at[1]
+    assert _column(moved, name, "frames_digest") == _column(trained, UNIVERSAL, "frames_digest")
 
 
 def test_samples_are_never_both_measured_and_trained_on(tmp_path):
@@ -311,53 +325,4 @@ def test_samples_are_never_both_measured_and_trained_on(tmp_path):
 
 def test_other_training_samples_are_another_run(trained):
     with pytest.raises(RunError, match=r"the attack .* has changed since"):
-        _run(trained.path, ["universal:train=2:steps=2", "patch:train=2:steps=1"], keys=DATA.keys()[2:])
-
-
-INSIDE = "transfer:tiny:attack=universal:train=2:steps=2:device=cpu"
-WORST = "worst_of:random_sign+universal:train=2:steps=2"
-
-
-@pytest.fixture(scope="module")
-def composed(tmp_path_factory):
-    """A run with trained attacks inside composite attacks."""
-    return _run(tmp_path_factory.mktemp("runs") / "run", [INSIDE, WORST])
-
-
-def _digests(run, name):
-    return dict(run.attack_rows.filter(corruption=name).select("sample", "frames_digest").iter_rows())
-
-
-def test_a_trained_attack_inside_a_transfer_is_trained_on_the_surrogate(composed, trained):
-    assert _digests(composed, INSIDE) == _digests(trained, "universal:train=2:steps=2")  # the surrogate is the model
-    assert (
-        len(list((composed.path / "attacks").glob("*.npy"))) == 2
-    )  # one for the transfer and one for the part of worst_of
-    assert set(composed.manifest.identity.frames.attack_sources) == {INSIDE, WORST}
-
-
-def test_a_trained_attack_inside_worst_of_is_one_of_its_candidates(composed, trained):
-    rows = composed.attack_rows.sort("sample")
-    errors = {name: rows.filter(corruption=name)["epe_sum"].to_list() for name in ("random_sign", WORST)}
-    alone = trained.attack_rows.filter(corruption="universal:train=2:steps=2").sort("sample")["epe_sum"].to_list()
-
-    assert errors[WORST] == [max(pair) for pair in zip(errors["random_sign"], alone, strict=True)]
-
-
-def test_a_trained_attack_inside_another_is_read_again_and_given_to_processes(composed, tmp_path, monkeypatch):
-    from robustflow.attacks.universal import Universal
-
-    spread = _run(tmp_path / "spread", [INSIDE, WORST], engine="processes", workers=1).attack_rows
-    monkeypatch.setattr(Universal, "learn", lambda *_: pytest.fail("trained again"))
-    for shard in (composed.path / "rows").iterdir():
-        shard.unlink()
-    again = _run(composed.path, [INSIDE, WORST]).attack_rows
-
-    assert again.sort("sample", "corruption").equals(spread.sort("sample", "corruption"))
-
-
-def test_a_trained_attack_inside_another_can_be_drawn_again(composed):
-    setup = set_up(TINY, Benchmark("drawn", DATA, ("0", "1"), (), (5,), attacks=tuple(composed.attacks)))
-    for name in (INSIDE, WORST):
-        learned = with_attack(setup, composed, name, 5).plan.options.learned
-        assert [pattern.shape for levels in learned.values() for pattern in levels.values()] == [(2, 3, 40, 48)]
+        _run(trained.path, TRAINED, keys=DATA.keys()[2:])
