@@ -74,14 +74,13 @@ class _Interrupts:
 
 
 def test_a_model_that_raises_keyboardinterrupt_is_named_where_ctrl_c_is_ignored():
-    frames = (np.zeros((4, 6, 3), np.uint8),) * 2
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            predict_checked(_Interrupts(), frames, "a", "fog", 1)
+            predict_checked(_Interrupts(), FRAMES, "a", "fog", 1)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         with pytest.raises(ModelError, match="the model raised KeyboardInterrupt on sample 'a', fog severity 1"):
-            predict_checked(_Interrupts(), frames, "a", "fog", 1)
+            predict_checked(_Interrupts(), FRAMES, "a", "fog", 1)
     finally:
         signal.signal(signal.SIGINT, before)
 

@@ -38,23 +38,26 @@ def test_where_a_model_says_that_it_is(device, is_on):
     assert device_of(On(device)) == is_on
 
 
-def test_a_model_on_the_processor_has_no_accelerator(four_gpus):
-    assert devices_of(_spec("raft"), On("cpu")) == ()
-    assert devices_of(None, object()) == ()
+EVERY = ("cuda:0", "cuda:1", "cuda:2", "cuda:3")
 
 
-def test_cuda_is_every_visible_gpu_and_a_number_is_that_one(four_gpus):
-    every = ("cuda:0", "cuda:1", "cuda:2", "cuda:3")
-    assert devices_of(_spec("raft"), On("cuda")) == every
-    assert devices_of(_spec("raft", "cuda"), On("cuda")) == every
-    assert devices_of(_spec("mine:Model", "cuda"), On("cuda")) == every
-    assert devices_of(_spec("raft", "cuda:2"), On("cuda:2")) == ("cuda:2",)
-    assert devices_of(_spec("raft", "cuda:2, cuda:3"), On("cuda:2")) == ("cuda:2", "cuda:3")
-
-
-def test_a_users_model_that_takes_no_device_is_where_it_says(four_gpus):
-    assert devices_of(_spec("mine:Model"), On("cuda")) == ("cuda",)
-    assert devices_of(None, On("cuda")) == ("cuda",)
+@pytest.mark.parametrize(
+    ("name", "option", "model", "devices"),
+    [
+        ("raft", None, On("cpu"), ()),
+        (None, None, object(), ()),
+        ("raft", None, On("cuda"), EVERY),
+        ("raft", "cuda", On("cuda"), EVERY),
+        ("mine:Model", "cuda", On("cuda"), EVERY),
+        ("raft", "cuda:2", On("cuda:2"), ("cuda:2",)),
+        ("raft", "cuda:2, cuda:3", On("cuda:2"), ("cuda:2", "cuda:3")),
+        # a user's model that is given no device is where it says
+        ("mine:Model", None, On("cuda"), ("cuda",)),
+        (None, None, On("cuda"), ("cuda",)),
+    ],
+)
+def test_cuda_is_every_visible_gpu_and_a_number_is_that_one(four_gpus, name, option, model, devices):
+    assert devices_of(name and _spec(name, option), model) == devices
 
 
 def test_a_list_is_of_gpus():

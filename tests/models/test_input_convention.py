@@ -1,4 +1,4 @@
-"""Input sizes that a network does not accept are reported."""
+"""Frames are padded to the next size that a network accepts."""
 
 import pytest
 

@@ -17,7 +17,9 @@ from robustflow.errors import AssetError, ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.base import BatchedFlowModel
 
+from ..refusals import refused
 from . import onnx_graphs as graphs
+from .textures import channel_flow, noise_pair
 
 IMAGENET = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]])
 RANGES = {
@@ -28,10 +30,6 @@ RANGES = {
 }
 
 
-def frames(height=13, width=19, seed=0):
-    return list(np.random.default_rng(seed).integers(0, 256, (2, height, width, 3)).astype(np.uint8))
-
-
 def network(tmp_path, options=None, **graph):
     return rf.load_model(str(graphs.channels(tmp_path / "net.onnx", **graph)), **(options or {}))
 
@@ -39,8 +37,8 @@ def network(tmp_path, options=None, **graph):
 @pytest.mark.parametrize("scaling", RANGES)
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 def test_colours_and_range(tmp_path, order, scaling):
-    first, second = (frame.astype(np.float64) for frame in frames())
-    flow = network(tmp_path, {"order": order, "scaling": scaling}).predict(*frames())
+    first, second = (frame.astype(np.float64) for frame in noise_pair())
+    flow = network(tmp_path, {"order": order, "scaling": scaling}).predict(*noise_pair())
     u, v = (0, 2) if order == "rgb" else (2, 0)  # the network only reads the first and third channels
     expected = np.stack([RANGES[scaling](first[..., u], u), RANGES[scaling](second[..., v], v)], axis=2)
     assert flow.dtype == np.float32
@@ -50,9 +48,8 @@ def test_colours_and_range(tmp_path, order, scaling):
 @pytest.mark.parametrize("layout", graphs.WAYS_IN)
 @pytest.mark.parametrize("channels_last", [False, True])
 def test_every_way_in_and_out(tmp_path, layout, channels_last):
-    first, second = frames()
     model = network(tmp_path, {"scaling": "0-255"}, layout=layout, channels_last=channels_last)
-    np.testing.assert_array_equal(model.predict(first, second), np.stack([first[..., 0], second[..., 2]], 2))
+    np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
     assert model.identity()["layout"] == layout
 
 
@@ -62,13 +59,13 @@ def test_every_way_in_and_out(tmp_path, layout, channels_last):
 )
 def test_the_border_is_repeated_and_cropped(tmp_path, size, multiple, fixed):
     """The network flips its flow, so that padding errors are visible after cropping."""
-    first, second = frames(*size)
+    first, second = noise_pair(*size)
     model = network(tmp_path, {"scaling": "0-255", "multiple": multiple}, flip=True, size=fixed or ("h", "w"))
     height, width = size
     target = fixed or tuple(-(-side // multiple) * multiple for side in size)
     above, left = (target[0] - height) // 2, (target[1] - width) // 2
     sides = (above, target[0] - height - above), (left, target[1] - width - left)
-    padded = np.pad(np.stack([first[..., 0], second[..., 2]], 2), (*sides, (0, 0)), mode="edge")[::-1, ::-1]
+    padded = np.pad(channel_flow(first, second), (*sides, (0, 0)), mode="edge")[::-1, ::-1]
     np.testing.assert_array_equal(model.predict(first, second), padded[above:, left:][:height, :width])
 
 
@@ -78,38 +75,36 @@ def test_a_fixed_size_is_the_largest_and_tiles_help(tmp_path, size):
     assert model.identity()["input"]["size"] == list(size)
     tile = "x".join(map(str, size))
     with pytest.raises(ModelError, match=rf"up to {tile}, not 50x41: export it .* or .* -O tile={tile}"):
-        model.predict(*frames(50, 41))
+        model.predict(*noise_pair(50, 41))
     tiled = rf.load_model(str(tmp_path / "net.onnx"), scaling="0-255", tile=tile)
-    first, second = frames(50, 41)
-    np.testing.assert_allclose(tiled.predict(first, second), np.stack([first[..., 0], second[..., 2]], 2), atol=1e-3)
+    np.testing.assert_allclose(tiled.predict(*noise_pair(50, 41)), channel_flow(*noise_pair(50, 41)), atol=1e-3)
 
 
 @pytest.mark.parametrize("batch", ["n", 1])
 def test_batches_change_nothing_and_keep_their_order(tmp_path, batch):
     model = network(tmp_path, {"scaling": "0-255"}, batch=batch)
-    pairs = [frames(*size, seed=i) for i, size in enumerate([(13, 19), (8, 8), (13, 19), (13, 19)])]
-    together = model.predict_batch([first for first, _ in pairs], [second for _, second in pairs])
+    pairs = [noise_pair(*size, seed=i) for i, size in enumerate([(13, 19), (8, 8), (13, 19), (13, 19)])]
+    together = model.predict_batch(*zip(*pairs, strict=True))
     assert isinstance(model, BatchedFlowModel)
-    for flow, (first, second) in zip(together, pairs, strict=True):
-        np.testing.assert_array_equal(flow, np.stack([first[..., 0], second[..., 2]], 2))
+    for flow, pair in zip(together, pairs, strict=True):
+        np.testing.assert_array_equal(flow, channel_flow(*pair))
     assert model.predict_batch([], []) == []
     if batch == "n":
         same = [0, 2, 3]
-        first, second = ([pairs[i][frame] for i in same] for frame in range(2))
-        np.testing.assert_array_equal(model.run(first, second), [together[i] for i in same])  # as on a GPU
+        at_once = model.run(*zip(*(pairs[i] for i in same), strict=True))  # as on a GPU
+        np.testing.assert_array_equal(at_once, [together[i] for i in same])
 
 
 @pytest.mark.parametrize("kind", [TensorProto.FLOAT16, TensorProto.DOUBLE])
 def test_other_floats(tmp_path, kind):
-    first, second = frames()
-    flow = network(tmp_path, {"scaling": "0-255"}, kind=kind).predict(first, second)
+    flow = network(tmp_path, {"scaling": "0-255"}, kind=kind).predict(*noise_pair())
     assert flow.dtype == np.float32
-    np.testing.assert_array_equal(flow, np.stack([first[..., 0], second[..., 2]], 2))
+    np.testing.assert_array_equal(flow, channel_flow(*noise_pair()))
 
 
 def test_the_flow_among_several_outputs(tmp_path):
     more = ("features", "7")
-    first, second = frames()
+    first, second = noise_pair()
     model = network(tmp_path, {"scaling": "0-255"}, more_outputs=more)
     assert model.identity()["output"] == "flow"
     np.testing.assert_array_equal(model.predict(first, second)[..., 0], first[..., 0])
@@ -123,7 +118,7 @@ def test_the_flow_among_several_outputs(tmp_path):
 
 
 def test_inputs_in_another_order(tmp_path):
-    first, second = frames()
+    first, second = noise_pair()
     model = network(tmp_path, {"inputs": "next, previous", "scaling": "0-255"}, names=("previous", "next"))
     np.testing.assert_array_equal(model.predict(first, second), np.stack([second[..., 0], first[..., 2]], 2))
     with pytest.raises(UsageError, match="unknown input of the network 'nest': did you mean 'next'"):
@@ -150,9 +145,8 @@ def one_input(path, shape, kind=TensorProto.FLOAT, count=1):
 )
 def test_inputs_that_are_not_a_pair(tmp_path, shape, count, says):
     path = one_input(tmp_path / "net.onnx", shape, count=count)
-    with pytest.raises(ModelError, match=says) as error:
-        rf.load_model(str(path)).predict(*frames())
-    assert "\n" not in str(error.value)
+    with refused(ModelError, says):
+        rf.load_model(str(path)).predict(*noise_pair())
 
 
 def test_an_input_of_unknown_shape_asks_for_the_layout(tmp_path):
@@ -165,7 +159,7 @@ def test_an_input_of_unknown_shape_asks_for_the_layout(tmp_path):
         rf.load_model(str(path), layout="stacked")
 
 
-def test_integers_are_not_frames(tmp_path):
+def test_integers_are_not_noise_pair(tmp_path):
     with pytest.raises(ModelError, match=r"input x0 is tensor\(int32\); expected one of tensor\(float\)"):
         rf.load_model(str(one_input(tmp_path / "net.onnx", ["n", 6, "h", "w"], TensorProto.INT32)))
 
@@ -219,18 +213,10 @@ def test_identity_names_the_file_by_its_hash_and_what_changes_the_numbers(tmp_pa
     }
     others = [{"order": "bgr"}, {"scaling": "imagenet"}, {"multiple": 16}, {"inputs": "image2,image1"}, {"threads": 2}]
     assert all(rf.load_model(str(path), **options).identity() != plain for options in others)
-    folder = tmp_path / "elsewhere"
-    folder.mkdir()
-    moved = path.rename(folder / "net.onnx")
+    (tmp_path / "elsewhere").mkdir()
+    moved = path.rename(tmp_path / "elsewhere" / "net.onnx")
     spec = ModelSpec(str(moved))
     assert spec.identity(spec.load()) == {**plain, "options": {}}
-
-
-def test_without_a_file(tmp_path):
-    with pytest.raises(ModelError, match=r"model 'onnx' needs a file"):
-        rf.load_model("onnx")
-    with pytest.raises(ModelError, match=r"missing\.onnx: no such file; pass the path of the exported network"):
-        rf.load_model(str(tmp_path / "missing.onnx"))
 
 
 @pytest.mark.parametrize("library", ["onnx", "onnxruntime"])
@@ -267,9 +253,8 @@ def test_hostile_files(tmp_path, capfd, kind):
     path = graphs.channels(tmp_path / "net.onnx")
     make, says = HOSTILE[kind]
     path.write_bytes(make(path.read_bytes()))
-    with pytest.raises(ModelError, match=says) as error:
+    with refused(ModelError, says):
         rf.load_model(str(path))
-    assert "\n" not in str(error.value)
     assert capfd.readouterr() == ("", "")
 
 
@@ -280,9 +265,8 @@ def test_memory_a_network_cannot_have(tmp_path):
     nodes = [helper.make_node("ConstantOfShape", ["size"], ["flow"])]
     constant = helper.make_tensor("size", TensorProto.INT64, [1], [2**40])
     path = graphs.save(tmp_path / "net.onnx", inputs, nodes, outputs, [constant])
-    with pytest.raises(ModelError, match="the network failed on x0") as error:
-        rf.load_model(str(path)).predict(*frames())
-    assert "\n" not in str(error.value)
+    with refused(ModelError, "the network failed on x0"):
+        rf.load_model(str(path)).predict(*noise_pair())
 
 
 def test_weights_beside_the_file_count_for_its_identity(tmp_path):
@@ -290,7 +274,7 @@ def test_weights_beside_the_file_count_for_its_identity(tmp_path):
     flow = np.arange(32, dtype=np.float32).reshape(2, 4, 4)
     (tmp_path / "net.data").write_bytes(flow.tobytes())
     model = rf.load_model(str(path))
-    np.testing.assert_array_equal(model.predict(*frames(4, 4)), flow.transpose(1, 2, 0))
+    np.testing.assert_array_equal(model.predict(*noise_pair(4, 4)), flow.transpose(1, 2, 0))
     digest = hashlib.sha256(flow.tobytes()).hexdigest()
     assert model.identity()["external_data"] == {"net.data": digest}
     (tmp_path / "net.data").unlink()
@@ -309,13 +293,8 @@ def test_weights_outside_its_folder_are_refused(tmp_path, location):
     (folder / "link").symlink_to(tmp_path / "secret")
     location = location.format(absolute=tmp_path / "secret")
     path = graphs.with_weights_beside(folder / "net.onnx", location)
-    with pytest.raises(ModelError, match=r"it reads weights from '.*', outside its own folder") as error:
+    with refused(ModelError, r"it reads weights from '.*', outside its own folder"):
         rf.load_model(str(path))
-    assert "\n" not in str(error.value)
-    with pytest.raises(Exception, match=r"(?i)external|outside|escape|load model"):
-        ort.InferenceSession(
-            str(path), providers=["CPUExecutionProvider"]
-        )  # the library itself would not read them either
 
 
 def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):
@@ -326,6 +305,8 @@ def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):
 
 
 def test_a_missing_file_comes_before_a_missing_library(tmp_path, monkeypatch):
+    with pytest.raises(ModelError, match=r"model 'onnx' needs a file"):
+        rf.load_model("onnx")
     monkeypatch.setattr("robustflow.extras.find_spec", lambda name: None)
     with pytest.raises(ModelError, match="no such file; pass the path of the exported network"):
         rf.load_model(str(tmp_path / "net.onnx"))

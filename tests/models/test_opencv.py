@@ -34,6 +34,7 @@ def test_known_translation_right_and_up(moved, name, options, tolerance):
         {"winsize": 1.5},
         {"levels": "three"},
         {"levels": -1},
+        {"levels": True},
         {"iterations": 0},
         {"poly_n": 0},
         {"pyr_scale": 1},

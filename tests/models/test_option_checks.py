@@ -2,7 +2,6 @@
 
 import pytest
 
-from robustflow import load_model
 from robustflow.errors import UsageError
 from robustflow.models.option_checks import check_count, check_switch
 
@@ -23,8 +22,3 @@ def test_a_count_may_begin_elsewhere():
 def test_what_is_neither_true_nor_false_is_refused(value):
     with pytest.raises(UsageError, match="compile must be true or false, not"):
         check_switch("compile", value)
-
-
-def test_true_is_not_a_number_of_levels():
-    with pytest.raises(UsageError, match="levels must be an integer of at least 0, not True"):
-        load_model("farneback", levels=True)

@@ -4,6 +4,11 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 
+def flat(image):
+    """Convert an (H, W, C) image to the (H, W * C) float32 layout of the compiled functions."""
+    return np.ascontiguousarray(image.reshape(image.shape[0], -1), np.float32)
+
+
 def cubic(image, y, x):
     """Sample an (H, W, C) image at given positions with SciPy's cubic spline through the pixels, mirrored at the
     borders.

@@ -21,12 +21,17 @@ from robustflow.models.dis.model import OPERATING_POINTS
 SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
 
 
+def shifted(image, u, v, mode):
+    """Shift an image with a fifth-order spline."""
+    planes = [shift(image[..., c].astype(float), (v, u), order=5, mode=mode) for c in range(3)]
+    return np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
+
+
 @cache
 def moved(photograph, u, v):
-    """The centre of a photograph, and the same region shifted with a fifth-order spline."""
+    """The centre of a photograph, and the same region of the shifted photograph."""
     image = photograph()
-    planes = [shift(image[..., c].astype(float), (v, u), order=5, mode="mirror") for c in range(3)]
-    after = np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
+    after = shifted(image, u, v, "mirror")
     top, left = (image.shape[0] - 240) // 2, (image.shape[1] - 320) // 2
     window = np.s_[top : top + 240, left : left + 320]
     return image[window].copy(), after[window]
@@ -50,7 +55,7 @@ def test_a_translated_photograph_is_recovered_to_a_tenth_of_a_pixel(image, point
 
 
 @pytest.mark.parametrize("sigma", [1.5, 6])
-@pytest.mark.parametrize("size", [(96, 128), (240, 320), (480, 640), (436, 1024)])
+@pytest.mark.parametrize("size", [(96, 128), (240, 320), (436, 1024)])
 def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, sigma):
     """Frames of at least 640 px are searched at 1/8 resolution, so 0.1 px in the frame is an eightieth of a pixel in
     the search.
@@ -58,10 +63,8 @@ def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, s
     height, width = size
     image = texture(5, (height + 40, width + 40), sigma)
     for u, v in ((3.0, -2.0), (5.5, 4.25), (-7.6, 8.3)):
-        planes = [shift(image[..., c].astype(float), (v, u), order=5, mode="grid-wrap") for c in range(3)]
-        after = np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
         window = np.s_[20 : 20 + height, 20 : 20 + width]
-        flow = load_model("dis_rgb").predict(image[window], after[window])
+        flow = load_model("dis_rgb").predict(image[window], shifted(image, u, v, "grid-wrap")[window])
         assert error_inside(flow, u, v) < 0.1
 
 
@@ -94,9 +97,8 @@ def test_any_size_gives_finite_flow(size, point):
 def test_frames_that_do_not_differ_do_not_move(point):
     model = load_model("dis_rgb", operating_point=point)
     for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
-        np.testing.assert_allclose(
-            model.predict(frame, frame), 0, atol=1e-4
-        )  # the spline reproduces the pixels up to rounding errors
+        # the spline reproduces the pixels up to rounding errors
+        np.testing.assert_allclose(model.predict(frame, frame), 0, atol=1e-4)
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
@@ -154,10 +156,9 @@ def test_what_it_refuses():
         load_model("dis_rgb", operating_point=5)
     frame = texture(4)
     for other in (frame[:-1], frame[..., :1], frame[..., 0], frame.astype(np.float32)):
-        with pytest.raises(UsageError, match=r"expected RGB uint8 \(H, W, 3\)|differ in size"):
-            load_model("dis_rgb").predict(frame, other)
-        with pytest.raises(UsageError, match=r"expected RGB uint8 \(H, W, 3\)|differ in size"):
-            load_model("dis_rgb").predict(other, frame)
+        for pair in ((frame, other), (other, frame)):
+            with pytest.raises(UsageError, match=r"expected RGB uint8 \(H, W, 3\)|differ in size"):
+                load_model("dis_rgb").predict(*pair)
 
 
 def test_operating_points_are_told_apart():

@@ -9,13 +9,9 @@ from scipy.sparse.linalg import spsolve
 from robustflow.models.dis import refine
 from robustflow.models.dis.motion_tensor import motion_tensors
 
-from .naive import cubic
+from .naive import cubic, flat
 
 EPSILON = 1e-3
-
-
-def flat(image):
-    return np.ascontiguousarray(image.reshape(image.shape[0], -1), np.float32)
 
 
 @pytest.fixture(scope="module")

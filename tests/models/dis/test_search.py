@@ -7,7 +7,7 @@ from robustflow.models.dis.model import densified
 from robustflow.models.dis.patches import grid
 from robustflow.models.dis.search import inverse_search
 
-from .naive import descended, linear, mismatch
+from .naive import descended, flat, linear, mismatch
 
 PATCH, STRIDE = 8, 5
 
@@ -16,10 +16,6 @@ def pair(seed=0, size=(30, 37), motion=(2, -1)):
     noise = gaussian_filter(np.random.default_rng(seed).normal(size=(*size, 3)), (2, 2, 0), mode="wrap")
     image = (128 + 300 * noise).astype(np.float32)
     return image, np.roll(image, motion[::-1], axis=(0, 1))
-
-
-def flat(image):
-    return np.ascontiguousarray(image.reshape(image.shape[0], -1), np.float32)
 
 
 def test_patches_end_where_plain_descent_ends():

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
+from torch.nn.functional import conv2d
 
 from robustflow.models.networks.blocks.allpairs import CorrelationPyramid, all_pairs, pixel_grid, sample_window
 from robustflow.models.networks.blocks.attention import attend, linear_sine
@@ -83,12 +84,6 @@ def test_volume_is_float32_under_autocast():
     assert torch.equal(found, all_pairs(features, features))
 
 
-def test_pixel_grid_counts_columns_then_rows():
-    grid = pixel_grid(torch.zeros(2, 3, 4, 5))
-    assert grid.shape == (2, 2, 4, 5)
-    assert grid[1, :, 3, 2].tolist() == [2.0, 3.0]
-
-
 def naive_attention(query, key, value, bias):
     """Compute one attention head in float64 on lists of vectors."""
     rows = []
@@ -150,44 +145,23 @@ def test_every_fine_pixel_is_its_weighted_mean(factor):
     np.testing.assert_allclose(found[0], expected, atol=1e-5)
 
 
-@pytest.fixture
-def unit():
-    torch.manual_seed(0)
-    return SepConvGRU(hidden=6, inputs=4).eval()
-
-
-def step(unit):
+def test_the_gru_updates_along_rows_and_then_along_columns():
     generator = torch.Generator().manual_seed(1)
     state, inputs = torch.randn(1, 6, 5, 7, generator=generator), torch.randn(1, 4, 5, 7, generator=generator)
+    torch.manual_seed(0)
+    unit = SepConvGRU(hidden=6, inputs=4)
+    gates = unit.state_dict()
+
+    def gate(name, state, padding):
+        return conv2d(torch.cat((state, inputs), 1), gates[f"conv{name}.weight"], gates[f"conv{name}.bias"], 1, padding)
+
     with torch.no_grad():
-        return state, inputs, unit(state, inputs)
-
-
-def set_gate(unit, gate, bias):
-    for step_number in (1, 2):
-        conv = getattr(unit, f"conv{gate}{step_number}")
-        torch.nn.init.zeros_(conv.weight)
-        torch.nn.init.constant_(conv.bias, bias)
-
-
-def test_a_shut_update_gate_keeps_the_state(unit):
-    set_gate(unit, "z", -200.0)
-    state, _, found = step(unit)
-    assert torch.equal(found, state)
-
-
-def test_an_open_update_gate_and_a_shut_reset_gate_forget_the_state(unit):
-    set_gate(unit, "z", 200.0)
-    set_gate(unit, "r", -200.0)
-    _, inputs, found = step(unit)
-    expected = torch.tanh(unit.convq2(torch.cat((torch.zeros(1, 6, 5, 7), inputs), dim=1)))
+        found, expected = unit(state, inputs), state
+    for step, padding in ((1, (0, 2)), (2, (2, 0))):  # kernels of 1 x 5, then of 5 x 1
+        update, reset = (gate(f"{name}{step}", expected, padding).sigmoid() for name in "zr")
+        candidate = gate(f"q{step}", reset * expected, padding).tanh()
+        expected = (1 - update) * expected + update * candidate
     torch.testing.assert_close(found, expected)
-
-
-def test_rows_come_before_columns(unit):
-    kernels = {name: tuple(conv.kernel_size) for name, conv in unit.named_children()}
-    assert list(kernels) == ["convz1", "convr1", "convq1", "convz2", "convr2", "convq2"]
-    assert [kernels["convq1"], kernels["convq2"]] == [(1, 5), (5, 1)]
 
 
 @pytest.mark.parametrize("radius", [1, 2, 4])

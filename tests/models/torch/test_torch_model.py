@@ -9,13 +9,15 @@ import torch
 
 from robustflow import evaluate
 from robustflow.errors import ModelError, RunError, UsageError
-from robustflow.models.base import FlowModel
 from robustflow.models.execution import Execution
 from robustflow.models.input_convention import InputConvention
 from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.networks.brightflow import BrightFlow
 from robustflow.models.networks.upflow import UPFlow
 from robustflow.models.torch.model import NetworkModel, find_device
+
+from ...refusals import refused
+from ..textures import noise_pair, textured_pair
 
 pytestmark = pytest.mark.torch
 
@@ -39,18 +41,10 @@ def spy(**convention):
     return model, model.net
 
 
-def frames(count=2, height=5, width=7, seed=0):
-    return list(np.random.default_rng(seed).integers(0, 256, (count, height, width, 3)).astype(np.uint8))
-
-
-def test_it_is_a_flow_model():
-    assert isinstance(spy()[0], FlowModel)
-
-
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 def test_colours_are_ordered_shifted_and_scaled(order):
     model, net = spy(order=order, mean=(10.0, 20.0, 30.0), scale=0.5)
-    frame1, frame2 = frames()
+    frame1, frame2 = noise_pair()
     model.predict(frame1, frame2)
     for frame, given in zip((frame1, frame2), net.given, strict=True):
         channels = frame if order == "rgb" else frame[..., ::-1]
@@ -64,7 +58,7 @@ def test_colours_are_ordered_shifted_and_scaled(order):
 def test_padding_is_added_and_taken_off_again(vertical, padding, size):
     mean = (10.0, 20.0, 30.0)
     model, net = spy(fit="pad", multiple=8, vertical=vertical, padding=padding, mean=mean, scale=1.0)
-    frame1, frame2 = frames(2, *size)
+    frame1, frame2 = noise_pair(*size)
     flow = model.predict(frame1, frame2)
     height, width = size
     rows, columns = -height % 8, -width % 8
@@ -85,26 +79,23 @@ def test_stretching_scales_the_flow_back():
     assert flow.shape == (32, 256, 2)
     np.testing.assert_allclose(flow[..., 0], 200, rtol=1e-6)
     np.testing.assert_allclose(flow[..., 1], 50, rtol=1e-6)
-
-
-def test_stretching_to_the_next_multiple():
     model, net = spy(fit="stretch", multiple=64)
-    model.predict(*frames(2, 65, 64))
-    assert net.given[0].shape == (1, 3, 128, 64)
+    model.predict(*noise_pair(65, 64))
+    assert net.given[0].shape == (1, 3, 128, 64), "the next multiple"
 
 
 def test_the_flow_is_float32_contiguous_and_ours():
     model, _ = spy()
-    flow = model.predict(*frames())
+    flow = model.predict(*noise_pair())
     assert flow.dtype == np.float32
-    assert flow.shape == (5, 7, 2)
+    assert flow.shape == (13, 19, 2)
     flow[:] = 0  # it is neither read-only nor shared with the network
 
 
 def test_pairs_of_several_sizes_keep_their_order():
     model, _ = spy(scale=1.0)
-    pairs = [frames(2, *size, seed=i) for i, size in enumerate([(5, 7), (8, 6), (5, 7), (6, 8)])]
-    flows = model.predict_batch([a for a, _ in pairs], [b for _, b in pairs])
+    pairs = [noise_pair(*size, seed=i) for i, size in enumerate([(5, 7), (8, 6), (5, 7), (6, 8)])]
+    flows = model.predict_batch(*zip(*pairs, strict=True))
     for flow, (first, _) in zip(flows, pairs, strict=True):
         np.testing.assert_array_equal(flow, first[..., :2].astype(np.float32))
     assert model.predict_batch([], []) == []
@@ -125,15 +116,15 @@ def test_what_is_not_a_pair(pair, says):
         spy()[0].predict(*pair)
 
 
-def test_as_many_first_as_second_frames():
+def test_as_many_first_as_second_noise_pair():
     with pytest.raises(UsageError, match="2 first frames but 1 second frames"):
-        spy()[0].predict_batch(frames(2), frames(1))
+        spy()[0].predict_batch(noise_pair(), noise_pair()[:1])
 
 
 @pytest.mark.parametrize(
     ("error", "says"),
     [
-        (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 5x7 .RuntimeError: kernel.*larger"),
+        (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 13x19 .RuntimeError: kernel.*larger"),
         (torch.OutOfMemoryError("CUDA out of memory"), r"CUDA out of memory \(at .*\)\); predict fewer pairs at once"),
         (ModelError("made for more frames"), "^made for more frames$"),
     ],
@@ -141,9 +132,8 @@ def test_as_many_first_as_second_frames():
 def test_what_a_network_raises_names_the_size(error, says):
     model, net = spy()
     net.forward = lambda *images: (_ for _ in ()).throw(error)
-    with pytest.raises(ModelError, match=says) as caught:
-        model.predict(*frames())
-    assert "\n" not in str(caught.value)
+    with refused(ModelError, says):
+        model.predict(*noise_pair())
 
 
 @pytest.mark.parametrize(
@@ -171,7 +161,7 @@ def test_auto_is_a_device_this_machine_has():
 def test_threads_and_precision_hold_during_a_prediction_only():
     before = torch.get_num_threads()
     model = network("spy", Spy(), InputConvention(), {}, device="cpu", precision="bf16", threads=3)
-    model.predict(*frames())
+    model.predict(*noise_pair())
     assert model.net.precise == (True, 3)
     assert torch.get_num_threads() == before
     assert not torch.is_autocast_enabled("cpu")
@@ -222,30 +212,20 @@ NETS = {
 }
 
 
-def textured_pairs(count, height, width):
-    """Pairs of smooth textures that move by a few pixels."""
-    rng = np.random.default_rng(0)
-    coarse = torch.from_numpy(rng.uniform(0, 255, (count, 3, height // 4, width // 4)))
-    big = torch.nn.functional.interpolate(coarse, size=(height + 8, width + 8), mode="bicubic").clamp(0, 255)
-    images = big.permute(0, 2, 3, 1).numpy().astype(np.uint8)
-    return [image[4:-4, 4:-4] for image in images], [image[2 + i : -6 + i, 3:-5] for i, image in enumerate(images)]
-
-
 def test_on_the_cpu_not_a_bit_depends_on_the_batch():
     build, convention = NETS["brightflow"]
     model = network("brightflow", seeded(build), convention, {}, device="cpu")
-    first, second = textured_pairs(3, 100, 130)
-    for flow, *pair in zip(model.predict_batch(first, second), first, second, strict=True):
+    pairs = [textured_pair(100, 130, seed) for seed in range(3)]
+    for flow, pair in zip(model.predict_batch(*zip(*pairs, strict=True)), pairs, strict=True):
         np.testing.assert_array_equal(flow, model.predict(*pair))
 
 
 @pytest.mark.parametrize("name", NETS)
 def test_bf16_is_near_fp32_and_another_number(name):
     build, convention = NETS[name]
-    first, second = textured_pairs(1, 100, 130)
     net = seeded(build)
     full, half = (
-        network(name, net, convention, {}, device="cpu", precision=precision).predict(first[0], second[0])
+        network(name, net, convention, {}, device="cpu", precision=precision).predict(*textured_pair(100, 130))
         for precision in ("fp32", "bf16")
     )
     difference = np.abs(full - half).mean()
@@ -267,12 +247,12 @@ def test_the_manifest_says_how_it_was_executed(tmp_path):
 @pytest.mark.slow
 def test_a_compiled_network_gives_the_same_flow():
     build, convention = NETS["arflow"]
-    first, second = textured_pairs(1, 100, 130)
+    pair = textured_pair(100, 130)
     plain, compiled = (
         network("arflow", seeded(build), convention, {}, device="cpu", compile=compiled) for compiled in (False, True)
     )
-    flow = compiled.predict(first[0], second[0])
-    assert np.abs(flow - plain.predict(first[0], second[0])).max() <= 1e-3
+    flow = compiled.predict(*pair)
+    assert np.abs(flow - plain.predict(*pair)).max() <= 1e-3
     assert torch._dynamo.utils.counters["stats"]["unique_graphs"] > 0, "nothing was compiled"
     assert compiled.identity()["compile"] is True
 
@@ -280,12 +260,12 @@ def test_a_compiled_network_gives_the_same_flow():
 def test_a_frame_too_small_for_upflow_says_so():
     model = network("upflow", UPFlow(), InputConvention(), {}, device="cpu")
     with pytest.raises(ModelError, match="wider or taller than 64 pixels, not 64 x 40"):
-        model.predict(*frames(2, 40, 64))
+        model.predict(*noise_pair(40, 64))
 
 
 def test_the_smallest_frames_still_give_a_flow():
     model = network("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
-    assert np.isfinite(model.predict(*frames(2, 16, 12))).all()
+    assert np.isfinite(model.predict(*noise_pair(16, 12))).all()
 
 
 def precisions():
@@ -308,7 +288,7 @@ def test_tf32_that_a_script_allowed_per_backend_is_off_in_a_prediction_and_back_
     try:
         allowed = precisions()
         assert "tf32" in allowed
-        model.predict(*frames(2, 16, 12))
+        model.predict(*noise_pair(16, 12))
         assert (during, precisions()) == (["ieee"] * 4, allowed)
     finally:
         place.fp32_precision = before

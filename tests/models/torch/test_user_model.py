@@ -19,8 +19,9 @@ from robustflow.models.construct import as_model
 from robustflow.models.torch.shifted import SHIFTS, shifted_pair
 from robustflow.models.torch.user_model import ConventionWarning
 
+from ...refusals import refused
+from ..textures import channel_flow, noise_pair
 from .matcher import trained_matcher
-from .small_net import one_line
 
 pytestmark = [
     pytest.mark.torch,
@@ -52,10 +53,10 @@ class Channels(nn.Module):
     convention.
     """
 
-    def __init__(self, layout="pair", returns=lambda flow: flow):
+    def __init__(self, layout="pair", returns=lambda flow: flow, factor=1):
         super().__init__()
         self.layout, self.returns = layout, returns
-        self.one = nn.Parameter(torch.ones(1))
+        self.factor = nn.Parameter(torch.full((1,), float(factor)))
         self.norm = nn.BatchNorm2d(2)  # only its mode matters; its contents are not used
 
     def forward(self, *images):
@@ -68,26 +69,18 @@ class Channels(nn.Module):
                 raise ValueError("six channels")
             images = images[0][:, :3], images[0][:, 3:]
         first, second = images
-        return self.returns(torch.cat([first[:, :1], second[:, 2:]], 1) * self.one)
-
-
-def frames(height=13, width=19, seed=0):
-    return list(np.random.default_rng(seed).integers(0, 256, (2, height, width, 3)).astype(np.uint8))
+        return self.returns(torch.cat([first[:, :1], second[:, 2:]], 1) * self.factor)
 
 
 def declared(net, **options):
     return rf.TorchModel(net, **{"scaling": "0-255", "order": "rgb", "device": "cpu", **options})
 
 
-def expected(first, second):
-    return np.stack([first[..., 0], second[..., 2]], 2)
-
-
 @pytest.mark.parametrize("layout", ["pair", "concatenated", "stacked", "images"])
 @pytest.mark.parametrize("said", [True, False])
 def test_every_way_in_declared_or_the_only_one_that_works(layout, said):
     model = declared(Channels(layout), **({"layout": layout} if said else {}))
-    np.testing.assert_array_equal(model.predict(*frames()), expected(*frames()))
+    np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
     assert model.identity()["layout"] == layout
 
 
@@ -105,15 +98,15 @@ WAYS_OUT = {
 def test_every_way_out(way):
     returns, output = WAYS_OUT[way]
     model = declared(Channels(returns=returns), layout="pair", output=output)
-    np.testing.assert_array_equal(model.predict(*frames()), expected(*frames()))
+    np.testing.assert_array_equal(model.predict(*noise_pair()), channel_flow(*noise_pair()))
 
 
 def test_the_module_of_the_user_stays_as_it_was():
     net = Channels().train()
-    declared(net).predict(*frames())
+    declared(net).predict(*noise_pair())
     assert net.training
     assert net.norm.training
-    assert net.one.requires_grad
+    assert net.factor.requires_grad
 
 
 def test_identity_holds_the_weights_and_the_convention_and_not_the_name():
@@ -121,20 +114,20 @@ def test_identity_holds_the_weights_and_the_convention_and_not_the_name():
     one = declared(net, layout="pair").identity()
     assert one == declared(net, name="Mine", layout="pair").identity()
     assert one["input"]["multiple"] == 8
-    other = Channels()
-    with torch.no_grad():
-        other.one.mul_(2)
-    changed = [declared(other), declared(net, order="bgr"), declared(net, scaling="0-1"), declared(net, multiple=16)]
+    changed = [
+        declared(Channels(factor=2)),
+        declared(net, order="bgr"),
+        declared(net, scaling="0-1"),
+        declared(net, multiple=16),
+    ]
     assert all(model.identity() != one for model in changed)
 
 
 def test_weights_of_a_file(tmp_path):
-    other = Channels()
-    with torch.no_grad():
-        other.one.mul_(2)
-    torch.save({"state_dict": {f"module.{key}": value for key, value in other.state_dict().items()}}, tmp_path / "w.pt")
+    state = {f"module.{key}": value for key, value in Channels(factor=2).state_dict().items()}
+    torch.save({"state_dict": state}, tmp_path / "w.pt")
     model = declared(Channels(), checkpoint=tmp_path / "w.pt")
-    np.testing.assert_array_equal(model.predict(*frames()), 2.0 * expected(*frames()))
+    np.testing.assert_array_equal(model.predict(*noise_pair()), 2.0 * channel_flow(*noise_pair()))
     with pytest.raises(ModelError, match="no such checkpoint"):
         declared(Channels(), checkpoint=tmp_path / "x.pt")
 
@@ -194,18 +187,17 @@ class AnyRange(nn.Module):
     [
         (
             AnyRange(),
-            {"order": "bgr"},
+            {"order": "bgr", "layout": "pair"},
             r"best first: scaling=.* px\); scaling=.*; declare the one used in training, for example the first with ",
         ),
-        (Channels(), {}, "as is typical of networks without trained weights; declare the input, for"),
+        (Channels(), {"layout": "pair"}, "as is typical of networks without trained weights; declare the input, for"),
         (nn.Conv2d(3, 2, 3), {}, "does not accept a pair in any common way"),
     ],
     ids=["any range", "untrained", "no flow"],
 )
 def test_what_cannot_be_told_asks_for_a_declaration(net, options, says):
-    with pytest.raises(ModelError, match=says) as error:
-        rf.TorchModel(net, device="cpu", layout=None if isinstance(net, nn.Conv2d) else "pair", **options)
-    one_line(error)
+    with refused(ModelError, says):
+        rf.TorchModel(net, device="cpu", **options)
 
 
 def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
@@ -217,7 +209,7 @@ def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
 
     with pytest.warns(ConventionWarning, match=r"could not be checked on shifted textures: .*64x96 only"):
         model = declared(Fixed(), layout="pair")
-    assert model.predict(*frames(64, 96)).shape == (64, 96, 2)
+    assert model.predict(*noise_pair(64, 96)).shape == (64, 96, 2)
 
 
 @pytest.mark.parametrize(
@@ -239,21 +231,23 @@ def test_options_that_cannot_be(options, says):
 def test_module_and_factory_from_the_command_line(tmp_path, monkeypatch):
     (tmp_path / "nets_of_a_user.py").write_text(SOURCE)
     monkeypatch.syspath_prepend(tmp_path)
-    first, second = frames()
+    first, second = noise_pair()
     options = {"scaling": "0-255", "order": "rgb", "device": "cpu"}
-    for attribute, gain in (("Net", 1.0), ("factory", 2.0), ("net", 3.0)):
-        model = rf.load_model(f"nets_of_a_user:{attribute}", **options)
+    for attribute, given, gain in (
+        ("Net", {}, 1.0),
+        ("factory", {}, 2.0),
+        ("net", {}, 3.0),
+        ("factory", {"gain": 5.0}, 5.0),
+    ):
+        model = rf.load_model(f"nets_of_a_user:{attribute}", **given, **options)
         np.testing.assert_array_equal(model.predict(first, second), first[..., :2] * gain)
-    model = rf.load_model("nets_of_a_user:factory", gain=5.0, **options)
-    np.testing.assert_array_equal(model.predict(first, second), first[..., :2] * 5.0)
     spec = ModelSpec("nets_of_a_user:factory", tuple(options.items()))
     assert spec.identity(spec.load())["input"]["scale"] == 1.0
     with pytest.raises(UsageError, match="unknown option of model 'nets_of_a_user:factory' 'gian'"):
         rf.load_model("nets_of_a_user:factory", gian=5.0, **options)
     broken = rf.load_model("nets_of_a_user:Broken", layout="pair", **options)
-    with pytest.raises(ModelError, match=r"AttributeError: .*no_such_thing.* \(at .*nets_of_a_user\.py:18\)") as error:
+    with refused(ModelError, r"AttributeError: .*no_such_thing.* \(at .*nets_of_a_user\.py:18\)"):
         broken.predict(first, second)
-    one_line(error)
 
 
 def test_every_shifted_pair_is_what_it_says():
