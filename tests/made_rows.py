@@ -97,8 +97,3 @@ def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
         for key, value in line.values.items()
     ]
     return pl.DataFrame(rows, schema=[*columns, "value", "decimals", "marked", "source"], orient="row")
-
-
-def values_of(results: Iterable[ModelResult], metric: str) -> dict[tuple[str, str, str], float]:
-    """Values of one metric by (setting, model, condition)."""
-    return {(line.setting, line.name, of): value for line in results for of, value in line.numbers(metric).items()}

@@ -17,9 +17,8 @@ from robustflow.api import evaluate
 from robustflow.cli.compare import compare
 from robustflow.experiments.arms import PLAIN, arms
 from robustflow.experiments.effects import left_out
-from robustflow.images.io import write_image
 from robustflow.testing import ConstantFlow
-from robustflow.testing.datasets import TexturePairs
+from tests.made_rows import made_run
 
 from .simulated import PIXELS, rows_of
 
@@ -143,24 +142,17 @@ def test_compare_ranks_no_excluded_run_and_says_why(measured, capsys, format):
     assert "Not ranked: 0.1 x DIS, because" in " ".join(capsys.readouterr().out.split())
 
 
-def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(tmp_path):
+def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_excluded(base):
     """A flow scaled to a tenth has a tenth of the RCRE, which is visible only in comparison with the other models."""
-    pair = TexturePairs(1, size=(128, 192), reach=9).load("0")
-    for number, frame in enumerate(pair.frames):
-        write_image(tmp_path / f"{number}.png", frame)
-    runs = [
-        evaluate(
-            ScaledDis(factor), "folder", tmp_path, tmp_path / f"run{factor}", corruptions=["fog"], severities=[1, 2, 3]
-        )
-        for factor in (1.0, 0.1)
-    ]
-    assert runs[1].rcre < 0.2 * runs[0].rcre
+    lengths = {"whole": 50.0, "tenth": 5.0}
+    runs = [made_run(base, _rows(0.0, 0.1 * px, px, truth=False), name) for name, px in lengths.items()]
+    assert runs[1].rcre == pytest.approx(0.1 * runs[0].rcre)
     assert not any(exclusion_reasons(run) for run in runs)
     lines = run_results(runs)
-    assert [line.name for line in lines if line.excluded] == ["0.1 x DIS"]
-    assert "less than half of the" in lines[1].excluded
+    assert [line.name for line in lines if line.excluded] == ["tenth"]
+    assert "less than half of the 50.00 px median" in lines[1].excluded
     (sentence,) = conclusions(lines)
-    assert "No conclusion about 0.1 x DIS, because its clean flow is" in sentence
+    assert "No conclusion about tenth, because its clean flow is" in sentence
     assert "changes least" not in sentence
 
 

@@ -13,7 +13,7 @@ from robustflow.cli.report import report
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.errors import DataError
 from robustflow.records.audit import audit
-from tests.made_rows import values_frame, values_of
+from tests.made_rows import values_frame
 
 _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAIR]
 
@@ -92,13 +92,15 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
     ]
     lines = read_imported([_write(tmp_path / str(at), {"experiments": each}) for at, each in enumerate(files)])
     assert {line.benchmark for line in lines} == {"FlowBench kitti-2015"}
-    epe = values_of(lines, "epe")
+    epe, cre = (
+        {(line.setting, line.name, of): value for line in lines for of, value in line.numbers(metric).items()}
+        for metric in ("epe", "cre")
+    )
     # the later one takes precedence, as in FlowBench's reader
     assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884
     assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the only severity in both files
     assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
     assert epe["own", "gma mine", "average"] == 30.0
-    cre = values_of(lines, "cre")
     assert cre["LEAKED", "raft kitti", "snow"] == pytest.approx(40.424386 - 0.6433216004259884)
     assert not [key for key in cre if key[1] == "gma mine"]  # its clean error is not known
     assert "gma kitti" not in [line.name for line in lines]  # clean frames do not measure robustness

@@ -47,10 +47,8 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
 @pytest.fixture
 def only_noc(kitti, tmp_path):
     """A folder with the same pairs, but only with `flow_noc/`."""
-    root = tmp_path / "noc"
-    for folder in ("image_2", "flow_noc"):
-        shutil.copytree(kitti / "training" / folder, root / "training" / folder)
-    return root
+    shutil.copytree(kitti, tmp_path / "noc", ignore=shutil.ignore_patterns("flow_occ"))
+    return tmp_path / "noc"
 
 
 def test_kitti_fc_without_flow_occ_is_refused(only_noc, tmp_path):
