@@ -59,73 +59,55 @@ def test_measured_rows_break_no_rule(seed, scale, truth, occlusion, holes):
 
 
 _ROWS = pl.concat(
-    [
-        _measured(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
-        for seed in range(4)
-    ]
+    _measured(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
+    for seed in range(4)
 )
-_FOG = (pl.col("corruption") == "fog") & (pl.col("sample") == "2") & (pl.col("severity") == 2)
-_CLEAN = (pl.col("corruption") == "clean") & (pl.col("sample") == "2")
-_CHANGES = {
-    "its clean error differs from that of the sample's clean row": (
-        _FOG,
-        {"clean_epe_sum": pl.col("clean_epe_sum") * (1 + 1e-12)},
-    ),
-    "the error changed by more than the flow itself over the same pixels": (
-        _FOG,
-        {"clean_epe_sum": pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1},
-    ),
-    "its sums are negative or not finite": (_FOG, {"rcre_all_sum": pl.lit(float("nan"))}),
-    "it has more outliers than pixels": (_FOG, {"fl_count_occ": pl.col("n_occ") + 1}),
-    "the error changed by more than the flow itself": (
-        _FOG,
-        {"epe_sum": pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1},
-    ),
-    "the flow's length changed by more than the flow itself": (
-        _FOG,
-        {"pred_magnitude_sum": pl.col("pred_magnitude_sum") + 3 * pl.col("rcre_all_sum") + 1},
-    ),
-    "it counts more pixels than the frame has": (_FOG, {"n_invalid": pl.lit(1, pl.Int64)}),
-    "some of the values that are always measured together are missing": (
-        _FOG,
-        {"epe_sum_occ": pl.lit(None, pl.Float64)},
-    ),
-    "the values of its regions do not add up to those of all pixels": (
-        _FOG,
-        {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)},
-    ),
-    "its counts of 1, 3 and 5 px outliers are inconsistent": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
-    "its error is smaller than its outliers alone imply": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),
-    "the length of its ground-truth flow does not match its regions": (
-        _FOG,
-        {"magnitude_sum": 10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40") - 1},
-    ),
-    "its flow is too short for an error this small": (
-        _FOG,
-        {"pred_magnitude_sum": pl.lit(0.0), "epe_sum": 0.9 * pl.col("magnitude_sum")},
-    ),
-    "the flow changed more on valid pixels than on all pixels": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
-    "the clean frames have a spread, although they involve no randomness": (_CLEAN, {"spread_sum": pl.lit(1e-300)}),
-    "the flow on the clean frames differs from the clean flow": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
-    "it has attack values but is not an attack": (_FOG, {"attack_linf": pl.lit(1.0)}),
-    "its confidence ranks errors better than the oracle": (
-        _FOG,
-        {"error_at_80": pl.lit(1.0), "oracle_at_80": pl.lit(1.1)},
-    ),
-    "its size or group differs from that of the sample's other rows": (_FOG, {"group": pl.lit("other")}),
-    "its ground truth differs from that of the sample's other rows": (
-        _FOG,
-        {"magnitude_sum": pl.col("magnitude_sum") * (1 + 1e-12)},
-    ),
+_CLEAN = {
+    "the clean frames have a spread, although they involve no randomness": {"spread_sum": pl.lit(1e-300)},
+    "the flow on the clean frames differs from the clean flow": {"rcre_all_sum": pl.lit(1e-300)},
+}
+_GREATER = pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1
+_FOG = {
+    "its clean error differs from that of the sample's clean row": {
+        "clean_epe_sum": pl.col("clean_epe_sum") * (1 + 1e-12)
+    },
+    "the error changed by more than the flow itself over the same pixels": {"clean_epe_sum": _GREATER},
+    "its sums are negative or not finite": {"rcre_all_sum": pl.lit(float("nan"))},
+    "it has more outliers than pixels": {"fl_count_occ": pl.col("n_occ") + 1},
+    "the error changed by more than the flow itself": {"epe_sum": _GREATER},
+    "the flow's length changed by more than the flow itself": {
+        "pred_magnitude_sum": pl.col("pred_magnitude_sum") + 3 * pl.col("rcre_all_sum") + 1
+    },
+    "it counts more pixels than the frame has": {"n_invalid": pl.lit(1, pl.Int64)},
+    "some of the values that are always measured together are missing": {"epe_sum_occ": pl.lit(None, pl.Float64)},
+    "the values of its regions do not add up to those of all pixels": {
+        "epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)
+    },
+    "its counts of 1, 3 and 5 px outliers are inconsistent": {"px5_count": pl.col("px3_count") + 1},
+    "its error is smaller than its outliers alone imply": {"epe_sum": pl.col("epe_sum") * 0.01},
+    "the length of its ground-truth flow does not match its regions": {
+        "magnitude_sum": 10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40") - 1
+    },
+    "its flow is too short for an error this small": {
+        "pred_magnitude_sum": pl.lit(0.0),
+        "epe_sum": 0.9 * pl.col("magnitude_sum"),
+    },
+    "the flow changed more on valid pixels than on all pixels": {"rcre_sum": pl.col("rcre_all_sum") + 1e-3},
+    "it has attack values but is not an attack": {"attack_linf": pl.lit(1.0)},
+    "its confidence ranks errors better than the oracle": {"error_at_80": pl.lit(1.0), "oracle_at_80": pl.lit(1.1)},
+    "its size or group differs from that of the sample's other rows": {"group": pl.lit("other")},
+    "its ground truth differs from that of the sample's other rows": {
+        "magnitude_sum": pl.col("magnitude_sum") * (1 + 1e-12)
+    },
 }
 
 
 @pytest.mark.parametrize("reason", RULES)
 def test_each_rule_catches_its_change(reason):
-    where, change = _CHANGES[reason]
-    changed = _ROWS.with_columns(
-        pl.when(where).then(value).otherwise(pl.col(name)).alias(name) for name, value in change.items()
-    )
+    of_row = {"corruption": "clean", "severity": 0} if reason in _CLEAN else {"corruption": "fog", "severity": 2}
+    where = pl.all_horizontal(pl.col(name) == value for name, value in {"sample": "2", **of_row}.items())
+    change = (_CLEAN | _FOG)[reason]
+    changed = _ROWS.with_columns(pl.when(where).then(change[name]).otherwise(name).alias(name) for name in change)
     broken = dict(broken_rules(changed))[reason]
     assert changed.filter(where).select(ROW_KEY).row(0) in broken.select(ROW_KEY).rows()
     assert dict(broken_rules(_ROWS))[reason].is_empty()

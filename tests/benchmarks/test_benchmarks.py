@@ -38,10 +38,12 @@ from tests.made_rows import made_run, rows_frame
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 
-def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
+def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs_or_those_of_a_split(kitti, tmp_path):
     benchmark = load_benchmark("kitti-fc", kitti)
     assert len(benchmark.corruptions) == 20
     assert benchmark.keys == ("000000", "000001", "000002")
+    (tmp_path / "split.txt").write_text("000002\n")
+    assert load_benchmark("kitti-fc", kitti, tmp_path / "split.txt").keys == ("000002",)
 
 
 @pytest.fixture
@@ -133,11 +135,6 @@ def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, says):
     assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path, keys)).keys == tuple(sorted(keys))
     (warning,) = recwarn.list
     assert re.search(says, str(warning.message))
-
-
-def test_a_split_file_chooses(kitti, tmp_path):
-    (tmp_path / "split.txt").write_text("000002\n")
-    assert load_benchmark("kitti-fc", kitti, tmp_path / "split.txt").keys == ("000002",)
 
 
 def test_narrowing(kitti):
