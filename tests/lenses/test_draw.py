@@ -13,10 +13,15 @@ def figure():
     return lens_figure(shipped_lens(1), shipped_field(1))
 
 
-def test_a_page_about_a_lens_is_written(tmp_path, figure):
-    for suffix, start in {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}.items():
+@pytest.fixture(scope="module")
+def sheet():
+    return contact_sheet([(f"severity {k}", shipped_field(k)) for k in (1, 5)])
+
+
+def test_figures_are_written_in_three_formats(tmp_path, figure, sheet):
+    for each, suffix, start in ((figure, ".png", b"\x89PNG"), (sheet, ".pdf", b"%PDF"), (sheet, ".svg", b"<?xml")):
         path = tmp_path / f"lens{suffix}"
-        save_figure(figure, path)
+        save_figure(each, path)
         assert path.read_bytes().startswith(start)
         assert path.stat().st_size > 20_000
 
@@ -44,8 +49,7 @@ def test_rays_in_the_section_run_from_the_object_to_the_sensor(figure):
         assert (np.diff(z) > -1e-9).all()
 
 
-def test_the_sheet_has_a_row_of_eight_psfs_per_lens():
-    sheet = contact_sheet([(f"severity {k}", shipped_field(k)) for k in (1, 5)])
+def test_the_sheet_has_a_row_of_eight_psfs_per_lens(sheet):
     assert len(sheet.axes) == 16
     centre = np.asarray(sheet.axes[8].images[0].get_array())
     assert centre.shape == (61, 61, 3)

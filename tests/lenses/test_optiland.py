@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from robustflow.lenses.glass import AIR, SELLMEIER, refractive_index
-from robustflow.lenses.merit import aim
 from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
 from robustflow.lenses.prescription import Lens
 from robustflow.lenses.shipped import shipped_lens
 from robustflow.lenses.trace import Rays, trace, trace_path
 
-from .lenses import cooke_triplet, plano_hyperbolic, thin_lens
+from .lenses import aimed, cooke_triplet, plano_hyperbolic, thin_lens
 
 pytestmark = pytest.mark.slow
 
@@ -55,13 +54,9 @@ def test_rays_meet_every_surface_where_optiland_says(name):
     optic = optiland_of(lens)
     from optiland.rays import RealRays
 
-    order = first_order_of(lens)
     rng = np.random.default_rng(3)
     fields = np.array([0.0, 0.6, 1.0]) * lens.field_tangent
-    x_aimed, y_aimed, _ = aim(
-        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(DESIGN_WAVELENGTH),
-        lens.stop, lens.stop_radius, fields, order.pupil_position, order.pupil_magnification,
-    )  # fmt: skip
+    x_aimed, y_aimed, _ = aimed(lens, fields)
     for wavelength in (0.46, 0.54, 0.64):
         for f, tangent in enumerate(fields):
             # rays that fill the stop, bounded by the rays aimed at its bottom, top and side

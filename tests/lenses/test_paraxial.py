@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from robustflow.lenses.paraxial import first_order_of
-from robustflow.lenses.trace import Rays, trace
+from robustflow.lenses.trace import trace
 
-from .lenses import cooke_triplet, lens_of
+from .lenses import bundle, cooke_triplet, lens_of
 
 TINY = 1e-5
-
-
-def near_axis(height: float, slope: float) -> Rays:
-    zero, one = np.zeros(1), np.ones(1)
-    cosine = 1.0 / np.sqrt(1.0 + slope * slope)
-    return Rays(zero, zero + height, zero, zero, one * slope * cosine, one * cosine, one)
 
 
 def test_focal_length_and_back_focus_are_where_rays_near_the_axis_meet_it():
     lens = cooke_triplet()
     order = first_order_of(lens)
-    end = trace(lens, near_axis(TINY, 0.0), 0.55)
+    end = trace(lens, bundle(TINY), 0.55)
     slope = end.m[0] / end.n[0]
     assert order.focal_length == pytest.approx(-TINY / slope, rel=1e-9)
     assert order.back_focus == pytest.approx(lens.surfaces[-1].thickness - end.y[0] / slope, rel=1e-9)
@@ -31,9 +24,9 @@ def test_focal_length_and_back_focus_are_where_rays_near_the_axis_meet_it():
 def test_the_entrance_pupil_is_where_the_stop_seems_to_be():
     lens = cooke_triplet()
     order = first_order_of(lens)
-    chief = trace(lens, near_axis(-TINY * order.pupil_position, TINY), 0.55, surface=lens.stop)
+    chief = trace(lens, bundle(-TINY * order.pupil_position, TINY), 0.55, surface=lens.stop)
     assert abs(chief.y[0]) < 1e-12
-    edge = trace(lens, near_axis(TINY * order.pupil_magnification, 0.0), 0.55, surface=lens.stop)
+    edge = trace(lens, bundle(TINY * order.pupil_magnification), 0.55, surface=lens.stop)
     assert edge.y[0] == pytest.approx(TINY, rel=1e-9)
 
 
