@@ -65,7 +65,7 @@ def test_kernels_with_negative_values_equal_the_float64_reference():
     assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 150), st.integers(1, 150), st.integers(0, 255))
 def test_a_flat_image_stays_flat(height, width, grey):
     frame = np.full((height, width, 3), grey, np.uint8)
@@ -74,7 +74,7 @@ def test_a_flat_image_stays_flat(height, width, grey):
 
 def test_a_large_blurred_image_stays_within_the_range_of_the_image():
     frame = noise(375, 1242) // 2 + 64
-    got = blur(frame, shipped_field(3))
+    got = blur(frame, shipped_field(5))
     assert got.shape == frame.shape
     assert got.min() > frame.min() - 1e-4
     assert got.max() < frame.max() + 1e-4
@@ -108,13 +108,6 @@ def test_a_psf_displaced_outwards_moves_light_outwards():
         light /= light.sum()
         moved = np.array([(light * rows).sum() - 200 - dy, (light * columns).sum() - 300 - dx])
         assert moved == pytest.approx(6.0 * np.array([dy, dx]) / np.hypot(dy, dx), abs=0.5)
-
-
-def test_mirrored_images_blur_to_mirrored_images():
-    frame, field = noise(97, 143), shipped_field(4)
-    straight = blur(frame, field)
-    assert np.abs(blur(frame[:, ::-1], field)[:, ::-1] - straight).max() < 2e-4
-    assert np.abs(blur(frame[::-1], field)[::-1] - straight).max() < 2e-4
 
 
 def test_no_edge_shows_where_tiles_meet():

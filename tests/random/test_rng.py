@@ -5,7 +5,7 @@ Statistics are computed on fixed streams, so every test is deterministic; the li
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
@@ -31,7 +31,6 @@ def hash_of(key, counter):
     return int(hash64(np.uint64(key), np.uint64(counter)))
 
 
-@settings(deadline=None)
 @given(WORD, WORD)
 def test_hash_is_what_it_says(key, counter):
     assert hash_of(key, counter) == hash_by_definition(key, counter)
@@ -69,7 +68,6 @@ def test_known_answers():
     ]
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**40), st.integers(1, 50))
 def test_seekable(start, count):
     """Sequential reads match random-access reads, and a spawned stream does not depend on earlier reads."""
@@ -160,7 +158,6 @@ def test_streams_are_independent(keys):
                 assert abs(np.corrcoef(one[: one.size - lag], other[lag:])[0, 1]) < limit
 
 
-@settings(deadline=None)
 @given(st.integers(-1000, 1000), st.integers(1, 2000))
 def test_integers_stay_in_range(low, count):
     assert low <= Rng.of("range", low, count).integer(low, low + count) < low + count
