@@ -4,7 +4,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -13,7 +13,6 @@ from robustflow.corruptions.kernels.alias import alias_table, counts_from_cdf, h
 from .alias_counts import counts_of
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 1000), min_size=1, max_size=64).filter(any))
 def test_every_outcome_has_its_share(weights):
     total = 1 << (6 + height_bits(8))

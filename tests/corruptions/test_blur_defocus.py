@@ -46,9 +46,11 @@ def test_the_kernel_is_the_reference_codes(radius, smoothing):
     assert np.abs(disk_kernel(radius, smoothing) - opencv_kernel(radius, smoothing)).max() < 1e-8
 
 
-def test_the_two_widest_kernels_brighten():
-    assert disk_kernel(8, 0.5).sum() == pytest.approx(1.013, abs=5e-4)
-    assert disk_kernel(10, 0.5).sum() == pytest.approx(1.011, abs=5e-4)
+@pytest.mark.parametrize(("severity", "grey"), [(4, 203), (5, 202)])
+def test_the_two_widest_kernels_brighten(severity, grey):
+    """They sum to 1.013 and 1.011."""
+    blur, frame = DefocusBlur(), np.full((40, 50, 3), 200, np.uint8)
+    assert (blur.apply(frame, blur.draw(Rng.of(0), severity, (40, 50)), 0) == grey).all()
 
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
@@ -83,7 +85,7 @@ def test_the_reference_variant_cuts_the_fraction_off():
     assert error.max() < 1.0
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.integers(1, 40),
     st.integers(1, 40),

@@ -17,7 +17,7 @@ VISIBILITIES = (1000.0, 500.0, 250.0, 125.0, 60.0)
 """Distances in metres at which 2 % of the contrast are left; exp(-3.912) is 0.02."""
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     severity=st.integers(1, 5),
     seed=st.integers(0, 2**32),
@@ -39,7 +39,7 @@ def test_fog_is_within_a_grey_level_of_the_formula_in_float64(severity, seed, de
         assert np.abs(corruption.apply(frame, state, index) - expected).max() < 0.51
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**64 - 1))
 def test_the_airlight_is_a_bright_near_grey(seed):
     red, green, blue = load_corruption("fog_3d").draw_with_depth(Rng.of(seed), 3, (8, 8), scene(8, 8))[0]

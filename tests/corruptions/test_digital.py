@@ -38,7 +38,7 @@ def test_jpeg_is_pillows(severity, size):
         assert (corrupted(corruption, frame, severity) == np.asarray(Image.open(file))).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(16, 260), st.integers(16, 260), st.sampled_from(SEVERITIES))
 def test_pixelate_is_pillows_columns_first(height, width, severity):
     frame = np.random.default_rng(height * 1000 + width).integers(0, 256, (height, width, 3), dtype=np.uint8)

@@ -42,7 +42,7 @@ def test_the_field_is_blurred_noise(shape, sigmas):
     assert np.sqrt(np.mean((got - expected) ** 2)) < 0.01 * expected.std()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(16, 70), st.integers(16, 70), st.integers(1, 5), st.sampled_from(["default", "reference"]))
 def test_the_warp_is_bilinear_with_mirrored_borders(height, width, severity, variant):
     frame = np.random.default_rng(height).integers(0, 256, (height, width, 3), dtype=np.uint8)

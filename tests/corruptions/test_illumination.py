@@ -34,12 +34,11 @@ def test_shift_of_v_to_the_last_half(name, sign, severity):
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)
-@pytest.mark.parametrize("name", ["high_light", "low_light", *EXPOSURES])
+@pytest.mark.parametrize("name", EXPOSURES)
 def test_hsv_round_trip(name, severity):
     corruption, state = exposed(name, severity)
-    hsv, c = rgb2hsv(COLOURS), corruption.parameter(severity)
-    change = {"high_light": hsv[..., 2] + c, "low_light": hsv[..., 2] - c}
-    hsv[..., 2] = np.clip(change.get(name, hsv[..., 2] * 2.0**c), 0, 1)
+    hsv = rgb2hsv(COLOURS)
+    hsv[..., 2] = np.minimum(hsv[..., 2] * 2.0 ** corruption.parameter(severity), 1)
     off = corruption.apply(COLOURS, state, 0) - hsv2rgb(hsv) * 255
     assert np.abs(off).max() < 0.5 + 1e-9
 

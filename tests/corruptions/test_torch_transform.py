@@ -92,7 +92,7 @@ def epochs(workers, keyed, count=1):
     return [[item.numpy().tobytes() for batch in loader for item in batch] for _ in range(count)]
 
 
-@pytest.mark.parametrize("workers", [0, 1, 2])
+@pytest.mark.parametrize("workers", [0, 2])
 def test_every_sample_of_every_epoch_has_its_own_draw(workers):
     drawn = epochs(workers, keyed=False, count=2)
     assert len({item for epoch in drawn for item in epoch}) == 24
@@ -100,4 +100,4 @@ def test_every_sample_of_every_epoch_has_its_own_draw(workers):
 
 
 def test_with_keys_the_number_of_workers_changes_nothing():
-    assert epochs(0, keyed=True) == epochs(1, keyed=True) == epochs(2, keyed=True)
+    assert epochs(0, keyed=True) == epochs(2, keyed=True)

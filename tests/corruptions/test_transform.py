@@ -15,12 +15,7 @@ from robustflow.corruptions.transforms.transform import CorruptionTransform
 from robustflow.errors import DataError, UsageError
 from robustflow.random.rng import Rng
 
-
-def picture(height=40, width=56, channels=3, seed=0):
-    rng = np.random.default_rng(seed)
-    rough = rng.integers(0, 256, (8, 8, channels)).astype(np.uint8)
-    return cv2.resize(rough, (width, height), interpolation=cv2.INTER_CUBIC).reshape(height, width, channels)
-
+from .pictures import picture
 
 FORMS = {
     "uint8": lambda image: image,
@@ -35,7 +30,7 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", [*(name for name in IMAGE_PAIR if name != "psf_blur"), "fog:2+jpeg_compression"])
 def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
-    image = FORMS[form](picture())
+    image = FORMS[form](picture(40, 56))
     before = image.copy()
     out = CorruptionTransform([name], [5])(image, key="k")
     assert (out.shape, out.dtype) == (image.shape, image.dtype)
@@ -50,21 +45,21 @@ def test_it_is_the_corruption_of_that_name_and_severity():
     """The transform gives the same result as the corruption with the random stream described in the module's
     docstring.
     """
-    image, corruption = picture(), load_corruption("fog")
+    image, corruption = picture(40, 56), load_corruption("fog")
     stream = Rng.of("robustflow transform", 7, "key", "a").spawn("draw")
     expected = corruption.apply(image, corruption.draw(stream, 2, image.shape[:2]), 0)
     np.testing.assert_array_equal(CorruptionTransform(["fog"], [2], seed=7)(image, key="a"), expected)
 
 
 def test_a_float_image_is_the_8_bit_one():
-    image = picture()
+    image = picture(40, 56)
     transform = CorruptionTransform(["gaussian_noise"], [3])
     out = transform(image.astype(np.float32) / np.float32(255), key=1)
     np.testing.assert_array_equal(np.rint(out * 255).astype(np.uint8), transform(image, key=1))
 
 
 def test_frames_of_a_clip_share_what_a_pair_shares():
-    frames = [picture(seed=index) for index in range(3)]
+    frames = [picture(40, 56, seed=index) for index in range(3)]
     transform = CorruptionTransform(["frost"], [4])
     clip = transform(frames, key="clip")
     for one, index in zip(clip, range(3), strict=True):
@@ -82,7 +77,7 @@ def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_l
     flat = np.full((200, 200), 128, np.uint8)
     noisy = CorruptionTransform(["gaussian_noise"], [1])(flat, key=0).astype(float)
     assert noisy.std() == pytest.approx(0.08 * 255, rel=0.03)
-    grey = picture(64, 64, 1)
+    grey = picture(64, 64)[..., :1]
     colour = np.repeat(grey, 3, axis=2)
     transform = CorruptionTransform(["spatter"], [5])
     expected = cv2.cvtColor(transform(colour, key=1), cv2.COLOR_RGB2GRAY)
@@ -92,7 +87,7 @@ def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_l
 @pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
 def test_what_is_called_neutral_keeps_grey_grey(name):
     """The grey result is the luma of the RGB result, whose channels may be equal."""
-    grey = picture(48, 48, 1)
+    grey = picture(48, 48)[..., :1]
     transform = CorruptionTransform([name], [3])
     colour = transform(np.repeat(grey, 3, axis=2), key=0)
     luma = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(int)
@@ -101,7 +96,7 @@ def test_what_is_called_neutral_keeps_grey_grey(name):
 
 def test_keys_name_draws_and_calls_count_them():
     transform = CorruptionTransform(["impulse_noise"], [3], seed=1)
-    image = picture()
+    image = picture(40, 56)
     again = CorruptionTransform(["impulse_noise"], [3], seed=1)
     firsts = [transform(image) for _ in range(3)]
     seconds = [again(image) for _ in range(3)]
@@ -126,13 +121,13 @@ def test_nothing_is_drawn_that_the_scale_lacks():
     name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
     known = calibrated_levels(name)
     lacking = [level for level in range(1, 6) if level not in known]
-    CorruptionTransform([name], scale="calibrated")(picture(), key=0)
+    CorruptionTransform([name], scale="calibrated")(picture(40, 56), key=0)
     with pytest.raises(UsageError, match="calibrated scale"):
         CorruptionTransform([name], lacking, scale="calibrated")
 
 
 def test_a_pickled_copy_continues_where_the_original_stood():
-    transform, image = CorruptionTransform(["shot_noise"], [2]), picture()
+    transform, image = CorruptionTransform(["shot_noise"], [2]), picture(40, 56)
     transform(image)
     copy = pickle.loads(pickle.dumps(transform))
     np.testing.assert_array_equal(copy(image), transform(image))

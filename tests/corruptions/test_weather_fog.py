@@ -57,7 +57,7 @@ def test_a_4k_corner_stays_between_0_and_1():
     assert np.abs(np.diff(corner, axis=1)).max() < 0.02
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 5), st.integers(0, 255), st.integers(0, 9))
 def test_the_blend(severity, brightest, seed):
     frame = np.random.default_rng(seed).integers(0, brightest + 1, (20, 30, 3)).astype(np.uint8)

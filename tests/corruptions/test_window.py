@@ -26,7 +26,7 @@ def window(frames, name, severity, **options):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(
     before=st.integers(0, 4),
     after=st.integers(0, 3),
@@ -48,10 +48,8 @@ def test_the_pair_in_a_window_is_the_pair(name, before, after, size, severity, v
         assert all((a == b).all() for a, b in zip(clip[1:], shorter, strict=True)), "a frame depends on the window"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FLAT)
 def test_what_frames_share_and_what_changes(name):
-    if "+" in name:
-        return
     frame = picture(48, 64)
     distinct = {out.tobytes() for out in window([frame] * 9, name, 3, first=-5)}
     expected = 9 if name in NEW_IN_EVERY_FRAME else 2 if name in EVERY_SECOND_FRAME else 1
