@@ -11,7 +11,7 @@ from robustflow.errors import DataError
 from robustflow.images.io import read_image
 from tests.video import clips
 
-from .layouts import HEIGHT, WIDTH, flow, kitti, picture
+from .layouts import HEIGHT, flow, kitti, picture, sintel, spring
 
 
 def check(dataset, key, files, place):
@@ -35,38 +35,26 @@ def check(dataset, key, files, place):
 
 @pytest.mark.parametrize("place", range(4))
 def test_sintel(tmp_path, place):
-    for scene, count in (("alley_1", 5), ("bamboo_2", 3)):
-        for number in range(1, count + 1):
-            picture(tmp_path / "training/clean" / scene / f"frame_{number:04d}.png")
-            if number < count:
-                flow(tmp_path / "training/flow" / scene / f"frame_{number:04d}.flo")
-    files = [tmp_path / f"training/clean/alley_1/frame_{number:04d}.png" for number in range(1, 6)]
+    folder = sintel(tmp_path, frames=5)
+    files = [folder / f"clean/alley_1/frame_{number:04d}.png" for number in range(1, 6)]
     check(load_dataset("sintel", tmp_path), f"alley_1/frame_{place + 1:04d}", files, place)
 
 
 @pytest.mark.parametrize("direction", ["FW", "BW"])
 def test_spring_in_both_directions(tmp_path, direction):
     pytest.importorskip("h5py", reason="needs the h5 extra")
-    frames = [tmp_path / f"train/0001/frame_left/frame_left_{number:04d}.png" for number in range(1, 5)]
-    for path in frames:
-        picture(path)
-    flows = range(1, 4) if direction == "FW" else range(2, 5)
-    for number in flows:
-        flow(
-            tmp_path / f"train/0001/flow_{direction}_left/flow_{direction}_left_{number:04d}.flo5",
-            None,
-            2 * HEIGHT,
-            2 * WIDTH,
-        )
-    ordered = frames if direction == "FW" else frames[::-1]
-    first = "0002" if direction == "FW" else "0003"
-    check(load_dataset("spring", tmp_path, direction=direction), f"0001/{first}", ordered, 1)
+    train = spring(tmp_path, frames=4)
+    numbers = (1, 2, 3, 4) if direction == "FW" else (4, 3, 2, 1)
+    files = [train / f"0001/frame_left/frame_left_{number:04d}.png" for number in numbers]
+    check(load_dataset("spring", tmp_path, direction=direction), f"0001/{numbers[1]:04d}", files, 1)
 
 
 def test_kitti_with_its_multi_view_extension(tmp_path):
     folder = tmp_path / "training"
     kitti(folder, ["000003", "000007"])
-    assert not has_clips(load_dataset("kitti2015", tmp_path))
+    for pairs_alone in (load_dataset("kitti2015", tmp_path), load_dataset("motorcycle")):
+        assert not has_clips(pairs_alone)
+        assert not isinstance(pairs_alone, CorruptedClips)
     for number in (0, 7, 8, 9, 12, 13):
         picture(folder / "image_2" / f"000003_{number:02d}.png")
     dataset = load_dataset("kitti2015", tmp_path)
@@ -90,9 +78,8 @@ def test_middlebury_with_eight_frames(tmp_path):
 def test_folders_in_steps_of_the_pair(tmp_path, step):
     for number in range(1, 12):
         picture(tmp_path / "walk" / f"{number}.png")
-    picture(tmp_path / "still" / "1.png")
-    picture(tmp_path / "still" / "2.png")
-    picture(tmp_path / "still" / "3.png")
+    for number in range(1, 4):
+        picture(tmp_path / "still" / f"{number}.png")
     files = [tmp_path / "walk" / f"{number}.png" for number in range(1, 12, step)]
     check(load_dataset("folder", tmp_path, step=step), f"walk/{1 + 2 * step}", files, 2)
 
@@ -115,18 +102,11 @@ def test_video_in_any_order(tmp_path, step):
 
 
 def test_a_frame_of_another_size_is_named(tmp_path):
-    for number in range(1, 4):
-        picture(tmp_path / "other-data/Army" / f"frame{number + 8:02d}.png", height=HEIGHT + (number == 1))
+    for number in (9, 10, 11):
+        picture(tmp_path / f"other-data/Army/frame{number:02d}.png", height=HEIGHT + (number == 9))
     flow(tmp_path / "other-gt-flow/Army/flow10.flo")
     with pytest.raises(DataError, match=r"frame10.png is 8x6, .*frame09.png is 8x7"):
         load_dataset("middlebury", tmp_path).frame("Army", -1)
-
-
-def test_pairs_alone_have_no_clips(tmp_path):
-    kitti(tmp_path / "training", ["000000", "000001"])
-    assert not has_clips(load_dataset("kitti2015", tmp_path))
-    assert not has_clips(load_dataset("motorcycle"))
-    assert not isinstance(load_dataset("kitti2015", tmp_path), CorruptedClips)
 
 
 def test_real_video(shared):

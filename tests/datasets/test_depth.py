@@ -22,6 +22,7 @@ from robustflow.images.io import write_image
 from robustflow.sample import Camera, Sample
 
 from ..corruptions.pictures import picture
+from .layouts import placed
 
 CAMERA = Camera((10.0, 10.0), (2.0, 2.0))
 PAIR = Sample("7", (np.zeros((4, 4, 3), np.uint8),) * 2)
@@ -113,11 +114,16 @@ def test_layers_run_from_5_to_100_metres_evenly_in_inverse_depth():
     assert layer_depths(1).tolist() == [5.0]
 
 
-def test_motorcycle_moves_by_its_baseline_as_its_disparity_says():
-    """A point that is back-projected, moved by the camera motion and projected again ends where the true flow ends."""
+@pytest.fixture(scope="module")
+def motorcycle():
+    """The embedded pair: the dataset, its sample, and the sample's depth."""
     data = load_dataset("motorcycle")
-    sample = data["motorcycle"]
-    depth = data.depth(sample)
+    return data, data["motorcycle"], data.depth(data["motorcycle"])
+
+
+def test_motorcycle_moves_by_its_baseline_as_its_disparity_says(motorcycle):
+    """A point that is back-projected, moved by the camera motion and projected again ends where the true flow ends."""
+    _, sample, depth = motorcycle
     valid = depth.measured[0]
     np.testing.assert_array_equal(valid, sample.valid)
     rows, columns = np.nonzero(valid)
@@ -131,10 +137,8 @@ def test_motorcycle_moves_by_its_baseline_as_its_disparity_says():
     assert 2 < metres.min() < metres.max() < 6  # a room
 
 
-def test_motorcycles_second_frame_has_the_depth_of_what_it_shows():
-    data = load_dataset("motorcycle")
-    sample = data["motorcycle"]
-    depth = data.depth(sample)
+def test_motorcycles_second_frame_has_the_depth_of_what_it_shows(motorcycle):
+    _, sample, depth = motorcycle
     rows, columns = np.nonzero(sample.valid)
     there = np.rint(columns + sample.flow[sample.valid, 0]).astype(int)
     inside = (there >= 0) & (there < 741)
@@ -144,9 +148,8 @@ def test_motorcycles_second_frame_has_the_depth_of_what_it_shows():
     assert depth.measured[1].mean() > 0.8
 
 
-def test_a_still_scene_has_the_depth_of_its_frame_twice_and_a_camera_at_rest():
-    data = load_dataset("motorcycle")
-    pair = data.depth(data["motorcycle"])
+def test_a_still_scene_has_the_depth_of_its_frame_twice_and_a_camera_at_rest(motorcycle):
+    data, _, pair = motorcycle
     still = Still(data, ["motorcycle"])
     for which, sample in enumerate(still):
         depth = still.depth(sample)
@@ -160,10 +163,14 @@ def test_a_still_scene_has_the_depth_of_its_frame_twice_and_a_camera_at_rest():
 def pictures_of(folder, *names, shape=(40, 56)):
     """A folder of frames."""
     for number, name in enumerate(names):
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_image(path, picture(*shape, seed=number))
+        write_image(placed(folder / name), picture(*shape, seed=number))
     return folder
+
+
+@pytest.fixture
+def clip(tmp_path):
+    """Two frames a and b of a user."""
+    return load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
 
 
 def metres(shape=(40, 56)):
@@ -175,14 +182,20 @@ def metres(shape=(40, 56)):
 
 def write_map(path, values):
     """Write the map in the format that the suffix specifies."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".png":
+    if placed(path).suffix == ".png":
         assert cv2.imwrite(str(path), np.rint(values * 1000).astype(np.uint16))
     elif path.suffix == ".npy":
         np.save(path, values)
     else:
         height, width = values.shape
         path.write_bytes(b"Pf\n%d %d\n-1.0\n" % (width, height) + values[::-1].astype("<f4").tobytes())
+
+
+def write_both(folder, shape=(40, 56)):
+    """Write the same map for both frames; return the folder."""
+    for name in "ab":
+        write_map(folder / f"{name}.npy", metres(shape))
+    return folder
 
 
 @pytest.mark.parametrize(("order", "scale"), [("<f4", b"-1.0"), (">f4", b"1.0"), (">f4", b"1"), ("<f4", b"-1")])
@@ -194,13 +207,11 @@ def test_a_pfm_file_may_have_either_byte_order(tmp_path, order, scale):
 
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".pfm"])
 @pytest.mark.parametrize("place", ["", "clip"])
-def test_own_maps_are_read_in_metres_for_both_frames_and_completed(tmp_path, suffix, place):
-    frames = pictures_of(tmp_path / "clip", "a.png", "b.png")
-    dataset = load_dataset("folder", frames)
+def test_own_maps_are_read_in_metres_for_both_frames_and_completed(clip, tmp_path, suffix, place):
     for name, factor in (("a", 1), ("b", 1.05)):
         write_map(tmp_path / "maps" / place / f"{name}{suffix}", factor * metres())
-    own = OwnDepth(tmp_path / "maps", dataset, 70.0)
-    depth = own.depth(dataset["a"])
+    own = OwnDepth(tmp_path / "maps", clip, 70.0)
+    depth = own.depth(clip["a"])
     for map_, measured, factor in zip(depth.maps, depth.measured, (1, 1.05), strict=True):
         assert map_.dtype == np.float32
         np.testing.assert_array_equal(measured, metres() > 0)
@@ -214,107 +225,93 @@ def test_own_maps_are_read_in_metres_for_both_frames_and_completed(tmp_path, suf
 @pytest.mark.parametrize("shape", [(40, 56), (56, 40)])
 def test_without_a_focal_length_it_is_the_longer_side_of_the_frames(tmp_path, shape):
     dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png", shape=shape))
-    for name in "ab":
-        write_map(tmp_path / "maps" / f"{name}.npy", metres(shape))
-    assert OwnDepth(tmp_path / "maps", dataset).depth(dataset["a"]).camera.focal == (56.0, 56.0)
+    maps = write_both(tmp_path / "maps", shape)
+    assert OwnDepth(maps, dataset).depth(dataset["a"]).camera.focal == (56.0, 56.0)
 
 
-def hostile_maps():
-    """Files that are not valid depth maps, and the expected error messages."""
-    pickled = io.BytesIO()
-    np.save(pickled, np.array([[{"a": 1}]]), allow_pickle=True)
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (99999, 99999)})
-    huge = b"\x93NUMPY\x01\x00\xff\xff{'descr': '<f4'"
-    png8 = cv2.imencode(".png", np.ones((40, 56), np.uint8))[1].tobytes()
-    png16 = cv2.imencode(".png", np.full((40, 56), 3000, np.uint16))[1].tobytes()
-    colour16 = cv2.imencode(".png", np.full((40, 56, 3), 3000, np.uint16))[1].tobytes()
-    npy = io.BytesIO()
-    np.save(npy, metres())
-    three = io.BytesIO()
-    np.save(three, np.ones((40, 56, 3), np.float32))
-    complex_ = io.BytesIO()
-    np.save(complex_, np.ones((40, 56), np.complex64))
-    return {
-        "pickled.npy": (pickled.getvalue(), "not a depth map"),
-        "huge.npy": (header.getvalue(), "exceed the limit"),
-        "headless.npy": (huge, "damaged or truncated"),
-        "cut.npy": (npy.getvalue()[:-5], "truncated"),
-        "long.npy": (npy.getvalue() + b"x", "too long"),
-        "channels.npy": (three.getvalue(), "not a depth map"),
-        "complex.npy": (complex_.getvalue(), "not a depth map"),
-        "empty.npy": (b"", "damaged or truncated"),
-        "colour.pfm": (b"PF\n56 40\n-1.0\n" + b"\0" * 26880, "not a one-channel"),
-        "huge.pfm": (b"Pf\n99999 99999\n-1.0\n", "exceed the limit"),
-        "cut.pfm": (b"Pf\n56 40\n-1.0\n" + b"\0" * 100, "truncated"),
-        "scaled.pfm": (b"Pf\n56 40\n-2.5\n" + b"\0" * 8960, "scale -2.5"),
-        "bytes.png": (png8, "8-bit PNG"),
-        "colour.png": (colour16, "16-bit PNG with 3 channel"),
-        "cut.png": (png16[:-40], "damaged|truncated"),
-        "text.png": (b"depth", "PNG"),
-        "negative.npy": (npy_bytes(-metres()), "negative depths"),
-        "holes.npy": (npy_bytes(0 * metres()), "no pixel has a measured depth"),
-        "small.npy": (npy_bytes(metres((40, 55))), "55x40, but the frames are 56x40"),
-    }
-
-
-def npy_bytes(values):
+def npy(values):
     """The bytes of an array as written by numpy.save."""
     buffer = io.BytesIO()
     np.save(buffer, values)
     return buffer.getvalue()
 
 
-@pytest.mark.parametrize("name", sorted(hostile_maps()))
-def test_a_file_that_is_no_map_is_refused_in_one_line(tmp_path, name):
-    contents, message = hostile_maps()[name]
+def png(dtype, *channels):
+    """The bytes of a PNG file of 56x40 pixels."""
+    return cv2.imencode(".png", np.full((40, 56, *channels), 100, dtype))[1].tobytes()
+
+
+def endless_npy():
+    """An NPY file that announces 10 billion values."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, {"descr": "<f4", "fortran_order": False, "shape": (99999, 99999)})
+    return buffer.getvalue()
+
+
+NO_MAPS = {
+    "pickled.npy": (npy(np.array([[{"a": 1}]])), "not a depth map"),
+    "huge.npy": (endless_npy(), "exceed the limit"),
+    "headless.npy": (b"\x93NUMPY\x01\x00\xff\xff{'descr': '<f4'", "damaged or truncated"),
+    "cut.npy": (npy(metres())[:-5], "truncated"),
+    "long.npy": (npy(metres()) + b"x", "too long"),
+    "channels.npy": (npy(np.ones((40, 56, 3), np.float32)), "not a depth map"),
+    "complex.npy": (npy(np.ones((40, 56), np.complex64)), "not a depth map"),
+    "empty.npy": (b"", "damaged or truncated"),
+    "colour.pfm": (b"PF\n56 40\n-1.0\n" + b"\0" * 26880, "not a one-channel"),
+    "huge.pfm": (b"Pf\n99999 99999\n-1.0\n", "exceed the limit"),
+    "cut.pfm": (b"Pf\n56 40\n-1.0\n" + b"\0" * 100, "truncated"),
+    "scaled.pfm": (b"Pf\n56 40\n-2.5\n" + b"\0" * 8960, "scale -2.5"),
+    "bytes.png": (png(np.uint8), "8-bit PNG"),
+    "colour.png": (png(np.uint16, 3), "16-bit PNG with 3 channel"),
+    "cut.png": (png(np.uint16)[:-40], "damaged|truncated"),
+    "text.png": (b"depth", "PNG"),
+    "negative.npy": (npy(-metres()), "negative depths"),
+    "holes.npy": (npy(0 * metres()), "no pixel has a measured depth"),
+    "small.npy": (npy(metres((40, 55))), "55x40, but the frames are 56x40"),
+}
+
+
+@pytest.mark.parametrize("name", NO_MAPS)
+def test_a_file_that_is_no_map_is_refused_in_one_line(clip, tmp_path, name):
+    contents, message = NO_MAPS[name]
     suffix = name.partition(".")[2]
-    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
     write_map(tmp_path / "maps" / f"a.{suffix}", metres())
     (tmp_path / "maps" / f"b.{suffix}").write_bytes(contents)
     with pytest.raises(DataError, match=message) as caught:
-        OwnDepth(tmp_path / "maps", dataset).depth(dataset["a"])
+        OwnDepth(tmp_path / "maps", clip).depth(clip["a"])
     assert "\n" not in str(caught.value)
     assert "maps" in str(caught.value)
 
 
-def test_a_missing_map_is_named_before_anything_is_read(tmp_path):
-    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+def test_a_missing_map_is_named_before_anything_is_read(clip, tmp_path):
     write_map(tmp_path / "maps" / "a.npy", metres())
     with pytest.raises(DataError, match=r"no depth map for .*b\.png; expected b with the extension .*\.pfm"):
-        OwnDepth(tmp_path / "maps", dataset).depth_files("a")
+        OwnDepth(tmp_path / "maps", clip).depth_files("a")
 
 
 def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):
     frames = pictures_of(tmp_path / "clips", "one/a.png", "one/b.png", "two/a.png", "two/b.png")
-    dataset = load_dataset("folder", frames)
-    for name in "ab":
-        write_map(tmp_path / "maps" / f"{name}.npy", metres())
-    own = OwnDepth(tmp_path / "maps", dataset)
+    dataset, maps = load_dataset("folder", frames), write_both(tmp_path / "maps")
+    own = OwnDepth(maps, dataset)
     assert own.depth_files("one/a")
     with pytest.raises(DataError, match="matches both"):
         own.depth_files("two/a")
-    for name in ("one/a", "one/b", "two/a", "two/b"):
-        write_map(tmp_path / "maps" / f"{name}.npy", metres())
-    assert OwnDepth(tmp_path / "maps", dataset).depth_files("two/a") == [
-        tmp_path / "maps" / "two" / f"{name}.npy" for name in "ab"
-    ]
+    write_both(maps / "one")
+    write_both(maps / "two")
+    assert OwnDepth(maps, dataset).depth_files("two/a") == [maps / "two" / f"{name}.npy" for name in "ab"]
 
 
 @pytest.mark.parametrize("focal", [0, -3, float("inf"), float("nan"), True, "far"])
-def test_a_focal_length_that_is_none_is_refused(tmp_path, focal):
-    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
+def test_a_focal_length_that_is_none_is_refused(clip, tmp_path, focal):
     with pytest.raises(UsageError, match="--focal"):
-        OwnDepth(tmp_path, dataset, focal)
+        OwnDepth(tmp_path, clip, focal)
 
 
-def test_the_digest_follows_maps_and_focal_length_and_nothing_else(tmp_path):
-    dataset = load_dataset("folder", pictures_of(tmp_path / "clip", "a.png", "b.png"))
-    for name in "ab":
-        write_map(tmp_path / "maps" / f"{name}.npy", metres())
-    before = OwnDepth(tmp_path / "maps", dataset).digest
-    (tmp_path / "maps" / "c.npy").write_bytes(b"of another clip")
-    assert OwnDepth(tmp_path / "maps", dataset).digest == before
-    assert OwnDepth(tmp_path / "maps", dataset, 56.0).digest != before
-    write_map(tmp_path / "maps" / "b.npy", metres() + 1)
-    assert OwnDepth(tmp_path / "maps", dataset).digest != before
+def test_the_digest_follows_maps_and_focal_length_and_nothing_else(clip, tmp_path):
+    maps = write_both(tmp_path / "maps")
+    before = OwnDepth(maps, clip).digest
+    (maps / "c.npy").write_bytes(b"of another clip")
+    assert OwnDepth(maps, clip).digest == before
+    assert OwnDepth(maps, clip, 56.0).digest != before
+    write_map(maps / "b.npy", metres() + 1)
+    assert OwnDepth(maps, clip).digest != before

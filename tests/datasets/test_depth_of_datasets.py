@@ -2,13 +2,14 @@
 camera.
 """
 
+import struct
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from robustflow.datasets import load_dataset
 from robustflow.datasets.camera_motion import relative_motion, with_motion
@@ -16,7 +17,7 @@ from robustflow.errors import DataError
 from robustflow.flowio import write_flow
 from robustflow.sample import Camera
 
-from .layouts import picture
+from .layouts import picture, placed
 
 HEIGHT, WIDTH = 48, 64
 FOCAL = 60.0
@@ -35,17 +36,17 @@ def turned(*angles):
     return out
 
 
-def world(rotation, translation, lens=(FOCAL, FOCAL, *CENTRE), second=None):
-    """A tilted plane with a block in front of it: the depth in frame 1, the depth of the same points in frame 2,
-    and the flow.
+def world(rotation, translation, lens=(FOCAL, FOCAL, *CENTRE), sky=0):
+    """A tilted plane with a block in front of it, below `sky` rows at 10 km: the depth in frame 1, the depth of the
+    same points in frame 2, and the flow.
     """
     rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     depth = 1 / (0.02 + 0.001 * rows + 0.0005 * columns)
     depth[10:25, 20:40] = 6.0
+    depth[:sky] = 10_000
     fx, fy, cx, cy = lens
     points = np.stack([(columns - cx) / fx * depth, (rows - cy) / fy * depth, depth])
     moved = np.tensordot(rotation, points, 1) + np.reshape(translation, (3, 1, 1))
-    fx, fy, cx, cy = second or lens
     flow = np.stack([fx * moved[0] / moved[2] + cx - columns, fy * moved[1] / moved[2] + cy - rows], axis=2)
     return SimpleNamespace(depth=depth, then=moved[2], flow=flow.astype(np.float32))
 
@@ -89,10 +90,8 @@ def test_relative_motion_takes_points_of_the_first_camera_to_the_second():
     np.testing.assert_allclose(rotation @ seen[0] + translation, seen[1], atol=1e-12)
 
 
-def check_frames(depth, scene, atol=0.02):
-    """The first map is the scene's depth; the second is the depth of its points at the ends of their flow vectors."""
-    measured = depth.measured[0]
-    np.testing.assert_allclose(depth.maps[0][measured], scene.depth[measured], rtol=atol)
+def check_second(depth, scene):
+    """Assert that the second map is the depth of the scene's points at the ends of their flow vectors."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     there = np.rint(np.dstack([columns, rows]) + scene.flow).astype(int)
     inside = ((there >= 0) & (there < (WIDTH, HEIGHT))).all(axis=2) & (scene.depth != 6)
@@ -107,17 +106,19 @@ def kitti(root, scene, baseline=0.54):
         picture(training / "image_2" / f"000010_{number}.png", HEIGHT, WIDTH)
     known = np.ones((HEIGHT, WIDTH), bool)
     known[:5] = known[:, ::3] = False  # the sky, and the gaps between the scan lines
-    (training / "flow_occ").mkdir()
-    write_flow(training / "flow_occ" / "000010_10.png", scene.flow, known)
+    write_flow(placed(training / "flow_occ" / "000010_10.png"), scene.flow, known)
     for name, metres in (("disp_occ_0", scene.depth), ("disp_occ_1", scene.then)):
-        disparity = np.where(known, FOCAL * baseline / metres, 0)
-        (training / name).mkdir()
-        assert cv2.imwrite(str(training / name / "000010_10.png"), np.rint(256 * disparity).astype(np.uint16))
-    right = f"{FOCAL} 0 {CENTRE[0]} {44.9 - FOCAL * baseline} 0 {FOCAL} {CENTRE[1]} 0.2 0 0 1 0.003"
-    left = f"{FOCAL} 0 {CENTRE[0]} 44.9 0 {FOCAL} {CENTRE[1]} 0.2 0 0 1 0.003"
-    (training / "calib_cam_to_cam").mkdir()
-    calibration = f"calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nP_rect_02: {left}\nP_rect_03: {right}\n"
-    (training / "calib_cam_to_cam" / "000010.txt").write_text(calibration)
+        values = np.rint(256 * np.where(known, FOCAL * baseline / metres, 0)).astype("<u2")
+        image = Image.frombytes("I;16", (WIDTH, HEIGHT), values.tobytes())
+        image.save(placed(training / name / "000010_10.png"))
+    lines = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.950000e-02", "S_02: 1.392000e+03 5.120000e+02"]
+    for camera, x, others in (
+        ("02", 44.85728, (0.2163791, 0.002745884)),
+        ("03", 44.85728 - FOCAL * baseline, (2.2, 0)),
+    ):
+        matrix = (FOCAL, 0, CENTRE[0], x, 0, FOCAL, CENTRE[1], others[0], 0, 0, 1, others[1])
+        lines.append(f"P_rect_{camera}: " + " ".join(f"{value:.6e}" for value in matrix))
+    placed(training / "calib_cam_to_cam" / "000010.txt").write_text("\n".join(lines) + "\n")
     return training
 
 
@@ -129,7 +130,9 @@ def test_kitti_has_depth_by_disparity_and_calibration_and_a_fitted_camera(tmp_pa
     sample = data.load("000010")
     depth = data.depth(sample)
     np.testing.assert_array_equal(depth.measured[0], sample.valid)
-    check_frames(depth, scene)
+    quantized = np.rint(256 * FOCAL * 20.0 / scene.depth[sample.valid])
+    np.testing.assert_allclose(depth.maps[0][sample.valid], FOCAL * 20.0 * 256 / quantized, rtol=1e-6)
+    check_second(depth, scene)
     np.testing.assert_allclose(depth.camera.intrinsics(1), (FOCAL, FOCAL, *CENTRE))
     np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=2e-3)
     np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=0.03)
@@ -154,19 +157,14 @@ def test_a_damaged_calibration_of_kitti_is_refused(tmp_path, text):
 def sintel(root, scene, first, second, zoom=1.0):
     """An MPI-Sintel pair with the files of its depth package."""
     training = root / "training"
-    tag = np.float32(202021.25).tobytes()
     for number, metres, pose, focal in ((1, scene.depth, first, FOCAL), (2, scene.then, second, zoom * FOCAL)):
         picture(training / "clean" / "alley_1" / f"frame_{number:04d}.png", HEIGHT, WIDTH)
-        for kind in ("depth", "camdata_left"):
-            (training / kind / "alley_1").mkdir(parents=True, exist_ok=True)
-        size = np.array([WIDTH, HEIGHT], "<i4").tobytes()
-        values = tag + size + metres.astype("<f4").tobytes()
-        (training / "depth" / "alley_1" / f"frame_{number:04d}.dpt").write_bytes(values)
-        intrinsics = np.array([[focal, 0, CENTRE[0]], [0, focal, CENTRE[1]], [0, 0, 1]])
-        values = tag + intrinsics.astype("<f8").tobytes() + pose.astype("<f8").tobytes()
-        (training / "camdata_left" / "alley_1" / f"frame_{number:04d}.cam").write_bytes(values)
-    (training / "flow" / "alley_1").mkdir(parents=True)
-    write_flow(training / "flow" / "alley_1" / "frame_0001.flo", scene.flow)
+        values = struct.pack("<fii", 202021.25, WIDTH, HEIGHT) + metres.astype("<f4").tobytes()
+        placed(training / "depth" / "alley_1" / f"frame_{number:04d}.dpt").write_bytes(values)
+        lens = (focal, 0, CENTRE[0], 0, focal, CENTRE[1], 0, 0, 1)
+        values = struct.pack("<f9d12d", 202021.25, *lens, *pose.ravel())
+        placed(training / "camdata_left" / "alley_1" / f"frame_{number:04d}.cam").write_bytes(values)
+    write_flow(placed(training / "flow" / "alley_1" / "frame_0001.flo"), scene.flow)
     return training
 
 
@@ -196,37 +194,40 @@ def test_sintel_has_the_depth_and_the_cameras_of_its_files(tmp_path):
         data.depth_files("alley_1/frame_0001")
 
 
+AXES = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+"""TartanAir's axes (x forward, y right, z down) from those of a camera (x right, y down, z forward)."""
+
+
 def ned(rotation, place):
-    """One line of a pose file: a quaternion for coordinates with x forward, y right, z down, from a camera-to-world
-    rotation with x right, y down, z forward.
-    """
-    axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
-    turn = rotation @ axes.T
+    """One line of a pose file, with a quaternion, from a camera-to-world rotation and the camera's place."""
+    turn = rotation @ AXES.T
     w = np.sqrt(max(0, 1 + np.trace(turn))) / 2
     x, y, z = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     return [*place, x / (4 * w), y / (4 * w), z / (4 * w), w]
 
 
+def tartanair(root, scene, poses):
+    """A TartanAir pair with depth and poses; return its folder."""
+    flight = root / "office" / "Easy" / "P000"
+    np.savetxt(placed(flight / "pose_left.txt"), poses)
+    for number, metres in enumerate((scene.depth, scene.then)):
+        picture(flight / "image_left" / f"{number:06d}_left.png", HEIGHT, WIDTH)
+        np.save(placed(flight / "depth_left" / f"{number:06d}_left_depth.npy"), metres.astype(np.float32))
+    np.save(placed(flight / "flow" / "000000_000001_flow.npy"), scene.flow)
+    np.save(flight / "flow" / "000000_000001_mask.npy", np.zeros((HEIGHT, WIDTH), np.uint8))
+    return flight
+
+
 def test_tartanair_has_the_depth_and_the_poses_of_its_files(tmp_path):
     lens = (320.0, 320.0, 320.0, 240.0)
     scene = world(*MOTION, lens)
-    flight = tmp_path / "office" / "Easy" / "P000"
-    axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
-    to_world, place = axes @ turned(0.1, 0.4, -0.2), np.array([3.0, -8.0, 1.5])
+    to_world, place = AXES @ turned(0.1, 0.4, -0.2), np.array([3.0, -8.0, 1.5])
     other_to_world = to_world @ MOTION[0].T
     other = place - other_to_world @ MOTION[1]
-    np.savetxt(flight.joinpath("pose_left.txt") if flight.mkdir(parents=True) else flight / "pose_left.txt",
-               [ned(to_world, place), ned(other_to_world, other)])  # fmt: skip
-    for kind in ("flow", "depth_left"):
-        (flight / kind).mkdir()
-    for number, metres in enumerate((scene.depth, scene.then)):
-        picture(flight / "image_left" / f"{number:06d}_left.png", HEIGHT, WIDTH)
-        np.save(flight / "depth_left" / f"{number:06d}_left_depth.npy", metres.astype(np.float32))
-    np.save(flight / "flow" / "000000_000001_flow.npy", scene.flow)
-    np.save(flight / "flow" / "000000_000001_mask.npy", np.zeros((HEIGHT, WIDTH), np.uint8))
+    flight = tartanair(tmp_path, scene, [ned(to_world, place), ned(other_to_world, other)])
     data = load_dataset("tartanair", tmp_path)
     depth = data.depth(data.load("office/Easy/P000/000000"))
-    np.testing.assert_array_equal(depth.maps[1], scene.then.astype(np.float32))
+    np.testing.assert_array_equal(depth.maps, np.float32([scene.depth, scene.then]))
     np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=1e-9)
     np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=1e-9)
     assert depth.camera.intrinsics(1) == lens
@@ -236,33 +237,42 @@ def test_tartanair_has_the_depth_and_the_poses_of_its_files(tmp_path):
             data.depth(data.load("office/Easy/P000/000000"))
 
 
+def test_tartanair_moves_the_camera_along_the_axes_of_a_north_east_down_world(tmp_path):
+    """A camera that looks east and moves 0.5 m north, 0.25 m east and 0.1 m down."""
+    half = 0.5**0.5  # a quarter turn about the axis that points down
+    tartanair(tmp_path, world(*MOTION), [(1, 2, 3, 0, 0, half, half), (1.5, 2.25, 3.1, 0, 0, half, half)])
+    data = load_dataset("tartanair", tmp_path)
+    camera = data.depth(data.load("office/Easy/P000/000000")).camera
+    np.testing.assert_allclose(camera.rotation, np.eye(3), atol=1e-12)
+    # looking east, south is to the right; points move against the camera: right, up, back
+    np.testing.assert_allclose(camera.translation, (0.5, -0.1, -0.25), atol=1e-12)
+
+
 @pytest.mark.parametrize("direction", ["FW", "BW"])
 def test_spring_has_the_depth_of_its_disparity_and_a_fitted_camera(tmp_path, direction):
     h5py = pytest.importorskip("h5py")
     sequence = tmp_path / "train" / "0004"
-    scene = world(*MOTION)
-    maps = {1: scene.depth, 2: scene.then} if direction == "FW" else {2: scene.depth, 1: scene.then}
-    (sequence / "cam_data").mkdir(parents=True)
-    np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]] * 2)
-    (sequence / "disp1_left").mkdir()
+    scene = world(*MOTION, sky=2)
+    first = 1 if direction == "FW" else 2
+    maps = {first: scene.depth, 3 - first: scene.then}
+    np.savetxt(placed(sequence / "cam_data" / "intrinsics.txt"), [[FOCAL, FOCAL, *CENTRE]] * 2)
     for number, metres in maps.items():
         picture(sequence / "frame_left" / f"frame_left_{number:04d}.png", HEIGHT, WIDTH)
         disparity = (FOCAL * 0.065 / metres).repeat(2, axis=0).repeat(2, axis=1)
+        disparity[:4] *= number != first  # either way of storing the sky
         disparity[::2, 6] = np.nan
         disparity[1::2] = disparity[:, 1::2] = 99  # values that the benchmark does not read
-        with h5py.File(sequence / "disp1_left" / f"disp1_left_{number:04d}.dsp5", "w") as file:
+        with h5py.File(placed(sequence / "disp1_left" / f"disp1_left_{number:04d}.dsp5"), "w") as file:
             file.create_dataset("disparity", data=disparity.astype(np.float32), compression="gzip")
-    name = f"flow_{direction}_left"
-    (sequence / name).mkdir()
-    first = 1 if direction == "FW" else 2
-    write_flow(sequence / name / f"{name}_{first:04d}.flo5", scene.flow.repeat(2, axis=0).repeat(2, axis=1))
+    path = placed(sequence / f"flow_{direction}_left" / f"flow_{direction}_left_{first:04d}.flo5")
+    write_flow(path, scene.flow.repeat(2, axis=0).repeat(2, axis=1))
     data = load_dataset("spring", tmp_path, direction=direction)
     depth = data.depth(data.load(data.keys()[0]))
     measured = depth.measured[0]
     assert not measured[:, 3].any()
     assert measured.mean() == 1 - 1 / WIDTH
-    np.testing.assert_allclose(depth.maps[0][measured], scene.depth[measured], rtol=1e-5)
-    np.testing.assert_allclose(depth.maps[1][measured], scene.then[measured], rtol=1e-5)
+    for map_, metres in zip(depth.maps, (scene.depth, scene.then), strict=True):
+        np.testing.assert_allclose(map_[measured], np.minimum(metres, 10_000)[measured], rtol=1e-5)
     np.testing.assert_allclose(depth.camera.rotation, MOTION[0], atol=1e-5)
     np.testing.assert_allclose(depth.camera.translation, MOTION[1], atol=1e-4)
     np.savetxt(sequence / "cam_data" / "intrinsics.txt", [[FOCAL, FOCAL, *CENTRE]])

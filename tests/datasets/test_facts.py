@@ -32,19 +32,11 @@ def test_ground_truth_as_stated(name):
 
 
 def test_the_papers_benchmarks():
-    kitti, gopro = benchmark_facts("kitti-fc"), benchmark_facts("gopro-fc")
-    assert (kitti.title, kitti.has_flow, kitti.paper_pairs, kitti.paper_corruptions) == (
-        "KITTI-FC",
-        True,
-        80,
-        IMAGE_PAIR,
-    )
-    assert (gopro.title, gopro.has_flow, gopro.paper_pairs, gopro.paper_corruptions) == (
-        "GoPro-FC",
-        False,
-        None,
-        PAPER_ORDER,
-    )
+    facts = [benchmark_facts(name) for name in ("kitti-fc", "gopro-fc")]
+    assert [(each.title, each.has_flow, each.paper_pairs, each.paper_corruptions) for each in facts] == [
+        ("KITTI-FC", True, 80, IMAGE_PAIR),
+        ("GoPro-FC", False, None, PAPER_ORDER),
+    ]
     assert [name for name in BENCHMARKS.names() if benchmark_facts(name).published] == ["kitti-fc", "gopro-fc"]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import av
@@ -15,13 +17,10 @@ from robustflow.images.io import read_image
 from robustflow.video.reader import VideoReader
 
 from ..video.videos import video, write_video
+from . import layouts
 from .layouts import picture
 
-
-def refused(root: Path, match: str, **options: object) -> None:
-    with pytest.raises(DataError, match=match) as caught:
-        load_dataset("folder", root, **options)
-    assert "\n" not in str(caught.value)
+refused = partial(layouts.refused, "folder")
 
 
 def test_frames_in_natural_order(tmp_path: Path) -> None:
@@ -84,11 +83,11 @@ VIDEOS = {
 @pytest.mark.parametrize("name", VIDEOS)
 def test_frames_by_number_equal_plain_decoding(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
-    write_video(path, 130, **VIDEOS[name])
+    write_video(path, 60, **VIDEOS[name])
     expected = decoded(path)
     reader = VideoReader(path)
     assert len(reader) == len(expected)
-    order = [0, 1, 2, 5, 60, 59, 129, 0, 128, 77, 78, 12, 11, 13, 129]
+    order = [0, 1, 2, 5, 30, 29, 59, 0, 58, 37, 38, 12, 11, 13, 59]
     for index in [*order, *range(len(expected))]:
         np.testing.assert_array_equal(reader.frame(index), expected[index], err_msg=f"frame {index}")
 
@@ -124,10 +123,8 @@ def test_a_pickled_reader_carries_no_frame_and_no_open_file(tmp_path: Path) -> N
     np.testing.assert_array_equal(reader.frame(7), frame)
 
 
-def test_damaged_videos(tmp_path: Path) -> None:
-    write_video(tmp_path / "clip.mp4", 20, 6)
-    whole = (tmp_path / "clip.mp4").read_bytes()
-    for name, content in {"half.mp4": whole[: len(whole) // 2], "text.mp4": b"no video", "empty.mp4": b""}.items():
+def test_files_without_pictures_are_refused(tmp_path: Path) -> None:
+    for name, content in {"text.mp4": b"no video", "empty.mp4": b""}.items():
         (tmp_path / name).write_bytes(content)
         refused(tmp_path / name, f"{name}: not a readable video")
     with av.open(str(tmp_path / "sound.wav"), "w") as container:
@@ -181,19 +178,15 @@ def test_a_playlist_under_another_name_is_not_a_video(tmp_path: Path) -> None:
     refused(tmp_path / "clip.mp4", "an unsupported container")
 
 
-@pytest.mark.parametrize("start", [0, 40])
-def test_real_videos(shared, start: int) -> None:
+def test_real_videos(shared) -> None:
+    order = [43, 40, 41, 42, 3, 0, 1, 2]
     for path in sorted(shared("data/video").iterdir()):
-        expected = []
         with av.open(str(path)) as container:
-            for index, frame in enumerate(container.decode(video=0)):
-                if index >= start:
-                    expected.append(frame.to_ndarray(format="rgb24"))
-                if index == start + 3:
-                    break
+            frames = enumerate(islice(container.decode(video=0), 44))
+            expected = {index: frame.to_ndarray(format="rgb24") for index, frame in frames if index in order}
         reader = VideoReader(path)
-        for offset in (3, 0, 1, 2):
-            np.testing.assert_array_equal(reader.frame(start + offset), expected[offset])
+        for index in order:
+            np.testing.assert_array_equal(reader.frame(index), expected[index])
 
 
 def test_a_part_of_a_video(tmp_path: Path) -> None:

@@ -19,13 +19,15 @@ from robustflow.datasets import FromClips, PreCorrupted, load_dataset
 from robustflow.datasets.base import CorruptedClips
 from robustflow.datasets.gopro_fc_prepared import GoProFCPrepared
 from robustflow.errors import DataError, UsageError
-from robustflow.images.io import read_image, write_image
+from robustflow.images.io import read_image
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb
 from robustflow.video.open_clip import check_master
 from robustflow.video.prepare import Preparation
 from robustflow.video.prepare_folder import find_sources, prepare_folder
 from tests.video import clips
+
+from .layouts import picture
 
 HEIGHT, WIDTH, COUNT = 64, 96, 36
 
@@ -209,9 +211,8 @@ def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
     for workers in (1, 2):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            result = evaluate(
-                "dis", "gopro-fc", prepared, tmp_path / f"run{workers}", severities=[5], limit=1, workers=workers
-            )
+            few = {"severities": [5], "limit": 1, "workers": workers}
+            result = evaluate("dis", "gopro-fc", prepared, tmp_path / f"run{workers}", **few)
         rows = result.rows.sort("sample", "corruption", "severity")
         tables.append(rows.select("sample", "corruption", "severity", "frames_digest", "rcre_all_sum").rows())
         manifest = json.loads((tmp_path / f"run{workers}" / "manifest.json").read_text())
@@ -223,17 +224,13 @@ def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
 
 
 def test_a_released_folder_reads_as_it_is(tmp_path):
-    rng = np.random.default_rng(0)
-    images: dict[str, np.ndarray] = {}
+    keys = ("GOPR0374_11_02/000032", "GOPR0374_11_02/000064", "GOPR0379_11_00/000032")
+    images = {}
     for setting in ("clean", "fog_3", "brightness_3", "h264_crf_3", "fog_4"):
-        for sequence, number in (("GOPR0374_11_02", 32), ("GOPR0374_11_02", 64), ("GOPR0379_11_00", 32)):
-            for position in (0, 1):
-                path = tmp_path / setting / sequence / f"{number:06d}_{position}.png"
-                path.parent.mkdir(parents=True, exist_ok=True)
-                images[f"{setting}/{sequence}/{number:06d}_{position}"] = rng.integers(0, 256, (8, 12, 3), np.uint8)
-                write_image(path, images[f"{setting}/{sequence}/{number:06d}_{position}"])
+        for name in (f"{setting}/{key}_{position}" for key in keys for position in (0, 1)):
+            images[name] = picture(tmp_path / f"{name}.png")
     benchmark = load_benchmark("gopro-fc", tmp_path)
-    assert benchmark.keys == ("GOPR0374_11_02/000032", "GOPR0374_11_02/000064", "GOPR0379_11_00/000032")
+    assert benchmark.keys == keys
     assert benchmark.corruptions == ("high_light", "fog", "h264_crf")
     assert benchmark.severities == (3,)
     dataset = benchmark.dataset

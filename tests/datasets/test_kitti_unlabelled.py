@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from robustflow.datasets import load_dataset
 from robustflow.errors import DataError, UsageError
 
-
-def picture(path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), np.full((8, 12, 3), len(path.name), np.uint8))
+from .layouts import picture
 
 
 @pytest.fixture

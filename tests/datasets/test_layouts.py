@@ -12,7 +12,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.flowio import read_flow
 from robustflow.images.io import read_image
 
-from .layouts import HEIGHT, WIDTH, check, flow, kitti, mask, picture, refused
+from .layouts import HEIGHT, WIDTH, check, flow, kitti, picture, placed, refused, sintel, spring
 
 
 def test_middlebury(tmp_path: Path) -> None:
@@ -27,22 +27,6 @@ def test_middlebury(tmp_path: Path) -> None:
     check(dataset, "Venus", *shots, tmp_path / "other-gt-flow" / "Venus" / "flow10.flo")
     shots[1].unlink()
     refused("middlebury", tmp_path, r"frame11\.png: missing")
-
-
-def sintel(root: Path, maps: bool = True) -> Path:
-    folder = root / "training"
-    hidden = np.eye(HEIGHT, WIDTH, dtype=bool)
-    for scene in ("alley_1", "market_2"):
-        for number in (1, 2, 3):
-            picture(folder / "clean" / scene / f"frame_{number:04d}.png")
-            picture(folder / "final" / scene / f"frame_{number:04d}.png")
-            if maps:  # the last frame also has an invalid map, but no flow
-                mask(folder / "invalid" / scene / f"frame_{number:04d}.png", ~hidden[::-1])
-        for number in (1, 2):
-            flow(folder / "flow" / scene / f"frame_{number:04d}.flo")
-            if maps:
-                mask(folder / "occlusions" / scene / f"frame_{number:04d}.png", hidden)
-    return folder
 
 
 def test_sintel(tmp_path: Path) -> None:
@@ -105,20 +89,6 @@ def test_hd1k(tmp_path: Path) -> None:
     refused("hd1k", tmp_path, r"image_2/000000_0001\.png: missing")
 
 
-def spring(root: Path) -> Path:
-    for sequence in ("0001", "0007"):
-        for number in (1, 2, 3):
-            for side in ("left", "right"):
-                picture(root / "train" / sequence / f"frame_{side}" / f"frame_{side}_{number:04d}.png")
-                if number < 3:
-                    name = f"flow_FW_{side}"
-                    flow(root / "train" / sequence / name / f"{name}_{number:04d}.flo5", None, 2 * HEIGHT, 2 * WIDTH)
-                if number > 1:
-                    name = f"flow_BW_{side}"
-                    flow(root / "train" / sequence / name / f"{name}_{number:04d}.flo5", None, 2 * HEIGHT, 2 * WIDTH)
-    return root / "train"
-
-
 def test_spring(tmp_path: Path) -> None:
     pytest.importorskip("h5py")
     train = spring(tmp_path)
@@ -170,9 +140,8 @@ def tartanair(root: Path, environment: str = "office", inner: bool = False) -> P
         place = folder / level / flight
         for number in (0, 1, 2):
             picture(place / "image_left" / f"{number:06d}_left.png")
-        (place / "flow").mkdir()
         for number in (0, 1):
-            name = place / "flow" / f"{number:06d}_{number + 1:06d}"
+            name = placed(place / "flow" / f"{number:06d}_{number + 1:06d}")
             values = np.arange(HEIGHT * WIDTH * 2, dtype=np.float32).reshape(HEIGHT, WIDTH, 2) / 8 + number
             values[0, 0] = np.nan
             np.save(f"{name}_flow.npy", values)
@@ -229,11 +198,9 @@ def test_the_subset_of_flyingthings3d(tmp_path: Path) -> None:
 
 def test_networks_train_on_the_flow_file_alone_save_where_it_needs_more(tmp_path: Path) -> None:
     pytest.importorskip("h5py")
-    folder = sintel(tmp_path / "sintel")
+    sintel(tmp_path / "sintel")
     dataset = load_dataset("sintel", tmp_path / "sintel")
-    pair = dataset.pair(dataset.keys()[0])
-    truth = dataset.training_truth(pair)
-    assert truth.valid.all()
+    assert dataset.training_truth(dataset.pair(dataset.keys()[0])).valid.all()
     assert not dataset.load(dataset.keys()[0]).valid.all()
     spring(tmp_path / "spring")
     tartanair(tmp_path / "tartanair")
@@ -243,7 +210,6 @@ def test_networks_train_on_the_flow_file_alone_save_where_it_needs_more(tmp_path
         truth, sample = dataset.training_truth(dataset.pair(key)), dataset.load(key)
         assert truth.flow.shape[:2] == sample.frames[0].shape[:2]
         np.testing.assert_array_equal(truth.flow, sample.flow)
-    assert folder.is_dir()
 
 
 def test_flyingthings3d(tmp_path: Path) -> None:

@@ -23,22 +23,14 @@ from robustflow.images.io import read_image
 from robustflow.models.provenance import Training
 from robustflow.testing import check_dataset
 
-from .layouts import picture
+from .layouts import robustspring
 
 FOG, RAIN = "robustspring_fog", "robustspring_rain"
 
 
 @pytest.fixture
 def root(tmp_path) -> Path:
-    """Two short sequences from both cameras, clean and under two corruptions, laid out like the unpacked archives."""
-    root = tmp_path / "RobustSpring"
-    for condition in ("spring", "fog", "rain"):
-        for sequence, count in (("0003", 3), ("0028", 2)):
-            for side in ("left", "right"):
-                for number in range(1, count + 1):
-                    folder = root / condition / "test" / sequence / f"frame_{side}"
-                    picture(folder / f"frame_{side}_{number:04d}.png", 48, 64)
-    return root
+    return robustspring(tmp_path / "RobustSpring")
 
 
 def test_both_cameras_both_directions_all_sequences(root):
@@ -100,16 +92,10 @@ def test_springs_training_sequences_are_its_domain_but_not_its_frames():
 def test_names_cannot_be_taken_for_this_projects():
     ours = set(CORRUPTIONS.names())
     assert not ours & set(ROBUSTSPRING.names)
-    assert {ROBUSTSPRING.dataset_name(name) for name in ROBUSTSPRING.names} - ours == {
-        "brightness",
-        "motion_blur",
-        "rain",
-        "speckle_noise",
-        "zoom_blur",
-    }
-    assert [name for names in MEMBERS.values() for name in names if name in ROBUSTSPRING.names] == list(
-        ROBUSTSPRING.names
-    )
+    missing_here = {"brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur"}
+    assert {ROBUSTSPRING.dataset_name(name) for name in ROBUSTSPRING.names} - ours == missing_here
+    members = [name for names in MEMBERS.values() for name in names if name in ROBUSTSPRING.names]
+    assert members == list(ROBUSTSPRING.names)
     assert len(set(ORDER)) == len(ORDER) == 24 + 20
     with pytest.raises(UsageError, match=r"files in RobustSpring.*--benchmark robustspring"):
         load_corruption(FOG)
@@ -155,16 +141,10 @@ def _remove(path: str):
     ("mistake", "message"),
     [
         (_remove("spring"), "spring/test/ or clean/test/.*-D spring=FOLDER"),
-        (
-            _remove("rain/test/0028/frame_left/frame_left_0002.png"),
-            "left_0002.png: missing, though",
-        ),
+        (_remove("rain/test/0028/frame_left/frame_left_0002.png"), "left_0002.png: missing, though"),
         (_remove("fog/test/0003/frame_right"), "fog/test/0003/frame_right/frame_right_0001.png: missing"),
         (_remove("fog/test"), "expected fog/test/"),
-        (
-            _remove("spring/test/0003/frame_left/frame_left_0002.png"),
-            "the frame after frame_left_0001.png is missing",
-        ),
+        (_remove("spring/test/0003/frame_left/frame_left_0002.png"), "after frame_left_0001.png is missing"),
         (lambda root: [shutil.rmtree(root / name) for name in ("fog", "rain")], "but no corrupted ones"),
     ],
 )
