@@ -1,4 +1,4 @@
-"""Run the command line in this process."""
+"""Run the command line in this process, and two finished runs for it to read."""
 
 from __future__ import annotations
 
@@ -9,25 +9,53 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.api import evaluate
 from robustflow.cli.main import main
 
 
-@pytest.fixture
-def robustflow(monkeypatch, capsys, tmp_path):
-    """Run the command line in `tmp_path`; return (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
+class CommandLine:
+    """The command line; calling it returns (exit code, stdout, stderr)."""
 
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *arguments: object) -> tuple[int, str, str]:
+        self._monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
         try:
             main()
             code = 0
         except SystemExit as stop:
             code = int(stop.code or 0)
-        captured = capsys.readouterr()
+        captured = self._capsys.readouterr()
         return code, captured.out, captured.err
 
-    return call
+    def prints(self, *arguments: object) -> str:
+        """Return the output of a command that succeeds."""
+        code, out, error = self(*arguments)
+        assert code == 0, error
+        return out
+
+    def refuses(self, *arguments: object, code: int = 2) -> str:
+        """Return the message of a command that is refused in one line with this exit code."""
+        got, _, error = self(*arguments)
+        assert (got, error.count("\n")) == (code, 1), error
+        assert error.startswith("robustflow: ")
+        return error
+
+
+@pytest.fixture
+def robustflow(monkeypatch, capsys, tmp_path) -> CommandLine:
+    """The command line in the working folder `tmp_path`."""
+    monkeypatch.chdir(tmp_path)
+    return CommandLine(monkeypatch, capsys)
+
+
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory) -> list[Path]:
+    """The folders of two runs on the embedded pair, by DIS and by Farneback's method; the tests only read them."""
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"corruptions": ["contrast"], "severities": [1, 5]}
+    return [evaluate(model, "demo", output=folder / model, **options).path for model in ("dis", "farneback")]
 
 
 def write_frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:

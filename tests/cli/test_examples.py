@@ -10,19 +10,20 @@ from PIL import Image
 
 from robustflow.api import evaluate
 from robustflow.datasets import load_dataset
-from robustflow.images.io import write_image
+from robustflow.images.io import read_image, write_image
 from robustflow.models import ModelSpec
+
+from .conftest import write_frames
 
 RUN = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1,3", "-o", "run")
 
 
 def test_run_draws_and_examples_draws_the_same(robustflow, real_pictures):
     with real_pictures():
-        assert robustflow(*RUN)[0] == 0
+        robustflow.prints(*RUN)
         before = {path.name: path.read_bytes() for path in Path("run/examples").iterdir()}
         shutil.rmtree("run/examples")
-        code, out, _ = robustflow("examples", "run")
-    assert (code, out.strip()) == (0, "run/examples")
+        assert robustflow.prints("examples", "run").strip() == "run/examples"
     assert {path.name: path.read_bytes() for path in Path("run/examples").iterdir()} == before
 
 
@@ -34,13 +35,11 @@ def measured(tmp_path_factory):
     return evaluate(model, output=folder, corruptions=["contrast"], severities=[1, 3]).path
 
 
-def test_no_examples_then_one_cell(robustflow, real_pictures):
-    assert robustflow(*RUN, "--no-examples")[0] == 0
-    assert not Path("run/examples").exists()
+def test_no_examples_then_one_cell(robustflow, measured, real_pictures):
+    shutil.copytree(measured, "run")
     cell = ("--sample", "motorcycle", "-c", "contrast", "-s", 3)
     with real_pictures():
-        code, out, _ = robustflow("examples", "run", *cell, "-o", "cell.png")
-    assert (code, out.strip()) == (0, "cell.png")
+        assert robustflow.prints("examples", "run", *cell, "-o", "cell.png").strip() == "cell.png"
     with Image.open("cell.png") as picture:
         assert (picture.format, picture.width) == ("PNG", 1400)
     assert not Path("run/examples").exists()
@@ -60,34 +59,23 @@ def test_no_examples_then_one_cell(robustflow, real_pictures):
     ],
 )
 def test_what_cannot_be_drawn_is_one_line(robustflow, measured, arguments, code, says):
-    got, _, error = robustflow("examples", measured, *arguments)
-    assert got == code
-    assert says in error
-    assert error.startswith("robustflow: ")
-    assert error.count("\n") == 1
+    assert says in robustflow.refuses("examples", measured, *arguments, code=code)
 
 
 def test_data_that_moved_and_data_that_changed(robustflow, tmp_path):
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    picture = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
-    for index in range(2):
-        write_image(frames / f"{index}.png", np.roll(picture, index, axis=1))
+    write_frames(tmp_path / "frames")
     (tmp_path / "mine_for_examples.py").write_text(
         "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), a.mean() / 50, np.float32)\n"
     )
-    run = ("run", "-m", "mine_for_examples:flow", "-b", "folder", "-d", frames, "-c", "contrast", "-s", 1, "-o", "run")
-    assert robustflow(*run, "--no-examples")[0] == 0
-    frames.rename(tmp_path / "moved")
-    code, _, error = robustflow("examples", "run", "-m", "mine_for_examples:flow")
-    assert code == 1
-    assert "no such folder or video" in error
-    assert robustflow("examples", "run", "-m", "mine_for_examples:flow", "--data", "moved")[0] == 0
+    model = ("-m", "mine_for_examples:flow")
+    robustflow.prints("run", *model, "-d", "frames", "-c", "contrast", "-s", 1, "-o", "run", "--no-examples")
+    Path("frames").rename("moved")
+    draw = ("examples", "run", *model)
+    assert "no such folder or video" in robustflow.refuses(*draw, code=1)
+    robustflow.prints(*draw, "--data", "moved")
     shutil.rmtree("run/examples")
-    write_image(tmp_path / "moved" / "0.png", np.roll(picture, 7, axis=1))
-    code, _, error = robustflow("examples", "run", "-m", "mine_for_examples:flow", "--data", "moved")
-    assert code == 1
-    assert "differ from those of the run" in error
+    write_image(Path("moved/000.png"), 255 - read_image(Path("moved/001.png")))
+    assert "differ from those of the run" in robustflow.refuses(*draw, "--data", "moved", code=1)
     assert not Path("run/examples").exists()
 
 
@@ -108,7 +96,7 @@ def attacked(tmp_path, robustflow, monkeypatch):
     np.save(tmp_path / "added.npy", np.full((1, 3, *frames[0].shape[:2]), 0.01, np.float32))
     attacks = "lighter_attack:Lighter,universal:file=added.npy"
     run = ("run", "-m", "dis", "-O", "preset=ultrafast", "--attacks", attacks, "-s", 2, "-o", "run", "--no-examples")
-    assert robustflow(*run)[0] == 0
+    robustflow.prints(*run)
     sys.modules.pop("lighter_attack")
     monkeypatch.setattr("robustflow.attacks.own._own", {})
     return ("examples", "run", "--sample", "motorcycle", "-s", 2, "-o", "cell.png", "--attack")
@@ -116,24 +104,19 @@ def attacked(tmp_path, robustflow, monkeypatch):
 
 def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loaded(robustflow, attacked, real_pictures):
     with real_pictures():
-        assert robustflow(*attacked, "random_sign")[0] == 0
+        robustflow.prints(*attacked, "random_sign")
     with Image.open("cell.png") as picture:
         assert picture.width == 1400
 
-    code, _, error = robustflow(*attacked, "lighter")
-    assert (code, error.count("\n")) == (1, 1)
-    assert "pass it with --own-attack MODULE:ATTRIBUTE" in error
-    code, _, error = robustflow(*attacked, "universal:file=added.npy")
-    assert (code, error.count("\n")) == (1, 1)
+    assert "pass it with --own-attack MODULE:ATTRIBUTE" in robustflow.refuses(*attacked, "lighter", code=1)
+    error = robustflow.refuses(*attacked, "universal:file=added.npy", code=1)
     assert "pass --own-attack 'universal:file=added.npy' yourself" in error
     assert "lighter_attack" not in sys.modules
 
     with real_pictures():
-        assert robustflow(*attacked, "lighter", "--own-attack", "lighter_attack:Lighter")[0] == 0
+        robustflow.prints(*attacked, "lighter", "--own-attack", "lighter_attack:Lighter")
         named = ("universal:file=added.npy", "--own-attack", "universal:file=added.npy")
-        assert robustflow(*attacked, *named)[0] == 0
+        robustflow.prints(*attacked, *named)
     np.save("added.npy", -np.load("added.npy"))
-    code, _, error = robustflow(*attacked, *named)
-    assert (code, error.count("\n")) == (1, 1)
-    assert "the attack universal:file=added.npy has changed" in error
-    assert robustflow(*attacked, "pgd")[0] == 2
+    assert "the attack universal:file=added.npy has changed" in robustflow.refuses(*attacked, *named, code=1)
+    robustflow.refuses(*attacked, "pgd")

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from robustflow.api import evaluate, load_run
+from robustflow.api import load_run
 from robustflow.errors import DataError, RunError
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.collection import LIST, add_records, collected
@@ -15,9 +15,8 @@ from robustflow.records.pack import pack, record_bytes
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs") / "still"
-    return evaluate("farneback", "demo", output=folder, corruptions=["contrast"], severities=[1]).path
+def run(runs):
+    return runs[1]
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +35,7 @@ def records(packed, tmp_path):
 
 @pytest.mark.parametrize("format", ["csv", "parquet"])
 def test_rows_come_back_as_they_were(robustflow, run, format):
-    code, out, _ = robustflow("export", run, "--format", format)
-    assert (code, out.strip()) == (0, f"rows.{format}")
+    assert robustflow.prints("export", run, "--format", format).strip() == f"rows.{format}"
     data = Path(f"rows.{format}").read_bytes()
     reader = pl.read_parquet if format == "parquet" else pl.read_csv
     options = {} if format == "parquet" else {"schema": ROW_SCHEMA}
@@ -53,17 +51,13 @@ def test_a_parquet_file_says_which_run_it_is(robustflow, run):
 
 
 def test_an_unknown_format_of_a_run_is_one_line_with_the_known_ones(robustflow, run):
-    code, _, error = robustflow("export", run, "--format", "xlsx")
-    assert code == 2
-    assert error.count("\n") == 1
+    error = robustflow.refuses("export", run, "--format", "xlsx")
     assert "csv, parquet, card, croissant, every-eval-ever, huggingface, robustspring" in error
 
 
 def test_a_card_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
-    code, out, _ = robustflow("export", run, "--format", "card")
-    assert (code, out.split()) == (0, ["card/card.md", "card/card.json"])
-    code, out, _ = robustflow("verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json")
-    assert code == 0
+    assert robustflow.prints("export", run, "--format", "card").split() == ["card/card.md", "card/card.json"]
+    out = robustflow.prints("verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json")
     assert "exported      files exported from the run match the record: 2 files" in out
     card = Path("card/card.md")
     card.write_text(card.read_text().replace("| average | ", "| average | 1", 1))
@@ -88,25 +82,23 @@ def test_a_folder_of_a_run_is_packed_and_added(run, tmp_path):
     assert collected(tmp_path / "site") == [copy]
 
 
-def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow, run, records, monkeypatch):
+def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow, runs, records, monkeypatch):
     """Two records belong to the same model; the record of a different model is kept."""
     monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
-    other = evaluate("dis", "demo", output="other", corruptions=["contrast"], severities=[1]).path
-    assert robustflow("leaderboard", "site", "--add", records[0], "--add", other)[2] == ""
+    add = ("leaderboard", "site", "--add")
+    assert robustflow(*add, records[0], "--add", runs[0]) == (0, "site/index.html\n", "")
     first, kept = sorted(collected(Path("site")), key=lambda path: path.read_bytes() != records[0].read_bytes())
-    code, _, error = robustflow("leaderboard", "site", "--add", records[1])
+    code, _, error = robustflow(*add, records[1])
     assert code == 0
     assert error.startswith(f"records/{first.name} (Farneback on demo")
     assert "--supersede removes it" in error
     assert error.count("\n") == 1
     assert len(collected(Path("site"))) == 3
-    code, _, error = robustflow("leaderboard", "site", "--add", run, "--supersede")
-    assert code == 0
-    assert error.count(": removed\n") == 2
+    assert robustflow(*add, runs[1], "--supersede")[2].count(": removed\n") == 2
     left = {path.read_bytes() for path in collected(Path("site"))}
-    assert left == {kept.read_bytes(), pack(load_run(run), "again.robustflow").read_bytes()}
+    assert left == {kept.read_bytes(), pack(load_run(runs[1]), "again.robustflow").read_bytes()}
     assert len(list(Path("site/records").iterdir())) == 2
-    assert robustflow("leaderboard", "site", "--supersede")[0] == 2
+    robustflow.refuses("leaderboard", "site", "--supersede")
 
 
 def test_what_does_not_verify_is_not_added_nor_what_comes_with_it(records, tmp_path):
@@ -149,16 +141,13 @@ def test_a_record_that_was_exchanged_or_is_gone(records, tmp_path):
 
 def test_a_page_is_written_into_one_folder(robustflow, records):
     for arguments in (["--add", records[0]], ["a", "b", "--add", records[0]], ["a", "--add", records[0], "-o", "b"]):
-        code, _, error = robustflow("leaderboard", *arguments)
-        assert code == 2
-        assert "one folder of records" in error
+        assert "one folder of records" in robustflow.refuses("leaderboard", *arguments)
 
 
 @pytest.mark.slow
 def test_the_page_of_a_folder_of_records(robustflow, records):
-    code, out, error = robustflow("leaderboard", "site", "--add", records[0], "--no-published")
-    assert (code, out.strip()) == (0, "site/index.html"), error
+    assert robustflow.prints("leaderboard", "site", "--add", records[0], "--no-published").strip() == "site/index.html"
     results = Path("site/results.csv").read_text()
     assert "Farneback" in results
-    assert robustflow("leaderboard", "site", "-o", "elsewhere", "--no-published")[0] == 0
+    robustflow.prints("leaderboard", "site", "-o", "elsewhere", "--no-published")
     assert Path("elsewhere/results.csv").read_text() == results

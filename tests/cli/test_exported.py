@@ -16,8 +16,7 @@ def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
     graphs.channels(tmp_path / "net.onnx")
     run = ["run", "-c", "contrast", "-s", "1,2", "-O", "scaling=-1-1", "-O", "order=bgr", "--batch-size", "2"]
     for i, model in enumerate((["--model", "net.onnx"], ["--model", "onnx", "--checkpoint", "net.onnx"])):
-        code, _, said = robustflow(*run, *model, "--output", f"run{i}")
-        assert code == 0, said
+        robustflow.prints(*run, *model, "--output", f"run{i}")
     one, other = (rf.Result(tmp_path / f"run{i}") for i in range(2))
     assert one.rows.equals(other.rows)
     assert one.manifest.identity.model.settings["input"]["mean"] == [127.5] * 3
@@ -26,6 +25,6 @@ def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
 
 def test_the_network_given_twice(robustflow):
     Path("net.onnx").write_bytes(b"a network")
-    code, _, said = robustflow("run", "--model", "net.onnx", "--checkpoint", "net.onnx")
-    assert code == 2
-    assert "'net.onnx' is itself the network; omit the checkpoint" in said
+    assert "'net.onnx' is itself the network; omit the checkpoint" in robustflow.refuses(
+        "run", "--model", "net.onnx", "--checkpoint", "net.onnx"
+    )

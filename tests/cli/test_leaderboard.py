@@ -23,23 +23,20 @@ def run(tmp_path_factory, real_pictures):
 
 
 def test_the_published_results_alone(robustflow):
-    code, out, _ = robustflow("leaderboard", "-o", "site")
-    assert code == 0
-    assert out.split() == ["site/index.html"]
+    assert robustflow.prints("leaderboard", "-o", "site") == "site/index.html\n"
     assert sorted(path.name for path in Path("site").iterdir()) == ["index.html", "results.csv"]
     assert values_frame(read_results("site/results.csv")).equals(values_frame(published_results()))
 
 
 def test_runs_and_files_beside_them(robustflow, run):
     Path("mine.csv").write_text(_RESULTS)
-    code, _, _ = robustflow("leaderboard", run, "mine.csv", "-o", "site")
-    assert code == 0
+    robustflow.prints("leaderboard", run, "mine.csv", "-o", "site")
     page = Path("site/index.html").read_text()
     assert "From mine.csv" in page
     assert "1 pair of the demo" in page
     assert "different frames: not comparable with the other groups" in page
     assert "Tab. 2" in page
-    robustflow("leaderboard", run, "--no-published", "-o", "alone")
+    robustflow.prints("leaderboard", run, "--no-published", "-o", "alone")
     assert "Tab. 2" not in Path("alone/index.html").read_text()
 
 
@@ -47,13 +44,10 @@ def test_a_page_of_many_runs_leaves_the_example_pictures_out(robustflow, run, mo
     asked = []
     monkeypatch.setattr("robustflow.report.site.embedded.embedded_slider", lambda: asked.append(1))
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
-    for number in range(3):
-        folder = shutil.copytree(run, Path(f"many/{number}"))
-        shutil.rmtree(folder / "examples")
-    assert robustflow("leaderboard", *sorted(Path("many").iterdir())[1:], "--no-published", "-o", "few")[0] == 0
-    assert len(asked) == 1
-    assert robustflow("leaderboard", *Path("many").iterdir(), "--no-published", "-o", "site")[0] == 0
-    assert len(asked) == 1
+    many = [shutil.copytree(run, Path(f"many/{number}")) for number in range(3)]
+    for runs in (many[1:], many):
+        robustflow.prints("leaderboard", *runs, "--no-published", "-o", "site")
+        assert len(asked) == 1
 
 
 def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_be_verified(robustflow, run):
@@ -64,42 +58,27 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
     rest = {"severity": 3, "dataset": "kitti-2015", "metrics": {"epe": 4.86}}
     Path("metrics_kitti-2015.json").write_text(json.dumps({"experiments": [experiment | rest]}))
     files = ("RAFT_ood/results.json", "metrics_kitti-2015.json")
-    assert robustflow("leaderboard", run, *files, "--no-published", "-o", "site")[0] == 0
+    robustflow.prints("leaderboard", run, *files, "--no-published", "-o", "site")
     page = Path("site/index.html").read_text()
-    for said in (
-        "RAFT_ood",
-        "gma kitti",
-        "Reference code, kitti-fc",
-        "FlowBench, kitti-2015, severity 3",
-        NOTE,
-        "Not ranked here: 1 imported line",
-    ):
+    imported = ("RAFT_ood", "gma kitti", "Reference code, kitti-fc", "FlowBench, kitti-2015, severity 3")
+    for said in (*imported, NOTE, "Not ranked here: 1 imported line"):
         assert said in page
-    written = read_results("site/results.csv")
-    (gma,) = (line for line in written if line.name == "gma kitti")
+    (gma,) = (line for line in read_results("site/results.csv") if line.name == "gma kitti")
     assert gma.number("epe", "motion_blur") == 4.86
-    code, _, error = robustflow("leaderboard", run / "summary.json", "--no-published")
-    assert code == 1
+    error = robustflow.refuses("leaderboard", run / "summary.json", "--no-published", code=1)
     assert "neither a results.json of the reference code nor" in error
 
 
 def test_what_cannot_be_shown(robustflow):
-    code, _, error = robustflow("leaderboard", "--no-published")
-    assert code == 2
-    assert "nothing to show" in error
-    code, _, error = robustflow("leaderboard", "absent.csv")
-    assert code == 1
-    assert "cannot be read" in error
+    assert "nothing to show" in robustflow.refuses("leaderboard", "--no-published")
+    assert "cannot be read" in robustflow.refuses("leaderboard", "absent.csv", code=1)
 
 
 def test_report_as_a_page(robustflow, run):
-    code, out, _ = robustflow("report", run, "--published", "--format", "page", "-o", "report.html")
-    assert code == 0
-    assert out.split() == ["report.html"]
+    page = ("report", run, "--published", "--format", "page")
+    assert robustflow.prints(*page, "-o", "report.html") == "report.html\n"
     assert "<!doctype html>" in Path("report.html").read_text()
-    code, _, error = robustflow("report", run, "--format", "page", "--table", "epe")
-    assert code == 2
-    assert "a page always has all tables" in error
+    assert "a page always has all tables" in robustflow.refuses(*page, "--table", "epe")
 
 
 def test_a_run_writes_its_own_page(run):

@@ -24,13 +24,12 @@ def data(tmp_path):
 
 
 def _published(model, corruption):
-    found = [line for line in published_results() if (line.benchmark, line.name) == ("kitti-fc", model)]
-    return found[0].number("epe", corruption)
+    line = next(line for line in published_results() if (line.benchmark, line.name) == ("kitti-fc", model))
+    return line.number("epe", corruption)
 
 
 def test_ours_beside_the_published_values(robustflow, data, tmp_path):
-    code, out, error = robustflow("reproduce", "tab2", "--data", data, *NARROW)
-    assert code == 0, error
+    out = robustflow.prints("reproduce", "tab2", "--data", data, *NARROW)
     run = load_run(tmp_path / "reproduced" / "kitti-fc" / "dis")
     with open("reproduced/tab2.csv", newline="") as file:
         lines = {(line["model"], line["corruption"]): line for line in csv.DictReader(file)}
@@ -42,13 +41,8 @@ def test_ours_beside_the_published_values(robustflow, data, tmp_path):
     assert ("DIS", "fog") not in lines
     both = (_published("DIS", "contrast") + _published("DIS", "jpeg_compression")) / 2
     assert float(lines["DIS", "average"]["published"]) == pytest.approx(both)
-    for part in (
-        "2 pairs, not the paper's 80",
-        "average over JPEG compression and ",
-        "severity 1 only",
-        "on grey frames",
-        *SAME,
-    ):
+    few = ("2 pairs, not the paper's 80", "average over JPEG compression and ", "severity 1 only", "on grey frames")
+    for part in (*few, *SAME):
         assert part in line["note"]
     assert "2 of 2 variants can be run here." in out
     assert f"{ours - _published('DIS', 'contrast'):+.2f}" in out
@@ -56,10 +50,8 @@ def test_ours_beside_the_published_values(robustflow, data, tmp_path):
 
 def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
     few = ("--models", "dis", "--corruptions", "contrast", "--severities", "1")
-    robustflow("reproduce", "tab2", "--data", data, *few, "--limit", "1")
-    code, _, error = robustflow("reproduce", "fig4", "--data", data, *few)
-    assert code == 0
-    assert "2 already finished" in error
+    robustflow.prints("reproduce", "tab2", "--data", data, *few, "--limit", "1")
+    assert "2 already finished" in robustflow("reproduce", "fig4", "--data", data, *few)[2]
     assert load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").summary.samples == 2
     assert any(path.name.startswith("clean_against_cre") for path in (tmp_path / "reproduced" / "figures").iterdir())
     assert ",crer,average," in (tmp_path / "reproduced" / "fig4.csv").read_text()
@@ -69,41 +61,33 @@ def test_a_variant_that_fails_is_missing_and_the_others_run(robustflow, data, tm
     (tmp_path / "ckpts").mkdir()
     (tmp_path / "ckpts" / "arflow-id.pth").write_bytes(b"<html>")
     few = ("--models", "dis,arflow", "--corruptions", "contrast", "--severities", "1", "--limit", "1")
-    code, out, _ = robustflow("reproduce", "tab2", "--data", data, "--checkpoints", tmp_path / "ckpts", *few)
-    assert code == 0
+    out = robustflow.prints("reproduce", "tab2", "--data", data, "--checkpoints", tmp_path / "ckpts", *few)
     assert "1 of 2 variants can be run here." in out
     pytest.importorskip("torch", reason="the file is read with the torch extra")
     assert "failed:" in out
 
 
 def test_without_data_it_shows_what_the_paper_printed_and_says_what_it_needs(robustflow):
-    code, out, _ = robustflow("reproduce", "tab2", "-f", "csv")
-    assert code == 0
+    out = robustflow.prints("reproduce", "tab2", "-f", "csv")
     assert f"{_published('DIS', 'fog'):.2f}" in out
     assert "2 of 29 variants can be run here." in out
     assert "--data FOLDER" in out
 
 
 def test_a_dry_run_says_what_is_missing(robustflow, tmp_path):
-    code, out, _ = robustflow("reproduce", "tab4", "--dry-run", "-f", "csv")
-    assert code == 0
-    assert "0 of 11 variants can be run here." in out
+    assert "0 of 11 variants can be run here." in robustflow.prints("reproduce", "tab4", "--dry-run", "-f", "csv")
     assert not (tmp_path / "reproduced").exists()
 
 
 @pytest.mark.parametrize("name", list(ARTEFACTS))
 def test_every_table_and_figure_has_an_answer(robustflow, name):
-    code, out, _ = robustflow("reproduce", name, "--dry-run")
-    assert code == 0
+    out = robustflow.prints("reproduce", name, "--dry-run")
     assert ARTEFACTS[name].title in out or "can be run here" in out
 
 
 def test_what_the_paper_does_not_have(robustflow):
-    code, _, error = robustflow("reproduce", "tab99")
-    assert code == 2
-    assert "tab2" in error
-    code, out, _ = robustflow("reproduce")
-    assert out.count("\n") == len(ARTEFACTS)
+    assert "tab2" in robustflow.refuses("reproduce", "tab99")
+    assert robustflow.prints("reproduce").count("\n") == len(ARTEFACTS)
 
 
 def test_data_that_is_not_there_is_refused_before_anything_is_printed(robustflow):

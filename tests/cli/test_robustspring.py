@@ -7,36 +7,28 @@ import numpy as np
 import pytest
 
 from robustflow.analysis.results_file import read_results
-from robustflow.api import evaluate
 from robustflow.datasets.robustspring_condition import CORRUPTIONS, SEQUENCES, Condition, submitted
 from robustflow.errors import DataError, UsageError
 from robustflow.flowio import read_flow, write_flow
 from robustflow.images.io import read_image
 from robustflow.models import load_model
-from tests.datasets.layouts import picture
+
+from ..datasets import layouts
 
 h5py = pytest.importorskip("h5py", reason="needs the extra h5")
 
 _FEW = ("fog", "rain")
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs") / "still"
-    return evaluate("farneback", "demo", output=folder, corruptions=["contrast"], severities=[1]).path
+@pytest.fixture
+def frames(tmp_path):
+    return layouts.robustspring(tmp_path / "RobustSpring")
 
 
 @pytest.fixture
-def frames(tmp_path):
-    """Two short sequences from both cameras, clean and under two corruptions, laid out like the unpacked archives."""
-    root = tmp_path / "RobustSpring"
-    for condition in ("spring", *_FEW):
-        for sequence, count in (("0003", 3), ("0028", 2)):
-            for side in ("left", "right"):
-                for number in range(1, count + 1):
-                    place = root / condition / "test" / sequence / f"frame_{side}" / f"frame_{side}_{number:04d}.png"
-                    picture(place, 48, 64)
-    return root
+def export(runs, frames):
+    """The command that exports a run of Farneback's method on these frames."""
+    return ("export", runs[1], "--format", "robustspring", "--data", frames)
 
 
 def test_what_a_whole_submission_consists_of():
@@ -63,11 +55,8 @@ def test_backwards_is_from_the_later_frame(frames):
     assert list(backward.around("0003/flow_BW_left/flow_BW_left_0003", 5)) == [0, 1, 2]
 
 
-def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
-    code, out, error = robustflow(
-        "export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission"
-    )
-    assert code == 0, error
+def test_flows_are_the_models_on_those_frames(robustflow, export, frames):
+    out = robustflow.prints(*export, "-c", "fog,rain", "-o", "submission")
     assert "submission: 36 flows, 36 written and 0 already present" in out
     assert "incomplete submission: " in out
     written = {str(path.relative_to("submission")) for path in Path("submission").rglob("*.flo5")}
@@ -75,19 +64,13 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
     assert "fog/test/0028/flow_BW_right/flow_BW_right_0002.flo5" in written
     model = load_model("farneback")
     key = "0003/flow_BW_left/flow_BW_left_0003"
-    flows = {}
     for condition, folder in (("clean", "spring"), ("rain", "rain")):
-        numbers = (3, 2)
-        pair = [
-            read_image(frames / folder / "test/0003/frame_left" / f"frame_left_{number:04d}.png") for number in numbers
-        ]
-        path = Path("submission") / condition / "test" / f"{key}.flo5"
+        images = [frames / folder / f"test/0003/frame_left/frame_left_000{number}.png" for number in (3, 2)]
+        path = Path(f"submission/{condition}/test/{key}.flo5")
         with h5py.File(path) as file:
-            assert file["flow"].compression == "gzip"
-            assert file["flow"].compression_opts == 5
-            assert file["flow"].dtype == np.float32
-        flows[condition] = read_flow(path)[0]
-        assert np.array_equal(flows[condition], model.predict(*pair))
+            flow = file["flow"]
+            assert (flow.compression, flow.compression_opts, flow.dtype) == ("gzip", 5, np.float32)
+        assert np.array_equal(read_flow(path)[0], model.predict(*map(read_image, images)))
 
     (line,) = read_results("submission/results.csv")
     rcre = line.numbers("rcre")
@@ -101,28 +84,23 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
     assert rcre["average"] == pytest.approx((rcre["robustspring_rain"] + rcre["robustspring_fog"]) / 2)
 
 
-def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, run, frames):
+def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, export):
     """`compute_flow_errors` from cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline. Some flows
     are long or strongly changed, so that Fl, with its two bounds, and 1px differ.
     """
-    command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission")
-    assert robustflow(*command)[0] == 0
+    command = (*export, "-c", "fog,rain", "-o", "submission")
+    robustflow.prints(*command)
     rng = np.random.default_rng(0)
     for path in sorted(Path("submission").rglob("*.flo5")):
-        spread = 60.0 if "clean" in path.parts else 0.0
+        spread = 60.0 if "clean" in path.parts else 3.0
         clean = read_flow(Path("submission/clean", *path.parts[2:]))[0]
-        write_flow(path, (clean + rng.normal(0, spread or 3.0, clean.shape)).astype(np.float32))
-    code, out, error = robustflow(*command)
-    assert code == 0, error
+        write_flow(path, (clean + rng.normal(0, spread, clean.shape)).astype(np.float32))
+    out = robustflow.prints(*command)
     expected = {}
     for condition in _FEW:
-        names = [
-            path.relative_to(f"submission/{condition}") for path in Path(f"submission/{condition}").rglob("*.flo5")
-        ]
-        baseline, corrupted = (
-            np.stack([read_flow(Path("submission") / each / name)[0].astype(float) for name in names])
-            for each in ("clean", condition)
-        )
+        paths = list(Path(f"submission/{condition}").rglob("*.flo5"))
+        corrupted = np.stack([read_flow(path)[0].astype(float) for path in paths])
+        baseline = np.stack([read_flow(Path("submission/clean", *path.parts[2:]))[0].astype(float) for path in paths])
         epe = np.linalg.norm(baseline - corrupted, axis=-1)
         fl = (epe > 3) & (epe > 0.05 * np.linalg.norm(baseline, axis=-1))
         assert 0 < fl.mean() < (epe > 3).mean() < (epe > 1).mean() < 1
@@ -140,55 +118,38 @@ def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_r
     assert "the server evaluates about 0.1 % of the pixels, subsampled in float16" in out
 
 
-def test_exports_are_one_sample_set_only_over_the_same_corruptions_of_the_same_frames(robustflow, run, frames):
-    sets = {}
-    for corruption, pairs in (("fog", 4), ("rain", 4), ("fog", 2)):
-        out = f"{corruption} {pairs}"
-        command = ("export", run, "--format", "robustspring", "--data", frames, "-c", corruption, "--limit", pairs)
-        assert robustflow(*command, "-o", out)[0] == 0
-        (sets[out],) = (line.frames for line in read_results(f"{out}/results.csv"))
-    assert len(set(sets.values())) == 3
-    again = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog", "--limit", 4, "-o", "again")
-    assert robustflow(*again)[0] == 0
-    assert [line.frames for line in read_results("again/results.csv")] == [sets["fog 4"]]
+def test_exports_are_one_sample_set_only_over_the_same_corruptions_of_the_same_frames(robustflow, export):
+    sets = []
+    for number, (corruption, pairs) in enumerate([("fog", 4), ("rain", 4), ("fog", 2), ("fog", 4)]):
+        robustflow.prints(*export, "-c", corruption, "--limit", pairs, "-o", number)
+        sets += [line.frames for line in read_results(f"{number}/results.csv")]
+    assert len(set(sets)) == 3
+    assert sets[0] == sets[3]
 
 
-def test_a_stopped_export_continues_and_has_the_same_results(robustflow, run, frames):
-    command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog", "--limit", "4", "-o", "out")
-    assert "8 flows, 8 written" in robustflow(*command)[1]
+def test_a_stopped_export_continues_and_has_the_same_results(robustflow, export):
+    command = (*export, "-c", "fog", "--limit", "4", "-o", "out")
+    assert "8 flows, 8 written" in robustflow.prints(*command)
     first = Path("out/results.csv").read_bytes()
-    gone = sorted(Path("out/fog").rglob("*.flo5"))[1]
-    gone.unlink()
-    assert "8 flows, 1 written and 7 already present" in robustflow(*command)[1]
+    sorted(Path("out/fog").rglob("*.flo5"))[1].unlink()
+    assert "8 flows, 1 written and 7 already present" in robustflow.prints(*command)
     assert Path("out/results.csv").read_bytes() == first
 
 
-def test_another_model_than_the_runs_is_refused(robustflow, run, frames):
-    command = ("export", run, "--format", "robustspring", "--data", frames, "--limit", "1", "-c", "fog")
-    code, _, error = robustflow(*command, "--model", "dis")
-    assert code == 1
-    assert "not the model of" in error
-    code, _, error = robustflow(*command, "-O", "winsize=5")
-    assert code == 1
-    assert "differs in" in error
+def test_another_model_than_the_runs_is_refused(robustflow, export):
+    command = (*export, "--limit", "1", "-c", "fog")
+    assert "not the model of" in robustflow.refuses(*command, "--model", "dis", code=1)
+    assert "differs in" in robustflow.refuses(*command, "-O", "winsize=5", code=1)
     assert not Path("submission").exists()
 
 
-def test_frames_that_are_not_there(robustflow, run, frames):
-    export = ("export", run, "--format", "robustspring")
-    code, _, error = robustflow(*export)
-    assert code == 2
-    assert "give --data" in error
-    code, _, error = robustflow(*export, "--data", frames)
-    assert code == 1
-    assert "brightness/test" in error
-    code, _, error = robustflow(*export, "--data", frames, "-c", "motion")
-    assert code == 2
-    assert "'motion' does not exist" in error
+def test_frames_that_are_not_there(robustflow, export, frames):
+    assert "give --data" in robustflow.refuses(*export[:-2])
+    assert "brightness/test" in robustflow.refuses(*export, code=1)
+    assert "'motion' does not exist" in robustflow.refuses(*export, "-c", "motion")
     (frames / "fog/test/0028/frame_left/frame_left_0002.png").unlink()
-    code, _, error = robustflow(*export, "--data", frames, "-c", "fog")
-    assert code == 1
-    assert "fog lacks the pair 0028/flow_FW_left/flow_FW_left_0001" in error
+    missing = robustflow.refuses(*export, "-c", "fog", code=1)
+    assert "fog lacks the pair 0028/flow_FW_left/flow_FW_left_0001" in missing
     shutil.rmtree(frames / "spring/test/0003/frame_right")
     with pytest.raises(DataError, match="both cameras"):
         Condition(frames)

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
-import sys
-from importlib.util import find_spec
 
 import pytest
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from robustflow import extras
 from robustflow.cli.main import app
@@ -22,12 +18,6 @@ from robustflow.training.request import DataPlan
 from ..datasets import layouts
 
 pytestmark = pytest.mark.training
-
-
-def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "robustflow", *arguments], capture_output=True, text=True, timeout=120, check=False
-    )
 
 
 def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
@@ -65,35 +55,26 @@ def test_the_plan_names_every_value_that_the_user_changed(tmp_path):
     assert "changed:" not in plan_text(original, DataPlan([tmp_path]), original)
 
 
-@pytest.mark.skipif(find_spec("torch") is not None, reason="torch is installed")
-def test_without_torch_it_says_which_extra():
-    done = command("train", "raft", "--recipe", "ood")
-    assert done.returncode == 1
-    assert "pip install" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
-
-
-def test_recipes_are_listed():
-    done = command("list", "recipes")
-    assert done.returncode == 0
-    lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    assert (
-        "ood 100001 updates of 6 pairs at 368x768 learning rate 0.000125, starts from things, trained on ood" in lines
-    )
-    assert (
-        "ood 120000 updates of 6 pairs at 432x960 learning rate 0.000125, starts from things, trained on ood" in lines
-    )  # in two steps
+def test_recipes_are_listed(robustflow):
+    lines = [" ".join(line.split()) for line in robustflow.prints("list", "recipes").splitlines()]
+    for updates in ("100001 updates of 6 pairs at 368x768", "120000 updates of 6 pairs at 432x960"):  # in two steps
+        assert f"ood {updates} learning rate 0.000125, starts from things, trained on ood" in lines
 
 
 @pytest.mark.torch
-def test_an_unknown_recipe_and_no_data_are_one_line():
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("raft --recipe odd --data .", "unknown recipe of raft 'odd': did you mean 'ood'"),
+        ("raft --recipe ood", "nothing to train on: give --data FOLDER"),
+        ("raft --recipe ood --data x --validate-data x", "--validate-data needs --validate BENCHMARK"),
+        ("raft --recipe ood --data x --validate-every 5", "--validate-every needs --validate BENCHMARK"),
+        ("raft --recipe ood --data x --validate-corruptions fog", "--validate-corruptions needs --validate BENCHMARK"),
+    ],
+)
+def test_options_that_do_not_fit_are_one_line(robustflow, arguments, says):
     pytest.importorskip("torch", reason="needs the torch extra")
-    done = command("train", "raft", "--recipe", "odd", "--data", ".")
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    assert "unknown recipe of raft 'odd': did you mean 'ood'" in done.stderr
-    done = command("train", "raft", "--recipe", "ood")
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    assert "nothing to train on: give --data FOLDER" in done.stderr
+    assert says in robustflow.refuses("train", *arguments.split())
 
 
 def test_plan_names_the_corruptions_of_the_frames_and_refuses_unknown_ones():
@@ -102,11 +83,6 @@ def test_plan_names_the_corruptions_of_the_frames_and_refuses_unknown_ones():
     assert "changed: 25 % of the pairs are corrupted: fog, snow\n" in text
     with pytest.raises(UsageError, match="unknown corruption 'fogg'"):
         plan_text(recipe, DataPlan(corruptions=["fogg"]))
-
-
-def test_a_part_without_a_recipe_is_a_usage_error():
-    with pytest.raises(UsageError, match="unknown trainable method 'dis'"):
-        load_recipe("dis", "ood")
 
 
 def test_a_pass_of_sintel_that_is_missing_is_named_without_an_option_that_train_lacks(tmp_path):
@@ -124,31 +100,19 @@ def test_a_folder_of_kitti_without_occluded_pixels_is_named_before_training(tmp_
         plan_text(load_recipe("raft", "kitti"), DataPlan([tmp_path]))
 
 
-def test_training_without_its_library_speaks_of_training(monkeypatch):
+def test_training_without_its_library_speaks_of_training(robustflow, monkeypatch):
     monkeypatch.setattr(extras, "find_spec", lambda library: None)
-    error = CliRunner().invoke(app, ["train", "raft", "--recipe", "ood", "--plan"]).exception
-    assert str(error).startswith("training needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
+    error = robustflow.refuses("train", "raft", "--recipe", "ood", "--plan", code=1)
+    assert "training needs PyTorch, which is not installed: pip install 'robustflow[torch]'" in error
 
 
 @pytest.mark.torch
-def test_the_command_after_training_repeats_the_options_of_the_model(monkeypatch, tmp_path):
+def test_the_command_after_training_repeats_the_options_of_the_model(robustflow, monkeypatch, tmp_path):
     pytest.importorskip("torch", reason="needs the torch extra")
     from robustflow.training import session
 
     monkeypatch.setattr(session, "run_training", lambda request, stop: request.output / "last.pth")
     given = ["-O", "scaling=minus_one_one", "-O", "order=bgr", "-O", "note=two words"]
-    arguments = ["train", "my.nets:Net", "--like", "tiny", "--recipe", "shapes", *given, "-o", str(tmp_path)]
-    done = CliRunner().invoke(app, arguments)
-    command = shlex.split(done.stdout.partition("measure it with: ")[2])
+    train = ("train", "my.nets:Net", "--like", "tiny", "--recipe", "shapes")
+    command = shlex.split(robustflow.prints(*train, *given, "-o", tmp_path).partition("measure it with: ")[2])
     assert command == ["robustflow", "run", "--model", "my.nets:Net", *given, "--checkpoint", f"{tmp_path}/last.pth"]
-
-
-@pytest.mark.torch
-@pytest.mark.parametrize(
-    "option", [("--validate-data", "x"), ("--validate-every", "5"), ("--validate-corruptions", "fog")], ids=" ".join
-)
-def test_an_option_of_validation_without_a_benchmark_is_a_usage_error(option):
-    pytest.importorskip("torch", reason="needs the torch extra")
-    error = CliRunner().invoke(app, ["train", "raft_small", "--recipe", "chairs", "--data", "x", *option]).exception
-    assert isinstance(error, UsageError)
-    assert str(error) == f"{option[0]} needs --validate BENCHMARK"

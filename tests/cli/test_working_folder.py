@@ -24,6 +24,7 @@ from robustflow.report.figures import clean_against_cre, figure_bytes
 from robustflow.safe_path import SAFE_PATH
 
 from ..app.launch import running_app
+from .conftest import write_frames
 
 SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
 """The `robustflow` script as written by an installer."""
@@ -97,9 +98,8 @@ def _finishes(place: Place, *arguments: object) -> str:
     return done.stdout
 
 
-def _run(place: Place, output: Path, *arguments: object) -> None:
-    run = ("run", "-m", "dis", "-c", "fog", "-s", 3, "-o", output)
-    assert "clean EPE" in _finishes(place, *run, *arguments)
+def _prepare(tmp_path: Path, frames: Path) -> tuple[object, ...]:
+    return ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
 
 
 def test_decoys_that_python_itself_looks_at_run(place):
@@ -118,7 +118,7 @@ def test_started_with_python_m_in_a_folder_of_decoys_runs_none_but_what_python_l
     assert "farneback" in done.stdout
 
 
-def test_run_and_report_in_a_folder_of_decoys_import_a_model_and_a_corruption_there_and_no_decoy(place, tmp_path):
+def test_commands_in_a_folder_of_decoys_import_a_model_and_a_corruption_there_and_no_decoy(place, tmp_path):
     (place.here / "mine.py").write_text(
         "import helper\nimport numpy as np\n"
         "class Still:\n"
@@ -132,32 +132,24 @@ def test_run_and_report_in_a_folder_of_decoys_import_a_model_and_a_corruption_th
     )
     (place.here / "helper.py").write_text("")
     run = ("run", "-m", "mine:Still", "-c", "fog,mine:Darker", "-s", 3, "-o", tmp_path / "run", "--no-examples")
-    shown = _finishes(place, *run, "--engine", "processes", "--workers", 2, "then", "report", tmp_path / "run")
+    report = ("report", tmp_path / "run")
+    frames = _two_clips(tmp_path / "clips")
+    corrupt = ("corrupt", frames / "a/000.png", frames / "a/001.png", "-c", "fog", "-s", 2, "-o", tmp_path / "out")
+    prepare = (*_prepare(tmp_path, frames), "--workers", 2)
+    engine = ("--engine", "processes", "--workers", 2)
+    shown = _finishes(place, *run, *engine, "then", *report, "then", *corrupt, "then", *prepare)
     assert "darker" in shown
-
-
-@pytest.mark.slow
-def test_run_in_one_process_in_a_folder_of_decoys_runs_none(place, tmp_path):
-    _run(place, tmp_path / "run", "--engine", "serial")
+    assert (tmp_path / "out").exists()
+    assert (tmp_path / "prepared" / "gopro_fc.json").exists()
 
 
 @pytest.mark.ray
 @pytest.mark.slow
 def test_run_and_prepare_on_ray_in_a_folder_of_decoys_run_none(place, tmp_path):
     pytest.importorskip("ray")
-    _run(place, tmp_path / "run", "--engine", "ray", "--workers", 2)
-    frames = _two_clips(tmp_path / "clips")
-    prepare = ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
-    _finishes(place, *prepare, "--engine", "ray")
-
-
-def test_corrupt_and_prepare_in_a_folder_of_decoys_run_none(place, tmp_path):
-    frames = _two_clips(tmp_path / "clips")
-    corrupt = ("corrupt", frames / "a/000.png", frames / "a/001.png", "-c", "fog", "-s", 2, "-o", tmp_path / "out")
-    prepare = ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
-    _finishes(place, *corrupt, "then", *prepare, "--workers", 2)
-    assert (tmp_path / "out").exists()
-    assert (tmp_path / "prepared" / "gopro_fc.json").exists()
+    run = ("run", "-m", "dis", "-c", "fog", "-s", 3, "-o", tmp_path / "run", "--engine", "ray", "--workers", 2)
+    assert "clean EPE" in _finishes(place, *run)
+    _finishes(place, *_prepare(tmp_path, _two_clips(tmp_path / "clips")), "--engine", "ray")
 
 
 def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkeypatch):
@@ -178,8 +170,7 @@ def test_the_app_in_a_folder_of_decoys_runs_none(place):
 @pytest.mark.torch
 def test_a_training_plan_in_a_folder_of_decoys_runs_none(place, tmp_path):
     pytest.importorskip("torch")
-    plan = ("train", "raft", "--recipe", "chairs", "--data", tmp_path, "--init", "random", "--plan")
-    place.command(*plan)
+    place.command("train", "raft", "--recipe", "chairs", "--data", tmp_path, "--init", "random", "--plan")
     assert place.what_ran() == []
 
 
@@ -191,32 +182,37 @@ def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(pla
     assert "rename" in done.stderr
 
 
-def test_numba_reads_no_settings_from_the_working_folder(tmp_path):
+def test_settings_of_numba_and_matplotlib_in_the_working_folder_change_no_number_and_no_figure(tmp_path):
     pytest.importorskip("yaml")
     stranger = tmp_path / "stranger"
     (tmp_path / ".numba_config.yaml").write_text(f"cache_dir: {stranger}\ndisable_jit: 1\n")
+    (tmp_path / "matplotlibrc").write_text("axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n")
     script = (
+        "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
+        "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
         "from robustflow.compiled import njit\nimport numba\n"
         "from robustflow.random.rng import Rng\nRng.of('a').uniforms(3)\n"
-        "print(repr(numba.config.CACHE_DIR), numba.config.DISABLE_JIT)"
+        "print(repr(numba.config.CACHE_DIR), numba.config.DISABLE_JIT)\n"
+        "from robustflow.analysis.published.tables import published_results\n"
+        "from robustflow.report.figures import clean_against_cre, figure_bytes\n"
+        "figure = clean_against_cre([line for line in published_results() if line.benchmark == 'kitti-fc'])\n"
+        "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (done.stdout, done.stderr) == ("'' 0\n", "")
+    done = _python(tmp_path, "-c", script)
+    here = clean_against_cre([line for line in published_results() if line.benchmark == "kitti-fc"])
+    version, settings, digest = done.stdout.splitlines()
+    assert version.startswith("robustflow ")
+    assert settings == "'' 0"
+    assert (digest, done.stderr) == (sha256(figure_bytes(here, "svg")).hexdigest(), "")
     assert not stranger.exists()
 
 
-def test_compiled_code_is_not_read_where_everybody_could_replace_it(tmp_path):
+def test_compiled_code_is_not_read_where_everybody_could_replace_it(tmp_path, monkeypatch):
     (tmp_path / "numba").mkdir()
     (tmp_path / "numba").chmod(0o777)
-    first = _two_clips(tmp_path / "clips") / "a" / "000.png"
-    start = [sys.executable, "-c", "from robustflow.cli.main import main; main()"]
-    done = subprocess.run(
-        [*start, "corrupt", str(first), str(first), "-c", "gaussian_noise", "-o", str(tmp_path / "out")],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    frames = write_frames(tmp_path)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    done = _python(tmp_path, "-m", "robustflow", "corrupt", *frames, "-c", "gaussian_noise")
     assert done.returncode == 2
     assert re.fullmatch(r"robustflow: other users can write to \S+/numba, .* set NUMBA_CACHE_DIR to .*\n", done.stderr)
 
@@ -230,38 +226,19 @@ def test_compiled_code_is_read_where_only_this_user_can_replace_it(tmp_path, mod
 
 
 def test_a_group_of_several_users_may_not_write_compiled_code(monkeypatch):
-    with TemporaryDirectory() as folder:
-        _check_groups(Path(folder), monkeypatch)
-
-
-def _check_groups(tmp_path, monkeypatch):
+    check = compiled._check_folder.__wrapped__
     monkeypatch.setattr(compiled, "_is_private", lambda group: group == os.getegid())
-    compiled._check_folder.__wrapped__(tmp_path)
-    (tmp_path / "shared").mkdir(mode=0o770)
-    (tmp_path / "shared").chmod(0o770)
-    compiled._check_folder.__wrapped__(tmp_path / "shared")
-    monkeypatch.setattr(compiled, "_is_private", lambda group: False)
-    compiled._check_folder.__wrapped__(tmp_path / "shared")  # no other command reaches this point
-    tmp_path.chmod(0o711)
-    with pytest.raises(UsageError, match="other users can write"):
-        compiled._check_folder.__wrapped__(tmp_path / "shared")
-
-
-def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path):
-    (tmp_path / "matplotlibrc").write_text("axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n")
-    script = (
-        "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
-        "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
-        "from robustflow.analysis.published.tables import published_results\n"
-        "from robustflow.report.figures import clean_against_cre, figure_bytes\n"
-        "figure = clean_against_cre([line for line in published_results() if line.benchmark == 'kitti-fc'])\n"
-        "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
-    here = clean_against_cre([line for line in published_results() if line.benchmark == "kitti-fc"])
-    version, digest = done.stdout.splitlines()
-    assert version.startswith("robustflow ")
-    assert (digest, done.stderr) == (sha256(figure_bytes(here, "svg")).hexdigest(), "")
+    with TemporaryDirectory() as place:  # unlike `tmp_path`, in a folder that every user can enter
+        check(Path(place))
+        shared = Path(place) / "shared"
+        shared.mkdir()
+        shared.chmod(0o770)
+        check(shared)
+        monkeypatch.setattr(compiled, "_is_private", lambda group: False)
+        check(shared)  # other users cannot enter the folder above
+        Path(place).chmod(0o711)
+        with pytest.raises(UsageError, match="other users can write"):
+            check(shared)
 
 
 def _two_clips(folder: Path) -> Path:
