@@ -197,6 +197,7 @@ def test_a_full_disk(robustflow, monkeypatch):
         return real(path, *mode)
 
     monkeypatch.setattr(atomic, "open", full, raising=False)
-    run = ("run", "-m", "dis", "-c", "contrast", "-s", "1", "-o", "run")
-    assert "No space left on device" in robustflow.refuses(*run, code=1)
+    code, _, error = robustflow("run", "-m", "dis", "-c", "contrast", "-s", "1", "-o", "run")
+    assert code == 1
+    assert "No space left on device" in error.splitlines()[-1]
     assert _written() == []

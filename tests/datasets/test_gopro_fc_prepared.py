@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
-import warnings
 from fractions import Fraction
 from pathlib import Path
 
@@ -72,7 +71,7 @@ def test_a_flipped_bit_in_a_prepared_folder_is_noticed(prepared, tmp_path, name)
         return dataset.load("scene/000032").frames[0]
 
     expected = use()
-    for place, bit in zip(rng.integers(0, len(whole), 200), rng.integers(0, 8, 200), strict=True):
+    for place, bit in zip(rng.integers(0, len(whole), 60), rng.integers(0, 8, 60), strict=True):
         flipped = bytearray(whole)
         flipped[place] ^= 1 << bit
         path.write_bytes(flipped)
@@ -112,6 +111,7 @@ def test_rolling_shutter_takes_its_rows_from_master_frames(prepared):
             assert (made != frames[centre]).any()
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
     dataset = GoProFCPrepared(prepared, cache=tmp_path)
     assert isinstance(dataset, CorruptedClips)
@@ -121,47 +121,45 @@ def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
     assert dataset.frame_files(second, [0, -1]) == [prepared / "scene" / "keyframes" / f"{i:06d}.png" for i in (32, 64)]
     assert (dataset.frame(first, 2) == dataset.load(second).frames[1]).all()
     assert (dataset.frame(second, -1) == dataset.load(first).frames[0]).all()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for name in CLIP:
-            one, other = dataset.corrupted(first, name, 5), dataset.corrupted(second, name, 5)
-            assert (dataset.corrupted_frame(first, 2, name, 5) == other[1]).all()
-            assert (dataset.corrupted_frame(second, -1, name, 5) == one[0]).all()
-            for offset in (0, 1):
-                assert (dataset.corrupted_frame(first, offset, name, 5) == one[offset]).all()
+    for name in CLIP:
+        one, other = dataset.corrupted(first, name, 5), dataset.corrupted(second, name, 5)
+        assert (dataset.corrupted_frame(first, 2, name, 5) == other[1]).all()
+        assert (dataset.corrupted_frame(second, -1, name, 5) == one[0]).all()
+        for offset in (0, 1):
+            assert (dataset.corrupted_frame(first, offset, name, 5) == one[offset]).all()
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
     """Use all corruptions of clips and one corruption of each other kind; a two-frame model gets the same frames."""
     folder = str(Path(__file__).parent.parent / "runner")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", folder)
     chosen = {"corruptions": [*CLIP, "contrast", "impulse_noise"], "severities": [5]}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        pairs = evaluate("dis", "gopro-fc", prepared, tmp_path / "pairs", **chosen)
-        one = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
+    pairs = evaluate("dis", "gopro-fc", prepared, tmp_path / "pairs", **chosen)
+    one = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
     same = ["sample", "corruption", "severity", "frames_digest"]
     assert one.rows.select(same).equals(pairs.rows.select(same))
     dataset = GoProFCPrepared(prepared)
-    frames = [dataset.corrupted_frame("scene/000064", offset, "object_motion_blur", 5) for offset in (-1, -1, 0, 1, 1)]
-    frames = [frame.astype(np.int64) for frame in frames]
-    clean = [dataset.frame("scene/000064", offset).astype(np.int64) for offset in (-1, -1, 0, 1, 1)]
-    u = sum((place + 1) * (a - b)[..., 0] for place, (a, b) in enumerate(zip(frames, clean, strict=True)))
-    v = sum((place - 2) * (a - b)[..., 1] for place, (a, b) in enumerate(zip(frames, clean, strict=True)))
-    row = one.rows.filter(sample="scene/000064", corruption="object_motion_blur").row(0, named=True)
+    key = "scene/000064"
+    changes = [
+        dataset.corrupted_frame(key, offset, "object_motion_blur", 5).astype(int) - dataset.frame(key, offset)
+        for offset in (-1, -1, 0, 1, 1)
+    ]
+    u = sum((place + 1) * change[..., 0] for place, change in enumerate(changes))
+    v = sum((place - 2) * change[..., 1] for place, change in enumerate(changes))
+    row = one.rows.filter(sample=key, corruption="object_motion_blur").row(0, named=True)
     assert row["rcre_all_sum"] == pytest.approx(np.hypot(u, v).sum() / 64, rel=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
     first = GoProFCPrepared(prepared, cache=tmp_path / "a")
     second = pickle.loads(pickle.dumps(GoProFCPrepared(prepared, cache=tmp_path / "b")))
     keys = first.keys()
     cells = [(key, name, severity) for key in keys for name in CLIP for severity in (1, 5)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        forwards = {cell: first.corrupted(*cell) for cell in cells}
-        backwards = {cell: second.corrupted(*cell) for cell in reversed(cells)}
+    forwards = {cell: first.corrupted(*cell) for cell in cells}
+    backwards = {cell: second.corrupted(*cell) for cell in reversed(cells)}
     for cell in cells:
         assert all((a == b).all() for a, b in zip(forwards[cell], backwards[cell], strict=True))
 
@@ -205,14 +203,13 @@ def test_two_images_are_not_enough():
             corrupt(grey, grey, name, 1)
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
     """Run from a prepared folder to the printed table; two workers produce the same rows."""
     tables = []
     for workers in (1, 2):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            few = {"severities": [5], "limit": 1, "workers": workers}
-            result = evaluate("dis", "gopro-fc", prepared, tmp_path / f"run{workers}", **few)
+        few = {"severities": [5], "limit": 1, "workers": workers}
+        result = evaluate("dis", "gopro-fc", prepared, tmp_path / f"run{workers}", **few)
         rows = result.rows.sort("sample", "corruption", "severity")
         tables.append(rows.select("sample", "corruption", "severity", "frames_digest", "rcre_all_sum").rows())
         manifest = json.loads((tmp_path / f"run{workers}" / "manifest.json").read_text())
@@ -247,6 +244,7 @@ def test_a_released_folder_reads_as_it_is(tmp_path):
         load_benchmark("gopro-fc", tmp_path)
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "mine.mp4"
@@ -257,14 +255,13 @@ def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
     assert benchmark.keys[0] == "mine/000015"
     sample = benchmark.dataset.load(benchmark.keys[0])
     assert (read_image(benchmark.dataset.files(benchmark.keys[0])[0]) == sample.frames[0]).all()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert load_benchmark("gopro-fc", path).keys == benchmark.keys
+    assert load_benchmark("gopro-fc", path).keys == benchmark.keys
 
 
 def test_what_is_none_of_the_three(tmp_path):
-    for data, split, message in ((None, None, "gopro-fc needs data"), (tmp_path, None, "neither a prepared")):
-        with pytest.raises((UsageError, DataError), match=message):
-            load_benchmark("gopro-fc", data, split)
+    with pytest.raises(UsageError, match="gopro-fc needs data"):
+        load_benchmark("gopro-fc")
+    with pytest.raises(DataError, match="neither a prepared"):
+        load_benchmark("gopro-fc", tmp_path)
     with pytest.raises(UsageError, match="no split"):
         load_benchmark("gopro-fc", tmp_path, tmp_path / "split.txt")
