@@ -138,9 +138,9 @@ def test_swapped_rows_are_found_in_any_table():
         (m, metric, name): values[({"A": "B", "B": "A"}.get(m, m) if metric == "cre" else m), metric, name]
         for m, metric, name in values
     }
-    says = [f.message for f in audit_results(_csv(swapped)).findings if f.check == "swapped"]
-    assert len(says) == 1
-    assert "A and B" in says[0]
+    messages = [f.message for f in audit_results(_csv(swapped)).findings if f.check == "swapped"]
+    assert len(messages) == 1
+    assert "A and B" in messages[0]
 
 
 def test_a_wrong_mark_is_found_and_a_shared_one_is_not():

@@ -62,54 +62,54 @@ def _scenes(run: Result, worse: float) -> Run:
 def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     dis = runs[0]
     assert without_truth(dis)
-    (said,) = conclusions(run_results([dis]))
+    (text,) = conclusions(run_results([dis]))
     values = {name: scores.rcre for name, scores in dis.summary.corruptions.items()}
     order = (
         ["Gaussian noise", "Contrast"] if values["gaussian_noise"] > values["contrast"] else ["Contrast", "Gaussian"]
     )
     clean = dis.rows.filter(corruption="clean")
     length = (clean["pred_magnitude_sum"] / clean["n_all"]).mean()
-    assert f"on clean frames the flow is {length:.2f} px long on average; " in said
+    assert f"on clean frames the flow is {length:.2f} px long on average; " in text
     assert f"clean flow {length:.4g} px long" in str(dis)
-    assert said.startswith(f"On 3 pairs in 1 sequence, corruption changes the flow of DIS by {dis.summary.rcre:.2f} px")
-    assert f"most under {order[0]} ({max(values.values()):.2f} px)" in said
-    assert f"least under {order[1]}" in said
-    assert "1 sequence is too few" in said
-    assert "at least 3 more from different scenes are needed" in said
-    assert said.endswith(CAVEAT)
+    assert text.startswith(f"On 3 pairs in 1 sequence, corruption changes the flow of DIS by {dis.summary.rcre:.2f} px")
+    assert f"most under {order[0]} ({max(values.values()):.2f} px)" in text
+    assert f"least under {order[1]}" in text
+    assert "1 sequence is too few" in text
+    assert "at least 3 more from different scenes are needed" in text
+    assert text.endswith(CAVEAT)
 
 
 def test_several_runs_say_which_changes_least_under_what(runs):
     dis, rgb, _ = runs
-    (said,) = conclusions(run_results([dis, rgb]))
+    (text,) = conclusions(run_results([dis, rgb]))
     first = min((dis, rgb), key=lambda run: run.summary.rcre)
-    assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px for a clean flow of" in said
+    assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px for a clean flow of" in text
     for name in ("contrast", "gaussian_noise"):
         least = min((dis, rgb), key=lambda run: run.summary.corruptions[name].rcre)
-        part = next(part for part in said.split("; ") if part.startswith(f"{least.name} changes least under"))
+        part = next(part for part in text.split("; ") if part.startswith(f"{least.name} changes least under"))
         assert "every corruption" in part or name.replace("_", " ").capitalize() in part
 
 
 def test_a_blind_model_is_not_the_one_that_changes_least(runs):
-    (said,) = conclusions(run_results(runs))
+    (text,) = conclusions(run_results(runs))
     assert runs[2].summary.rcre == 0
-    assert f"{runs[2].name} changes least" not in said
-    assert "No conclusion about" in said
-    assert "its flow hardly depends on the frames" in said
+    assert f"{runs[2].name} changes least" not in text
+    assert "No conclusion about" in text
+    assert "its flow hardly depends on the frames" in text
     (alone,) = conclusions(run_results([runs[2]]))
     assert alone.startswith("No conclusion about")
 
 
 def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     calm, shaky = _scenes(runs[0], 1.0), _scenes(runs[1], 1.5)
-    (said,) = conclusions(run_results([calm]))
-    assert "On 40 pairs, " in said
-    assert "95 % interval" in said
-    assert "more pairs from different scenes" in said
-    (said,) = conclusions(run_results([calm, shaky]))
-    assert "the lead of DIS over DIS-RGB is significant (p < 0.001)" in said
-    (said,) = conclusions(run_results([calm, _scenes(runs[1], 1.0)]))
-    assert "is significant" not in said
+    (text,) = conclusions(run_results([calm]))
+    assert "On 40 pairs, " in text
+    assert "95 % interval" in text
+    assert "more pairs from different scenes" in text
+    (text,) = conclusions(run_results([calm, shaky]))
+    assert "the lead of DIS over DIS-RGB is significant (p < 0.001)" in text
+    (text,) = conclusions(run_results([calm, _scenes(runs[1], 1.0)]))
+    assert "is significant" not in text
 
 
 def test_nothing_is_measured_against_the_paper(runs):
@@ -123,13 +123,13 @@ def test_nothing_is_measured_against_the_paper(runs):
 
 
 def test_pages_tables_and_the_terminal_conclude(runs, frames, tmp_path, monkeypatch, capsys):
-    (said,) = conclusions(run_results(runs[:2]))
-    assert headline(whole_content(runs[:2], published=False)) == [said]
+    (text,) = conclusions(run_results(runs[:2]))
+    assert headline(whole_content(runs[:2], published=False)) == [text]
     assert headline(run_content(runs[0])) == conclusions(run_results(runs[:1]))
     for wanted in (None, ["rcre"], ["means"]):
         tables = tables_of(runs[:2], published=False, wanted=wanted)
         assert all(column.label != "clean EPE (px)" for table in tables for column in table.columns)
-        assert [table.remarks[-1:] == (said,) for table in tables].count(True) == 1
+        assert [table.remarks[-1:] == (text,) for table in tables].count(True) == 1
     command = ["run", "-m", "dis", "-b", "folder", "-d", str(frames), "-c", "contrast", "-s", "1", "--no-examples"]
     monkeypatch.setattr(sys, "argv", ["robustflow", *command, "-o", str(tmp_path / "run")])
     with pytest.raises(SystemExit):

@@ -118,7 +118,7 @@ def test_excluded_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_
     def scaled(name, clean, ratio):
         factor = pl.when(pl.col("corruption") == "clean").then(clean).otherwise(clean * ratio)
         changed = rows.with_columns(epe_sum=pl.col("epe_sum") * factor, clean_epe_sum=pl.col("clean_epe_sum") * clean)
-        return made_run(runs[0], changed, name)
+        return made_run(runs[1], changed, name)  # a setting that the observations discuss
 
     models = {"A": (1.0, 1.0), "B": (1.2, 0.9), "C": (1.5, 1.3), "D": (2.0, 1.1), "E": (3.0, 1.2)}
     sound = [scaled(name, *factors) for name, factors in models.items()]

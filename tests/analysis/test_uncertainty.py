@@ -333,9 +333,9 @@ def test_a_lower_cre_is_growth_of_the_error_and_only_rcre_is_change():
     noisy = rows_of(3 * clean, 3 * clean[:, None] + rng.uniform(0.2, 0.4, (40, 3)), rng.uniform(3.5, 4, (40, 3)))
     plain = rows_of(clean, clean[:, None] + rng.uniform(0.5, 0.7, (40, 3)), rng.uniform(0.8, 1, (40, 3)))
     found = compare_rows(noisy, plain, ("Noisy", "DIS"), resamples=999).filter(corruption="average")
-    said = dict(found.select("metric", "sentence").iter_rows())
-    assert "the error of Noisy grows less under corruption, although its flow changes more (RCRE +2." in said["cre"]
-    assert "but Noisy is less accurate: EPE +" in said["cre"]
-    assert "relative to its error on clean frames, although its flow changes more" in said["crer"]
-    assert "the flow of DIS changes less under corruption, and DIS is more accurate: EPE -" in said["rcre"]
-    assert "change" not in said["epe"]
+    sentences = dict(found.select("metric", "sentence").iter_rows())
+    assert "Noisy grows less under corruption, although its flow changes more (RCRE +2." in sentences["cre"]
+    assert "but Noisy is less accurate: EPE +" in sentences["cre"]
+    assert "relative to its error on clean frames, although its flow changes more" in sentences["crer"]
+    assert "the flow of DIS changes less under corruption, and DIS is more accurate: EPE -" in sentences["rcre"]
+    assert "change" not in sentences["epe"]

@@ -79,9 +79,9 @@ def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc
     tables = {run: render(tables_of([run], published=False, wanted=["epe"])[0], "latex") for run in (noc, occ)}
     packed = {run: pack(run, tmp_path / f"{run.path.name}.robustflow") for run in (noc, occ)}
     verified = {run: CliRunner().invoke(app, ["verify", str(path)]).output for run, path in packed.items()}
-    for said in (pages, shown, tables, verified, {noc: str(noc), occ: str(occ)}):
-        assert words in said[noc]
-        assert words not in said[occ]
+    for texts in (pages, shown, tables, verified, {noc: str(noc), occ: str(occ)}):
+        assert words in texts[noc]
+        assert words not in texts[occ]
 
 
 def test_real_non_occluded_ground_truth_is_refused_or_named(shared):
@@ -261,12 +261,12 @@ def test_an_estimate_says_so_in_the_terminal_and_beside_its_line(tmp_path, capsy
     cells = [(name, level) for name in quick.corruptions for level in quick.severities]
     rows = rows_frame([clean, *(clean | {"corruption": name, "severity": level} for name, level in cells)])
     run = made_run(base, rows, benchmark="kitti-fc")
-    said = "an estimate from the quick subset, whose ranking of 29 published and 14 measured models agrees with"
-    assert said in comparison_note(run)
+    remark = "an estimate from the quick subset, whose ranking of 29 published and 14 measured models agrees with"
+    assert remark in comparison_note(run)
     print_result(run, report=False)
-    assert f"This is {said}" in capsys.readouterr().out
+    assert f"This is {remark}" in capsys.readouterr().out
     fewer = made_run(base, rows.filter(pl.col("corruption") != quick.corruptions[0]), benchmark="kitti-fc")
-    assert said not in comparison_note(fewer)
+    assert remark not in comparison_note(fewer)
 
 
 @pytest.mark.parametrize(
