@@ -110,6 +110,23 @@ class SceneDepth:
                 raise DataError(f"depth map {number}: every pixel must be positive and finite, in metres")
 
 
+def check_frame(frame: Any, first: Frame, what: str) -> None:
+    """Check that a frame is RGB uint8 (H, W, 3) and has the size of the first frame; `what` names it in errors.
+
+    Raises:
+        DataError: it is not, or the sizes differ.
+    """
+    if not isinstance(frame, np.ndarray):
+        raise DataError(f"{what}: expected an array, RGB uint8 (H, W, 3), got {type(frame).__name__}")
+    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+        raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {frame.dtype} {frame.shape}")
+    if frame.shape != first.shape:
+        raise DataError(
+            f"{what}: frames differ in size, {first.shape[1]}x{first.shape[0]} and {frame.shape[1]}x{frame.shape[0]}; "
+            "all frames of a pair or clip must have the same size"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Sample:
     """Frames that belong together, with ground truth if available.
@@ -147,17 +164,7 @@ class Sample:
         if len(self.frames) < 2:
             raise DataError(f"sample '{self.key}': optical flow needs two frames, not {len(self.frames)}")
         for index, frame in enumerate(self.frames):
-            if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-                raise DataError(
-                    f"sample '{self.key}', frame {index + 1}: expected RGB uint8 (H, W, 3), "
-                    f"got {frame.dtype} {frame.shape}"
-                )
-            if frame.shape != self.frames[0].shape:
-                first, other = self.frames[0].shape, frame.shape
-                raise DataError(
-                    f"sample '{self.key}': frames differ in size, {first[1]}x{first[0]} and "
-                    f"{other[1]}x{other[0]}; both frames of a pair must have the same size"
-                )
+            check_frame(frame, self.frames[0], f"sample '{self.key}', frame {index + 1}")
         if (self.flow is None) != (self.valid is None):
             raise DataError(f"sample '{self.key}': flow and valid mask must be given together")
         maps = [("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)]

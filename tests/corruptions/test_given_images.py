@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robustflow.corruptions import corrupt
+from robustflow.corruptions import corrupt, corrupt_clip
 from robustflow.errors import DataError, UsageError
 
 FRAME = np.random.default_rng(1).integers(0, 256, (40, 56, 3), dtype=np.uint8)
@@ -36,3 +36,25 @@ def test_a_call_without_a_corruption_says_so():
         corrupt(FRAME, FRAME)
     with pytest.raises(UsageError, match="severity 0"):
         corrupt(FRAME, corruption="fog")
+
+
+@pytest.mark.parametrize(
+    "frame", [(FRAME, FRAME), "a.png", None, FRAME.tolist(), FRAME / 255, FRAME[..., 0], FRAME[:-1]]
+)
+def test_what_is_no_frame_is_refused_in_a_pair_and_in_a_clip(frame):
+    with pytest.raises(DataError, match="frame 1"):
+        corrupt(frame if frame is not None and np.shape(frame) != FRAME[:-1].shape else "", FRAME, "fog", 3)
+    with pytest.raises(DataError, match="frame 2"):
+        list(corrupt_clip([FRAME, frame, FRAME], "snow", 3))
+
+
+@pytest.mark.parametrize("integer", [np.int64, np.uint8, np.int32])
+def test_integers_of_numpy_give_the_same_bytes(integer):
+    expected = corrupt(FRAME, FRAME, "gaussian_noise", 3, seed=5)[0]
+    assert (corrupt(FRAME, FRAME, "gaussian_noise", integer(3), seed=integer(5))[0] == expected).all()
+
+
+@pytest.mark.parametrize("seed", ["5", 5.0, None, True])
+def test_a_seed_that_is_no_whole_number_is_refused(seed):
+    with pytest.raises(UsageError, match="whole number"):
+        corrupt(FRAME, FRAME, "gaussian_noise", 3, seed=seed)

@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import Any, overload
 
 from ..errors import UsageError, unknown_name
-from ..random.rng import Rng
-from ..sample import Frame, Sample, SceneDepth
+from ..random.rng import Rng, check_seed
+from ..sample import Frame, SceneDepth, check_frame
 from ..severity import check_severity
 from .base import BGR, SCALES, Corruption
 from .channel_order import ChannelsReversed
@@ -114,7 +114,7 @@ def stream_for(corruption: Corruption, severity: int, seed: int, key: str, commo
 
     With `common_draws`, the five severities share one stream and differ only in strength.
     """
-    return Rng.of(*_STREAMS, seed, corruption.name, 0 if common_draws else severity, key)
+    return Rng.of(*_STREAMS, check_seed(seed), corruption.name, 0 if common_draws else severity, key)
 
 
 @overload
@@ -186,7 +186,6 @@ def corrupt(
         raise UsageError("no corruption specified; example: corrupt(frame1, frame2, 'fog', severity=3)")
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
-    Sample(key or "pair", (frames[0], frames[-1]))
     clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws, depth=depth)
     out = tuple(to_input_type(frame, one) for frame, one in zip(clip, given, strict=True))
     return out if len(out) > 1 else out[0]
@@ -211,6 +210,9 @@ def corrupt_clip(
     are identical to the pair that `corrupt` returns for the same seed and key; frames before the pair have negative
     indices. Yields RGB uint8 arrays and keeps only one frame in memory at a time.
 
+    Raises:
+        UsageError, DataError: as for `corrupt`, or the clip is empty.
+
     >>> import numpy as np
     >>> clip = [np.full((32, 48, 3), level, np.uint8) for level in (90, 100, 110, 120)]
     >>> pair = corrupt(clip[2], clip[3], "snow", 3)
@@ -219,21 +221,24 @@ def corrupt_clip(
     True
     """
     chosen = load_corruption(corruption_name(corruption) if isinstance(corruption, str) else corruption, variant, scale)
-    check_severity(severity)
+    severity = check_severity(severity)
     rest = iter(frames)
     head = next(rest, None)
     if head is None:
         raise UsageError("a clip needs at least one frame")
+    check_frame(head, head, "frame 1")
     height, width = head.shape[:2]
     rng = stream_for(chosen, severity, seed, key, common_draws)
     state: Any = chosen.draw_with_depth(rng, severity, (height, width), depth)
-    return (_applied(chosen, frame, state, index) for index, frame in enumerate(chain((head,), rest), first))
+    return _applied(chosen, chain((head,), rest), head, state, first)
 
 
-def _applied(corruption: Corruption, frame: Frame, state: Any, index: int) -> Frame:
-    if corruption.needs_depth and index not in (0, 1):
-        raise UsageError(
-            f"{corruption.name} needs depth, which is available only for the two frames of a pair; "
-            "use pairs and a model with two input frames"
-        )
-    return corruption.apply(frame, state, index)
+def _applied(corruption: Corruption, frames: Iterable[Frame], head: Frame, state: Any, first: int) -> Iterator[Frame]:
+    for number, frame in enumerate(frames):
+        check_frame(frame, head, f"frame {number + 1}")
+        if corruption.needs_depth and first + number not in (0, 1):
+            raise UsageError(
+                f"{corruption.name} needs depth, which is available only for the two frames of a pair; "
+                "use pairs and a model with two input frames"
+            )
+        yield corruption.apply(frame, state, first + number)

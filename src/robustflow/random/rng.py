@@ -12,12 +12,14 @@ SplitMix64; Steele, Lea and Flood 2014); the key is added before each round.
 from __future__ import annotations
 
 import hashlib
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..compiled import njit
+from ..errors import UsageError
 from .normal import normals_from_bits
 
 _MASK = (1 << 64) - 1
@@ -47,11 +49,34 @@ def fill_bits(key: Any, start: Any, out: Any) -> None:
 def key_of(*parts: str | int) -> int:
     """Hash strings and integers to a 64-bit key; different tuples are encoded as different strings before hashing.
 
+    NumPy's integers give the same key as Python's.
+
+    Raises:
+        UsageError: a part is neither a string nor an integer.
+
     >>> key_of("fog", 1) != key_of("fog1") != key_of("fog", "1")
     True
+    >>> key_of("fog", np.uint8(1)) == key_of("fog", 1)
+    True
     """
-    text = "\x1f".join(f"{type(part).__name__}:{len(str(part))}:{part}" for part in parts)
+    text = "\x1f".join(map(_encoded, parts))
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed as an int; raise a UsageError if it is not a whole number.
+
+    >>> check_seed(np.int64(3))
+    3
+    """
+    if isinstance(seed, bool) or not isinstance(seed, Integral):
+        raise UsageError(f"a seed must be a whole number, not {seed!r}")
+    return int(seed)
+
+
+def _encoded(part: str | int) -> str:
+    text = part if isinstance(part, str) else str(check_seed(part))
+    return f"{'str' if isinstance(part, str) else 'int'}:{len(text)}:{text}"
 
 
 class Rng:

@@ -24,6 +24,7 @@ from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
 from ..models.provenance import training_of
 from ..models.window import Window
+from ..random.rng import check_seed
 from ..runs.identity import FrameIdentity, Identity, checked_name, differing_fields
 from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.provenance import Provenance
@@ -77,6 +78,7 @@ def set_up(
         UsageError: the options contradict each other, or there is nothing to run.
         ModelError: the model cannot be loaded.
     """
+    seed = check_seed(seed)
     for corruption in benchmark.corruptions:
         if not benchmark.closed or on_disk(corruption) is None:
             load_corruption(corruption, variant, severity_scale)
