@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
 
 from robustflow.errors import DataError
 from robustflow.metrics.edges import edge_distance, motion_edges
@@ -69,3 +70,10 @@ def test_a_slanted_plane_has_no_edge():
 def test_a_mask_of_another_size_is_refused():
     with pytest.raises(DataError, match="differ in size"):
         motion_edges(np.zeros((4, 4, 2), np.float32), np.ones((9, 9), np.bool_))
+
+
+@pytest.mark.parametrize("shape", [(375, 1242), (900, 800), (1, 700)])
+def test_distances_equal_scipys(shape):
+    edges = np.random.default_rng(0).random(shape) < 3e-5
+    edges[0, 0] = True
+    np.testing.assert_array_equal(edge_distance(edges), distance_transform_edt(~edges))

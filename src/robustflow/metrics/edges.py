@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from ..compiled import njit, njit_late, types
 from ..sample import Flow, Mask
@@ -50,7 +50,7 @@ def motion_edges(flow: Flow, valid: Mask) -> Mask:
 
 def edge_distance(edges: Mask) -> Errors:
     """Return each pixel's Euclidean distance to the nearest edge pixel: float64 (H, W), in pixels; infinite if there is
-    no edge.
+    no edge. Beyond 1000 pixels, the square of a distance may be wrong by 3.
 
     >>> import numpy as np
     >>> edge_distance(np.array([[False, False, True]])).tolist()
@@ -58,7 +58,9 @@ def edge_distance(edges: Mask) -> Errors:
     """
     if not edges.any():
         return np.full(edges.shape, np.inf)
-    return np.asarray(distance_transform_edt(~edges), np.float64)
+    # importing scipy.ndimage would take three times as long as this computation, in every worker process
+    distance = cv2.distanceTransform((~edges).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(np.sqrt(np.rint(np.square(distance, dtype=np.float64))))
 
 
 @njit(cache=True)
