@@ -18,13 +18,11 @@ from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
 FLOW = np.linspace(-3, 4, 4 * 5 * 2, dtype=np.float32).reshape(4, 5, 2)
 
 
-def refused(path: Path, match: str | None = None) -> str:
+def refused(path: Path, match: str | None = None) -> None:
     with pytest.raises(DataError, match=match) as caught:
         read_flow(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert str(path) in message
-    return message
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize("suffix", FLOW_SUFFIXES)
@@ -126,20 +124,17 @@ def test_hostile_flo5(tmp_path: Path) -> None:
         refused(path, match)
 
 
-@pytest.mark.parametrize("channels", [1, 3, 4])
-def test_a_picture_is_not_a_flow(tmp_path: Path, channels: int) -> None:
-    picture = np.zeros((4, 5, channels), np.uint8)
-    cv2.imwrite(str(tmp_path / "8.png"), picture)
-    assert "8-bit PNG" in refused(tmp_path / "8.png")
-
-
-def test_a_16_bit_grey_png_is_not_a_flow(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "disparity.png"), np.zeros((4, 5), np.uint16))
-    assert "16-bit PNG with 1 channel" in refused(tmp_path / "disparity.png")
+@pytest.mark.parametrize(
+    ("bits", "channels", "says"),
+    [(8, 1, "8-bit PNG"), (8, 3, "8-bit PNG"), (8, 4, "8-bit PNG"), (16, 1, "16-bit PNG with 1 channel")],
+)
+def test_a_picture_is_not_a_flow(tmp_path: Path, bits: int, channels: int, says: str) -> None:
+    cv2.imwrite(str(tmp_path / "picture.png"), np.zeros((4, 5, channels), f"u{bits // 8}"))
+    refused(tmp_path / "picture.png", says)
 
 
 def test_other_names(tmp_path: Path) -> None:
-    assert "unknown flow format '.tif'" in refused(tmp_path / "flow.tif")
-    assert "no such flow file" in refused(tmp_path / "missing.flo")
+    refused(tmp_path / "flow.tif", r"unknown flow format '\.tif'")
     (tmp_path / "folder.flo").mkdir()
-    assert "no such flow file" in refused(tmp_path / "folder.flo")
+    for name in ("missing.flo", "folder.flo"):
+        refused(tmp_path / name, "no such flow file")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from fractions import Fraction
+from functools import cache
 from itertools import chain, islice, repeat
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from robustflow.video.variants import corrupted_stream
 from . import clips
 
 COUNT, HEIGHT, WIDTH = 60, 96, 128
+INTRA = lossless("ultrafast", every_frame=True)
+TEN = Encoding("gop of ten", (*lossless("veryfast").options, ("g", "10")))
 
 
 def decode(clip, packets) -> tuple[list[np.ndarray], Fill]:
@@ -33,19 +36,30 @@ def ruined(packets, indices) -> list[Packet]:
     return [Packet(b"\xff" * len(p.data), p.index) if p.index in indices else p for p in packets]
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A function that returns the clip of an encoding."""
+
+    @cache
+    def make(encoding: Encoding, count: int = COUNT, height: int = HEIGHT, width: int = WIDTH) -> ClipFile:
+        return clips.clip(tmp_path_factory.mktemp("clip") / "a.mp4", count, height, width, encoding)
+
+    return make
+
+
 @pytest.mark.parametrize("amount", [50_000_000, 1_000_000, 100_000, 20_000, 5_000, 2_000])
-def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
+def test_frames_whose_packets_survive_are_exactly_their_own(made, amount):
     """If frames do not depend on each other, every undamaged frame is decoded correctly at its position."""
-    clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, lossless("ultrafast", every_frame=True))
-    pictures = clips.pictures(COUNT, HEIGHT, WIDTH)
+    clip, pictures = made(INTRA), clips.pictures(COUNT, HEIGHT, WIDTH)
     stream = corrupted_stream(clip, "bit_error", amount)
     shown = dict(stream.pictures)
     hit = set(stream.damage.frames_hit)
     assert sorted(shown) == list(range(COUNT))
     for index in set(range(COUNT)) - hit:
         assert clips.shown_as(stream.fill, index) == index
-        # a damaged frame can leave state in FFmpeg's decoder that affects the next frame
-        assert index - 1 in hit or (shown[index] == pictures[index]).all()
+        if (shown[index] == pictures[index]).all():
+            continue
+        assert index - 1 in hit  # a damaged frame can leave state in FFmpeg's decoder that affects the next frame
         distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
         assert int(np.argmin(distances)) == index
     assert bool(hit) == (amount <= 100_000)
@@ -53,8 +67,8 @@ def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
 
 @pytest.mark.parametrize("encoding", [lossless("veryfast"), crf(20)], ids=["lossless", "crf"])
 @pytest.mark.parametrize("amount", [100_000, 5_000, 500, 50])
-def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(tmp_path, encoding, amount):
-    clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, encoding)
+def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(made, encoding, amount):
+    clip = made(encoding)
     clean, _ = decode(clip, read_packets(clip))
     stream = corrupted_stream(clip, "bit_error", amount)
     shown = [picture for _, picture in stream.pictures]
@@ -66,46 +80,31 @@ def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(tmp_
     assert all((shown[index] == clean[index]).all() for index in before)
 
 
-def test_lost_first_picture_shows_the_first_that_decodes(tmp_path):
-    clip = clips.clip(tmp_path / "a.mp4", 20, encoding=lossless("ultrafast", every_frame=True))
-    shown, fill = decode(clip, ruined(read_packets(clip), {0, 1}))
-    pictures = clips.pictures(20)
-    assert fill.lost == [(0, 1, 2)]
-    assert all((shown[index] == pictures[max(index, 2)]).all() for index in range(20))
+@pytest.mark.parametrize(
+    ("encoding", "ruins", "lost"),
+    [
+        (INTRA, {0, 1}, [(0, 1, 2)]),
+        (INTRA, {7, 8, 27, 28, 29}, [(7, 8, 6), (27, 29, 26)]),
+        (TEN, {0}, [(0, 9, 10)]),  # no frame can be decoded before the next intra-coded frame
+    ],
+    ids=["first pictures", "middle and tail", "first idr of a predicted stream"],
+)
+def test_lost_frames_show_the_nearest_that_decodes_and_the_others_are_their_own(made, encoding, ruins, lost):
+    clip, pictures = made(encoding, 30, 48, 64), clips.pictures(30)
+    shown, fill = decode(clip, ruined(read_packets(clip), ruins))
+    assert fill.lost == lost
+    assert all((shown[index] == pictures[clips.shown_as(fill, index)]).all() for index in range(30))
 
 
-def test_lost_first_idr_of_a_predicted_stream(tmp_path):
-    """No frame can be decoded before the next intra-coded frame; all frames after it are at their positions."""
-    ten = Encoding("gop of ten", (*lossless("veryfast").options, ("g", "10")))
-    clip = clips.clip(tmp_path / "a.mp4", 30, encoding=ten)
-    shown, fill = decode(clip, ruined(read_packets(clip), {0}))
-    pictures = clips.pictures(30)
-    assert fill.lost == [(0, 9, 10)]
-    assert all((shown[index] == pictures[max(index, 10)]).all() for index in range(30))
+@pytest.mark.parametrize("ruins", [{0}, set(range(30))], ids=["the only idr", "all"])
+def test_stream_without_a_frame_that_decodes_is_one_clear_error(made, ruins):
+    clip = made(lossless("veryfast"), 30, 48, 64)
+    with pytest.raises(DataError, match=r"none of the 30 frames .* choose a lower severity"):
+        decode(clip, ruined(read_packets(clip), ruins))
 
 
-def test_lost_only_idr(tmp_path):
-    clip = clips.clip(tmp_path / "a.mp4", 30)
-    with pytest.raises(DataError, match="none of the 30 frames"):
-        decode(clip, ruined(read_packets(clip), {0}))
-
-
-def test_lost_tail_and_middle(tmp_path):
-    clip = clips.clip(tmp_path / "a.mp4", 20, encoding=lossless("ultrafast", every_frame=True))
-    shown, fill = decode(clip, ruined(read_packets(clip), {7, 8, 17, 18, 19}))
-    pictures = clips.pictures(20)
-    assert fill.lost == [(7, 8, 6), (17, 19, 16)]
-    assert all((shown[index] == pictures[clips.shown_as(fill, index)]).all() for index in range(20))
-
-
-def test_unreadable_stream_is_one_clear_error(tmp_path):
-    clip = clips.clip(tmp_path / "a.mp4", 10)
-    with pytest.raises(DataError, match=r"none of the 10 frames .* choose a lower severity"):
-        decode(clip, ruined(read_packets(clip), set(range(10))))
-
-
-def test_twice_the_same(tmp_path):
-    clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH)
+def test_twice_the_same(made):
+    clip = made(lossless("veryfast"))
     for corruption, parameter in (("bit_error", 3_000), ("h264_crf", 37), ("h264_abr", 500_000)):
         first, second = (
             [picture.tobytes() for _, picture in corrupted_stream(clip, corruption, parameter).pictures]
@@ -152,11 +151,10 @@ def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
     with av.open(str(source)) as container:
         frames = [frame.to_ndarray() for frame in container.decode(video=0)]
     height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
-    encoding = lossless("ultrafast", every_frame=True)
     cycle = frames + frames[-2:0:-1]
     count = 20
     for _ in range(3):  # the sizes of frames differ, so approach the target in steps
         shown = (cycle[index % len(cycle)] for index in range(count))
-        clip = write_clip(path, shown, (height, width), Fraction(960), encoding)
+        clip = write_clip(path, shown, (height, width), Fraction(960), INTRA)
         count = max(1, round(count * megabytes * 1e6 / path.stat().st_size))
     return clip

@@ -32,13 +32,6 @@ def test_lossless_is_lossless_at_any_size(tmp_path_factory, height, width, count
     assert all((picture == noise[index]).all() for index, picture in read)
 
 
-def test_equal_pictures_make_equal_files(tmp_path):
-    for name in "ab":
-        clips.clip(tmp_path / f"{name}.mp4", 30)
-    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
-
-
 @pytest.mark.parametrize("encoding", [crf(30), abr(200_000)])
 def test_encoding_in_memory_is_encoding_to_a_file(tmp_path, encoding):
     """The transcoded stream is never written to a file; its frames are identical to those of a file written by

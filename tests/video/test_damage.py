@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.errors import UsageError
-from robustflow.video.clip import read_packets
+from robustflow.video.clip import ClipFile, read_packets
 from robustflow.video.codec import Packet
 from robustflow.video.damage import Damage, NoiseFilter, damage_packets
 
@@ -24,9 +24,13 @@ def by_ffmpeg(path, amount: int) -> list[bytes]:
         return [bytes(out) for packet in packets for out in noise.filter(packet)]
 
 
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory) -> ClipFile:
+    return clips.clip(tmp_path_factory.mktemp("clip") / "a.mp4", 40, 96, 128)
+
+
 @pytest.mark.parametrize("amount", [1, 2, 3, 129, 2000, 65_537, 1_000_000, 50_000_000, 2**31 - 1])
-def test_byte_for_byte_ffmpegs(tmp_path, amount):
-    clip = clips.clip(tmp_path / "a.mp4", 40, 96, 128)
+def test_byte_for_byte_ffmpegs(clip, amount):
     damage = Damage(amount)
     mine = [packet.data for packet in damage_packets(read_packets(clip), damage)]
     clean = [packet.data for packet in read_packets(clip)]

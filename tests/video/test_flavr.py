@@ -1,5 +1,7 @@
 """Test the FLAVR network and the interpolator that uses it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
+from robustflow.digest import sha256_of_file
 from robustflow.errors import ModelError, UsageError
 from robustflow.video.flavr import FLAVR, load_flavr
 from robustflow.video.flavr_interpolator import FlavrInterpolator
@@ -14,14 +17,22 @@ from robustflow.video.flavr_interpolator import FlavrInterpolator
 pytestmark = pytest.mark.torch
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    """Return a network with one output, and its weights in the authors' layout."""
+def network_and_file(outputs: int, path: Path) -> tuple[FLAVR, Path]:
+    """A network, and its weights in the authors' layout."""
     torch.manual_seed(0)
-    net = FLAVR(n_outputs=1).eval().requires_grad_(False)
-    path = tmp_path_factory.mktemp("flavr") / "FLAVR_2x.pth"
+    net = FLAVR(outputs).eval().requires_grad_(False)
     torch.save({"epoch": 1, "state_dict": {f"module.{key}": value for key, value in net.state_dict().items()}}, path)
     return net, path
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    return network_and_file(1, tmp_path_factory.mktemp("flavr") / "FLAVR_2x.pth")
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    return network_and_file(3, tmp_path_factory.mktemp("flavr") / "FLAVR_4x.pth")[1]
 
 
 def clip():
@@ -59,19 +70,7 @@ def test_the_file_of_another_frame_rate_is_told(saved):
         load_flavr(path)
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory):
-    from robustflow.video.flavr import FLAVR
-
-    torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("flavr") / "FLAVR_4x.pth"
-    torch.save({"state_dict": {f"module.{k}": v for k, v in FLAVR(3).state_dict().items()}}, path)
-    return path
-
-
 def test_frames_are_the_networks_rounded_and_cropped(weights):
-    from robustflow.video.flavr import load_flavr
-
     window = [np.random.default_rng(i).integers(0, 256, (19, 26, 3), np.uint8) for i in range(4)]
     made = FlavrInterpolator(weights).between(window, 4)
     padded = [np.pad(frame, ((0, 5), (0, 6), (0, 0)), mode="edge") for frame in window]
@@ -90,6 +89,4 @@ def test_other_factors(weights):
 
 
 def test_the_checkpoint_is_in_the_manifest(weights):
-    from robustflow.digest import sha256_of_file
-
     assert FlavrInterpolator(weights).describe()["checkpoint_sha256"] == sha256_of_file(weights)

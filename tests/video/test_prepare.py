@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
 from robustflow.video.prepare import Preparation, clip_timing, prepare_clip
 from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder
-from robustflow.video.prepared import choose_key_frames, read_folder
+from robustflow.video.prepared import PreparedClip, choose_key_frames, read_folder
 from robustflow.video.source import PictureFolder
 
 from . import clips
@@ -36,9 +37,24 @@ def contents(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(tmp_path):
-    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
-    clip = prepare_clip(source, tmp_path / "out", FLOW)
+@pytest.fixture(scope="module")
+def source(tmp_path_factory) -> PictureFolder:
+    return PictureFolder(clips.folder(tmp_path_factory.mktemp("source") / "seq", 36))
+
+
+@pytest.fixture(scope="module")
+def long_source(tmp_path_factory) -> PictureFolder:
+    return PictureFolder(clips.folder(tmp_path_factory.mktemp("source") / "seq", 70))
+
+
+@pytest.fixture(scope="module")
+def straight(source, tmp_path_factory) -> PreparedClip:
+    """The clip as prepared in one go."""
+    return prepare_clip(source, tmp_path_factory.mktemp("straight") / "out", FLOW)
+
+
+def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(source, straight):
+    clip = straight
     assert (clip.manifest.fps, clip.manifest.step, clip.manifest.count) == ("960", 32, 133)
     assert clip.manifest.key_frames == [32, 64, 96]
     assert clip.pairs == [(32, 64), (64, 96)]
@@ -48,8 +64,7 @@ def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(tmp
     assert all((a == b).all() for a, b in zip(master, expected, strict=True))
     for index in clip.manifest.key_frames:
         assert (read_image(clip.key_frame_path(index)) == i420_to_rgb(master[index], 48, 64)).all()
-    left = {path.name for path in (tmp_path / "out").iterdir()}
-    assert left == {"clip.json", "master.mp4", "keyframes"}
+    assert {path.name for path in clip.folder.iterdir()} == {"clip.json", "master.mp4", "keyframes"}
 
 
 def test_odd_sizes_are_padded_and_cropped_back(tmp_path):
@@ -58,10 +73,10 @@ def test_odd_sizes_are_padded_and_cropped_back(tmp_path):
     assert read_image(clip.key_frame_path(16)).shape == (37, 51, 3)
 
 
-def test_a_stopped_run_continues_and_ends_in_the_same_files(tmp_path, monkeypatch):
+def test_a_stopped_run_continues_in_segments_of_any_length_and_ends_in_the_same_files(
+    source, straight, tmp_path, monkeypatch
+):
     monkeypatch.setattr(prepare_module, "SEGMENT", 8)
-    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
-    prepare_clip(source, tmp_path / "straight", FLOW)
     made: list[int] = []
     between = FlowInterpolator.between
 
@@ -84,16 +99,14 @@ def test_a_stopped_run_continues_and_ends_in_the_same_files(tmp_path, monkeypatc
         assert not (tmp_path / "stopped" / "clip.json").exists()
     prepare_clip(source, tmp_path / "stopped", FLOW)
     assert len(made) == 33  # over all three calls, every gap is interpolated once
-    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
+    assert contents(tmp_path / "stopped") == contents(straight.folder)
     made.clear()
     prepare_clip(source, tmp_path / "stopped", FLOW)
     assert made == []
 
 
-def test_a_segment_damaged_between_stop_and_continuation_is_made_again(tmp_path, monkeypatch):
+def test_a_segment_damaged_between_stop_and_continuation_is_made_again(source, straight, tmp_path, monkeypatch):
     monkeypatch.setattr(prepare_module, "SEGMENT", 8)
-    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
-    prepare_clip(source, tmp_path / "straight", FLOW)
 
     def stop(clip, what, done, total):
         if what == "encode":
@@ -106,13 +119,11 @@ def test_a_segment_damaged_between_stop_and_continuation_is_made_again(tmp_path,
         data[len(data) // 2] ^= 4
         segment.write_bytes(data)
     prepare_clip(source, tmp_path / "stopped", FLOW)
-    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
+    assert contents(tmp_path / "stopped") == contents(straight.folder)
 
 
 def test_workers_do_not_matter(tmp_path):
-    for name in ("one", "two"):
-        clips.folder(tmp_path / "data" / name, 70)
-    shutil.rmtree(tmp_path / "data" / "two")
+    clips.folder(tmp_path / "data" / "one", 70)
     clips.folder(tmp_path / "data" / "two", 70, 32, 48)
     sources = find_sources(tmp_path / "data")
     for workers in (1, 2):
@@ -121,18 +132,16 @@ def test_workers_do_not_matter(tmp_path):
     assert contents(tmp_path / "out1") == contents(tmp_path / "out2")
 
 
-def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(tmp_path):
-    source = PictureFolder(clips.folder(tmp_path / "seq", 70))
-    prepare_clip(source, tmp_path / "out", PLAIN)
+def test_other_settings_other_clips_and_a_damaged_list_of_them_are_refused(source, long_source, tmp_path):
+    prepare_folder([long_source], tmp_path, PLAIN)
     with pytest.raises(DataError, match="different settings"):
-        prepare_clip(source, tmp_path / "out", Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast"))
-    prepare_folder([source], tmp_path / "folder", PLAIN)
+        prepare_clip(long_source, tmp_path / "seq", replace(PLAIN, step=17))
     other = PictureFolder(clips.folder(tmp_path / "other", 70))
     with pytest.raises(DataError, match="different prepared clips"):
-        prepare_folder([other], tmp_path / "folder", PLAIN)
-    (tmp_path / "folder" / "gopro_fc.json").write_text("{}")
-    with pytest.raises(DataError, match=r"gopro_fc\.json is damaged; delete .*folder, then run the same command"):
-        prepare_folder([source], tmp_path / "folder", PLAIN)
+        prepare_folder([other], tmp_path, PLAIN)
+    (tmp_path / "gopro_fc.json").write_text("{}")
+    with pytest.raises(DataError, match=rf"gopro_fc\.json is damaged; delete {tmp_path}, then run the same command"):
+        prepare_folder([long_source], tmp_path, PLAIN)
 
 
 @pytest.mark.parametrize(("step", "count"), [(32, 161), (96, 500), (16, 100), (5, 60)])
@@ -159,9 +168,9 @@ def test_too_short_says_how_long_it_must_be(tmp_path):
     clip_timing(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
 
 
-def test_pictures_need_a_frame_rate(tmp_path):
+def test_pictures_need_a_frame_rate(source):
     with pytest.raises(UsageError, match="--fps"):
-        clip_timing(PictureFolder(clips.folder(tmp_path / "seq", 30)), Preparation(interpolator="flow"))
+        clip_timing(source, Preparation(interpolator="flow"))
 
 
 def test_finding_the_five_sequences(tmp_path):
@@ -200,10 +209,10 @@ def test_the_estimate_is_above_what_it_takes_but_not_by_far(tmp_path):
         check_room(estimate.__class__(10**15, 0, 0, 0, 1000), tmp_path)
 
 
-def test_a_folder_that_is_not_finished_or_not_ours(tmp_path):
+def test_a_folder_that_is_not_finished_or_not_ours(long_source, tmp_path):
     with pytest.raises(DataError, match="was it created by robustflow prepare"):
         read_folder(tmp_path)
-    prepare_folder([PictureFolder(clips.folder(tmp_path / "seq", 70))], tmp_path / "out", PLAIN)
+    prepare_folder([long_source], tmp_path / "out", PLAIN)
     record = tmp_path / "out" / "seq" / "clip.json"
     text = record.read_text()
     record.unlink()
@@ -225,22 +234,11 @@ def test_a_record_cannot_lead_out_of_its_folder(tmp_path):
         read_folder(tmp_path)
 
 
-def test_nothing_is_written_where_nothing_can_come_of_it(tmp_path):
-    source = PictureFolder(clips.folder(tmp_path / "seq", 20))
+def test_nothing_is_written_where_nothing_can_come_of_it(long_source, tmp_path):
+    short = PictureFolder(clips.folder(tmp_path / "short", 20))
     for settings, error in ((FLOW, DataError), (Preparation(fps=Fraction(240)), UsageError)):
         with pytest.raises(error):
-            prepare_folder([source], tmp_path / "out", settings)
+            prepare_folder([short], tmp_path / "out", settings)
     with pytest.raises(UsageError, match="did you mean 'veryfast'"):
-        prepare_clip(
-            PictureFolder(clips.folder(tmp_path / "long", 70)),
-            tmp_path / "out" / "x",
-            Preparation(fps=Fraction(240), factor=1, step=16, preset="veryfst"),
-        )
+        prepare_clip(long_source, tmp_path / "out" / "x", replace(PLAIN, preset="veryfst"))
     assert not (tmp_path / "out" / "gopro_fc.json").exists()
-
-
-def test_repeating_gives_the_same_bytes(tmp_path):
-    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
-    for name in "ab":
-        prepare_clip(source, tmp_path / name, FLOW)
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")

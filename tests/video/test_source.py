@@ -26,27 +26,16 @@ def test_an_ordinary_video_with_sound(tmp_path):
 
 
 @pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])
-def test_rotation_is_applied(tmp_path, rotation, quarter):
-    image = np.zeros((32, 64, 3), np.uint8)
-    image[:8, :16] = 255
-    frame = next(VideoFile(video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)).frames())
-    expected = np.rot90(image, quarter)
-    assert frame.shape == expected.shape
-    assert np.abs(frame.astype(int) - expected).mean() < 4
-
-
-@pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])
-def test_frames_by_number_are_turned_too(tmp_path, rotation, quarter):
+def test_rotation_is_applied_in_order_by_number_and_in_a_data_set(tmp_path, rotation, quarter):
     """For a video recorded with a phone, a run uses the same frames that a video player shows."""
     image = np.zeros((32, 64, 3), np.uint8)
     image[:8, :16] = 255
-    path = video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)
     expected = np.rot90(image, quarter)
-    reader = VideoReader(path)
-    for index in (2, 0):
-        assert reader.frame(index).shape == expected.shape
-        assert np.abs(reader.frame(index).astype(int) - expected).mean() < 4
-    dataset = load_dataset("folder", path)
+    path = video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)
+    reader, dataset = VideoReader(path), load_dataset("folder", path)
+    for frame in (next(VideoFile(path).frames()), reader.frame(2), reader.frame(0)):
+        assert frame.shape == expected.shape
+        assert np.abs(frame.astype(int) - expected).mean() < 4
     assert dataset.load(dataset.keys()[0]).frames[0].shape == expected.shape
 
 
