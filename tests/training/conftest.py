@@ -41,7 +41,7 @@ def request_for(chairs, tmp_path):
 
     def make(output: str = "training", **changes) -> Request:
         recipe = load_recipe(changes.pop("method", "raft_small"), "chairs")
-        of_recipe = {"steps": 5, "batch": 2, "crop": (128, 144), "iterations": 2}
+        of_recipe = {"steps": 2, "batch": 2, "crop": (128, 144), "iterations": 2}
         of_recipe |= {key: changes.pop(key) for key in set(changes) & set(Recipe.model_fields) - {"start"}}
         of_data = {key: changes.pop(key) for key in set(changes) & {field.name for field in fields(DataPlan)}}
         data = DataPlan(**{"sources": [chairs], "loaders": 0, **of_data})
@@ -49,11 +49,3 @@ def request_for(chairs, tmp_path):
         return Request(recipe.changed(**of_recipe), data, tmp_path / output, **settings)
 
     return make
-
-
-@pytest.fixture
-def given(shared):
-    """The pack with BrightFlow's training steps."""
-    from .brightflow_steps import PACK, Given, read
-
-    return Given(*read(shared(PACK)))

@@ -1,8 +1,10 @@
-"""BrightFlow's loss, corrector and learning rates match those of the original code."""
+"""BrightFlow's loss, corrector and learning rates match those of the original code, and the comparison detects
+deliberate mistakes in the loss."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +16,21 @@ from torch import Tensor  # noqa: E402
 
 from robustflow.training.corrector import Corrector  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
+from robustflow.training.losses import brightflow as losses  # noqa: E402
+from robustflow.training.losses import dilated_warp, photometric  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import SCHEDULES  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
 
 from ..parity.weight_rule import digest, weights  # noqa: E402
-from .brightflow_steps import GRADIENT, INPUTS, KEYS, LOSS, PACK, RECIPES, STEPS, Given, step  # noqa: E402
+from .brightflow_steps import GRADIENT, INPUTS, KEYS, LOSS, PACK, RECIPES, STEPS, Given, read, step  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
+
+
+@pytest.fixture
+def given(shared) -> Given:
+    return Given(*read(shared(PACK)))
 
 
 @pytest.mark.parametrize("case", RECIPES)
@@ -150,3 +159,94 @@ def test_rates_are_the_originals(given):
     assert recipe.updates == recipe.steps == STEPS
     for update, rate in given.cases["rates"]:
         assert SCHEDULES[recipe.schedule](update, STEPS, recipe.learning_rate) == pytest.approx(rate, rel=1e-9)
+
+
+_census, _offsets, _students = objective._census, objective.Brightflow._offsets, objective.Brightflow._students
+_coverage, _charbonnier, _smoothness = losses.coverage, losses.charbonnier, objective.robust_smoothness
+
+
+def _target_corrected(self, frame, frames, ways, place):
+    flow, visible = ways[frame].flows[-1].detach(), ways[frame].visible[-1]
+    warped = objective._warped(frames.whole[1 - frame], flow, place)
+    offsets = self._offsets(frame, frames, ways, place) * visible
+    return losses.correction_loss(frames.crops[frame] + offsets, warped, visible)
+
+
+def _ones(flow: Tensor, *rest: Any) -> Tensor:
+    return torch.ones_like(flow[:, :1])
+
+
+def _kept_at_the_target(target, warped, corrected, flow):
+    return ((target - corrected).abs().mean(1, True) < (target - warped).abs().mean(1, True)).float()
+
+
+MISTAKES: dict[str, tuple[Any, str, Any]] = {
+    "unit range": (objective, "robust_smoothness", lambda flow, image, *rest: _smoothness(flow, image / 255, *rest)),
+    "half smoothness": (objective, "robust_smoothness", lambda *args: _smoothness(*args) / 2),
+    "usual grey": (losses, "LUMA", photometric.LUMA),
+    "last mask": (
+        objective,
+        "_census",
+        lambda image, source, way, place: _census(image, source, way._replace(visible=way.visible[-1:] * 3), place),
+    ),
+    "one quotient": (losses, "masked_mean", lambda values, mask: (values * mask).sum() / mask.sum()),
+    "all visible": (objective, "visibility", _ones),
+    "hard coverage": (losses, "coverage", lambda flow, *values: (_coverage(flow, *values) >= 0.2).float()),
+    "crop is all": (losses, "leaves", lambda flow: torch.zeros_like(flow[:, :1])),
+    "target corrected": (objective.Brightflow, "_correction", _target_corrected),
+    "half offsets": (objective.Brightflow, "_offsets", lambda *args: _offsets(*args) / 2),
+    "mean of colours": (objective, "correction_loss", lambda *args: losses.correction_loss(*args) / 3),
+    "clamped correction": (objective, "with_offsets", lambda *args: losses.with_offsets(*args).clamp(0, 255)),
+    "all kept": (objective, "kept_offsets", lambda target, warped, corrected, flow: _ones(flow)),
+    "kept at the target": (objective, "kept_offsets", _kept_at_the_target),
+    "edge pixels not black": (dilated_warp, "inside_frame", _ones),
+    "teacher sees augmented": (
+        objective.Brightflow,
+        "_students",
+        lambda self, batch, plain: _students(self, batch, plain._replace(crops=(batch.image1, batch.image2))),
+    ),
+    "half self": (objective, "self_supervised", lambda *args: losses.self_supervised(*args) / 2),
+    "clamped differences": (losses, "charbonnier", lambda differences: _charbonnier(differences).clamp(0, 10)),
+    "low limit": (objective, "FARTHEST", 50.0),
+}
+"""What each mistake replaces, and with what; "augmented compared" changes the batch instead."""
+
+
+@pytest.mark.parametrize(
+    ("mistake", "case", "number", "term", "least"),
+    [
+        ("unit range", "kitti", 0, "smooth", 5.0),
+        ("unit range", "sintel", 0, "smooth", 5.0),
+        ("half smoothness", "kitti", 0, "smooth", 0.4),
+        ("usual grey", "kitti", 0, "photo", 5e-4),
+        ("last mask", "kitti", 0, "photo", 3e-4),
+        ("last mask", "sintel", 0, "photo", 3e-5),
+        ("one quotient", "kitti", 0, "photo", 4e-4),
+        ("one quotient", "sintel", 0, "photo", 1.5e-5),
+        ("all visible", "kitti", 0, "photo", 2e-3),
+        ("hard coverage", "sintel", 0, "photo", 2e-5),
+        ("crop is all", "kitti", 0, "photo", 2e-5),
+        ("augmented compared", "kitti", 0, "photo", 1e-3),
+        ("augmented compared", "kitti", 0, "smooth", 0.2),
+        ("target corrected", "kitti", 22000, "correc", 0.02),
+        ("half offsets", "kitti", 22000, "correc", 0.1),
+        ("mean of colours", "kitti", 22000, "correc", 0.6),
+        ("clamped correction", "kitti", 22000, "correc", 1e-3),
+        ("half offsets", "sintel", 26000, "photo", 1e-3),
+        ("all kept", "kitti", 26000, "photo", 1e-3),
+        ("kept at the target", "kitti", 26000, "photo", 1e-3),
+        ("edge pixels not black", "kitti", 0, "photo", LOSS),
+        ("teacher sees augmented", "kitti", 33750, "self", 0.01),
+        ("half self", "kitti", 33750, "self", 0.4),
+        ("clamped differences", "kitti", 33750, "self", 0.1),
+        ("low limit", "kitti", 33750, "loss_total", 0.1),
+    ],
+)
+def test_mistake_moves_the_term_beyond_its_tolerance(given, monkeypatch, mistake, case, number, term, least):
+    if mistake == "augmented compared":
+        given.batch = replace(given.batch, plain=given.batch.whole)
+    else:
+        monkeypatch.setattr(*MISTAKES[mistake])
+    expected = given.cases["cases"][case]["steps"][str(number)][term]
+    off = abs(step(given, case, number).terms[term] / expected - 1)
+    assert off > least >= LOSS

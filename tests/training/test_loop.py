@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,59 +19,45 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
+import robustflow as rf  # noqa: E402
+from robustflow.benchmarks.setting import setting_of  # noqa: E402
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
+from robustflow.models.provenance import training_of  # noqa: E402
+from robustflow.runner.named_model import name_model  # noqa: E402
+from robustflow.runs.run import Run  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
+from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
-from .progress import StopAfter, lines, weights  # noqa: E402
+from .progress import (  # noqa: E402
+    ONE_THREAD,
+    StopAfter,
+    assert_same_training,
+    lines,
+    train_in_two_processes,
+    training_command,
+    weights,
+)
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
 
-def assert_equal(first: Path, second: Path) -> None:
-    one, other = weights(first), weights(second)
-    assert one.keys() == other.keys()
-    assert all(torch.equal(one[key], other[key]) for key in one)
-
-
-def without_time(entries: list[dict]) -> list[dict]:
-    return [{key: value for key, value in entry.items() if key != "seconds"} for entry in entries]
-
-
 def test_stopped_anywhere_and_resumed_with_other_loaders_it_is_the_undisturbed_training(request_for):
-    whole = request_for("whole")
+    whole = request_for("whole", steps=4)
     run_training(whole)
     for stop, loaders in ((1, 0), (3, 1)):
-        parted = request_for(f"parted{stop}", checkpoints=Checkpoints(1000))
+        parted = request_for(f"parted{stop}", steps=4, checkpoints=Checkpoints(1000))
         run_training(parted, StopAfter(stop))
         assert len(lines(parted.output)) == stop
         run_training(replace(parted, resume=True, data=replace(parted.data, loaders=loaders)))
-        assert_equal(whole.output / "last.pth", parted.output / "last.pth")
-        assert without_time(lines(parted.output)) == without_time(lines(whole.output))
-
-
-SCRIPT = """
-import pickle, sys
-from robustflow.training.session import run_training
-if __name__ == "__main__":
-    with open(sys.argv[1], "rb") as file:
-        run_training(pickle.load(file))
-"""
+        assert_same_training(whole.output, parted.output)
 
 
 @pytest.mark.slow
 def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
-    import pickle
-    import random
-
-    (tmp_path / "it.py").write_text(SCRIPT)
-
     def start(request) -> subprocess.Popen:
-        with open(tmp_path / "request.pkl", "wb") as file:
-            pickle.dump(request, file)
-        command = [sys.executable, str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
-        return subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stderr=subprocess.DEVNULL)
+        return subprocess.Popen(training_command(request, tmp_path), env=ONE_THREAD, stderr=subprocess.DEVNULL)
 
     whole = request_for("whole", steps=12, checkpoints=Checkpoints(1))
     assert start(whole).wait() == 0
@@ -97,23 +85,17 @@ def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
         process = start(replace(killed, resume=resumed, data=replace(killed.data, loaders=kills % 2)))
     assert process.wait() == 0
     assert kills >= 5
-    assert_equal(whole.output / "last.pth", killed.output / "last.pth")
+    assert_same_training(whole.output, killed.output)
 
 
 def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):
-    import robustflow as rf
-    from robustflow.runner.named_model import name_model
-
     request = request_for()
     path = run_training(request)
     model = rf.load_model("raft_small", checkpoint=str(path), device="cpu", iterations=2)
     state = weights(path)
     assert all(torch.equal(value, state[key.removeprefix("model.")]) for key, value in model.net.state_dict().items())
-    assert name_model(model).declared == "flyingchairs"
-    from robustflow.benchmarks.setting import setting_of
-    from robustflow.models.provenance import training_of
-
     named = name_model(model)
+    assert named.declared == "flyingchairs"
     assert setting_of(training_of(named.identity, named.declared), "kitti-fc") == "OOD"
 
 
@@ -129,47 +111,19 @@ def test_what_the_first_weights_have_seen_is_kept_and_is_unknown_where_nobody_sa
     assert torch.load(fourth, weights_only=True)["robustflow_trained_on"] == "flyingthings3d+flyingchairs"
 
 
-def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_path):
-    import pickle
-
-    alone = request_for("alone", batch=1, accumulate=2, steps=6, device="cpu")
-    run_training(alone)
-    both = request_for("both", batch=2, steps=3, device="cpu")
+def test_two_processes_stop_when_one_is_told_to_with_the_weights_of_one_process_to_rounding(request_for, tmp_path):
+    """A signal reaches the processes at different times; a process that stops must not leave the other one waiting."""
+    alone = request_for("alone", batch=1, accumulate=2, steps=12)
+    run_training(alone, StopAfter(3))
+    both = request_for("both", batch=2, steps=6)
     assert both.recipe.updates == alone.recipe.updates
-    with open(tmp_path / "request.pkl", "wb") as file:
-        pickle.dump(both, file)
-    (tmp_path / "it.py").write_text(SCRIPT)
-    command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "--master-port", "29655"]
-    command += [str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=300
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
+    stop = "lambda updates=itertools.count(1): next(updates) == 3 and os.environ['RANK'] == '1'"
+    train_in_two_processes(both, tmp_path, stop)
+    assert len(lines(both.output)) == 3
     one, two = weights(alone.output / "last.pth"), weights(both.output / "last.pth")
-    start = request_for("start", steps=1)
     for key, value in one.items():
         if value.is_floating_point():
             assert torch.allclose(value, two[key], rtol=1e-3, atol=2e-6), key
-    assert start.recipe.method == "raft_small"
-
-
-def test_one_of_two_processes_is_told_to_stop_and_both_do(request_for, tmp_path):
-    """A signal reaches the processes at different times; a process that stops must not leave the other one waiting."""
-    import pickle
-
-    request = request_for("both", steps=200, batch=2, device="cpu")
-    with open(tmp_path / "request.pkl", "wb") as file:
-        pickle.dump(request, file)
-    script = SCRIPT.replace("pickle.load(file))", "pickle.load(file), lambda: os.environ['RANK'] == '1')")
-    (tmp_path / "it.py").write_text("import os\n" + script)
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command += [str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=300
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert len(lines(request.output)) == 1
-    assert (request.output / "last.pth").exists()
 
 
 def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for):
@@ -201,10 +155,10 @@ def test_other_errors_of_a_training_stay_what_they_are():
             raise error
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("sent", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, chairs, tmp_path):
     command = [sys.executable, "-m", "robustflow", "train", "raft_small", "--recipe", "chairs", "--data", str(chairs)]
-    command += ["--batch-size", "1", "--crop", "128x144", "--iterations", "1", "--accumulate", "3", "--loaders", "2"]
+    command += ["--batch-size", "1", "--crop", "128x144", "--iterations", "1", "--accumulate", "3", "--loaders", "1"]
     command += ["--output", str(tmp_path / "out")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     log = tmp_path / "out" / "metrics.jsonl"
@@ -239,8 +193,6 @@ def test_another_training_in_the_folder_is_not_overwritten_and_not_resumed(reque
 
 
 def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp_path):
-    import shutil
-
     copy = Path(shutil.copytree(chairs, tmp_path / "copy"))
     (copy / "FlyingChairs_release" / "data" / "00003_img1.ppm").write_bytes(b"P6 not a picture")
     request = request_for(steps=4, sources=[copy])
@@ -255,17 +207,14 @@ def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
         run_training(request_for(sources=[tmp_path]))
     with pytest.raises(ModelError, match=r"no file .*nothing\.pth"):
         run_training(request_for(start=str(tmp_path / "nothing.pth")))
-    from robustflow.training.recipe import load_recipe
-
     things = load_recipe("raft_small", "things").changed(batch=2, crop=(128, 144))
     with pytest.raises(UsageError, match="starts from the weights of its stage 'chairs'"):
         run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None))
 
 
-def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for):
-    from robustflow.runs.run import Run
-
-    request = request_for(steps=3, validation=Validation("demo", every=2, corruptions=["contrast"]), iterations=1)
+def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for, chairs):
+    validation = Validation("flyingchairs", chairs, every=2, corruptions=["contrast"], limit=1)
+    request = request_for(steps=3, validation=validation, iterations=1)
     run_training(request)
     entries = [entry for entry in lines(request.output) if "validation_epe" in entry]
     assert [entry["update"] for entry in entries] == [1, 2]  # after two updates, and at the end

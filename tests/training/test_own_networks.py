@@ -9,7 +9,10 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
+import robustflow as rf  # noqa: E402
 from robustflow.errors import UsageError  # noqa: E402
+from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.recipe import load_recipe, recipes_of  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
 from .progress import lines, weights  # noqa: E402
@@ -36,38 +39,40 @@ class Net(nn.Module):
 """
 
 
-def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
-    import robustflow as rf
+OPTIONS = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
 
+
+def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
     (tmp_path / "own_net_for_test.py").write_text(OWN_NETWORK)
     monkeypatch.syspath_prepend(tmp_path)
-    options = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
-    request = request_for(options=options, frozen_norms="none")
+    request = request_for(options=OPTIONS, frozen_norms="none")
     own = replace(request, recipe=request.recipe.changed(method="own_net_for_test:Net"))
     path = run_training(own)
     state = weights(path)
-    assert state["norm.num_batches_tracked"] == own.recipe.updates  # in training mode
-    assert len(lines(own.output)) == own.recipe.updates
-    model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(options))
+    assert state["norm.num_batches_tracked"] == own.recipe.updates == len(lines(own.output))  # in training mode
+    model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(OPTIONS))
     assert torch.equal(model.net.module.last.weight, state["last.weight"])
 
 
-@pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net"])
-def test_the_seed_is_that_of_the_first_weights_too(request_for, tmp_path, monkeypatch, kind):
-    from robustflow.training.networks import load_network
-
+@pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net", "arflow", "upflow", "brightflow"])
+def test_the_seed_is_that_of_every_random_weight(tmp_path, monkeypatch, kind):
     (tmp_path / "own_net_for_seed.py").write_text(OWN_NETWORK)
     monkeypatch.syspath_prepend(tmp_path)
-    recipe = request_for().recipe.changed(method=kind)
-    options = {"scaling": "-1-1", "order": "rgb", "layout": "pair"} if ":" in kind else {}
+    own = ":" in kind
+    method = "raft_small" if own else kind
+    recipe = load_recipe(method, next(iter(recipes_of(method)))).changed(method=kind)
+    options = dict(OPTIONS) if own else {}
     first, again, other = (load_network(recipe, "random", "cpu", options, seed)[1].weights() for seed in (3, 3, 4))
-    assert all(torch.equal(first[key], again[key]) for key in first)
-    assert any(not torch.equal(first[key], other[key]) for key in first)
-    if ":" not in kind:
-        import robustflow as rf
+    drawn = [name for name, value in first.items() if value.ndim == 4]
+    assert len(drawn) > (1 if own else 10)
+    assert [name for name in first if not torch.equal(first[name], again[name])] == []
+    assert [name for name in drawn if torch.equal(first[name], other[name])] == []
 
-        plain = rf.load_model(kind, checkpoint="random", device="cpu").net.model.state_dict()
-        assert all(torch.equal(plain[key], value) for key, value in load_network(recipe, "random")[1].weights().items())
+
+def test_random_weights_of_a_training_are_those_of_a_run():
+    plain = rf.load_model("raft_small", checkpoint="random", device="cpu").net.model.state_dict()
+    _, network = load_network(load_recipe("raft_small", "chairs"), "random")
+    assert all(torch.equal(plain[key], value) for key, value in network.weights().items())
 
 
 OWN_LOSS = """
@@ -95,15 +100,11 @@ def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch)
     (tmp_path / "own_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", 'error, {"squared": error}'))
     (tmp_path / "bad_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", "[error]"))
     monkeypatch.syspath_prepend(tmp_path)
-    options = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
-    request = request_for(options=options, steps=2)
+    request = request_for(options=OPTIONS)
     own = replace(request, recipe=request.recipe.changed(method="own_loss_for_test:Net"))
     run_training(own)
-    entries = lines(own.output)
-    assert all(entry["loss"] == pytest.approx(entry["squared"]) for entry in entries)
-    from robustflow.training.networks import load_network
-
-    _, first = load_network(own.recipe, "random", "cpu", dict(options))
+    assert all(entry["loss"] == pytest.approx(entry["squared"]) for entry in lines(own.output))
+    _, first = load_network(own.recipe, "random", "cpu", dict(OPTIONS))
     assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
     bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")
     with pytest.raises(UsageError, match=r"method loss\(batch\) returned list; return a scalar tensor"):

@@ -15,6 +15,11 @@ from ..shared_data import shared_root
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.images.io import read_image  # noqa: E402
+from robustflow.training.losses.occlusion import seen_by_check, seen_by_splat  # noqa: E402
+from robustflow.training.losses.sequence import end_point_error, sequence_loss  # noqa: E402
+from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss  # noqa: E402
+from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.optimizers import build_optimizer, set_rate  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import one_cycle  # noqa: E402
 
@@ -40,10 +45,6 @@ def image(path: Path) -> torch.Tensor:
 @pytest.mark.parametrize("case", ["chairs", "mixed"])
 def test_optimiser_steps_of_raft(shared, name, case):
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
-    from robustflow.training.losses.sequence import end_point_error, sequence_loss
-    from robustflow.training.networks import load_network
-    from robustflow.training.optimizers import build_optimizer, set_rate
-
     folder = shared(f"parity/{name}")
     expected = json.loads((folder / "expected.json").read_text())[case]
     recipe = load_recipe("raft", {"chairs": "chairs", "mixed": "ood"}[case])
@@ -97,8 +98,6 @@ def test_the_schedule_of_100_000_steps(shared, name):
 
 @pytest.mark.parametrize("name", UNSUPERVISED or ["none"])
 def test_the_loss_of_arflow(shared, name):
-    from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss
-
     folder = shared(f"parity/{name}")
     image1, image2 = (image(folder / f"frame_{number}.png")[None] / 255 for number in (1, 2))
     with np.load(folder / "flows.npz") as file:
@@ -138,8 +137,6 @@ def test_the_loss_of_arflow(shared, name):
 
 @pytest.mark.parametrize("name", UNSUPERVISED or ["none"])
 def test_the_occlusion_maps_of_arflow(shared, name):
-    from robustflow.training.losses.occlusion import seen_by_check, seen_by_splat
-
     folder = shared(f"parity/{name}")
     with np.load(folder / "flows.npz") as file:
         flow = torch.from_numpy(file["level0"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,8 @@ from robustflow.training.plan import plan_text  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
 from robustflow.training.request import DataPlan, Request  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
+
+from .progress import assert_same_training, lines, one_pair, weights  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
@@ -50,10 +51,6 @@ def small(method: str, folder: Path, **changes) -> Recipe:
     return recipe.changed(**{**values, **changes}, iterations=2 if recipe.iterations else None)
 
 
-def entries(folder: Path) -> list[dict]:
-    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "precision"), [*((method, "fp32") for method in MIXES), ("arflow", "bf16")])
 def test_three_steps(method, precision, shared, tmp_path):
@@ -61,14 +58,14 @@ def test_three_steps(method, precision, shared, tmp_path):
     data = DataPlan([shared("data")], loaders=0)
     request = Request(recipe, data, tmp_path / "out", start="random", device="cpu")
     last = run_training(request)
-    lines = entries(request.output)
-    assert len(lines) == STEPS
-    assert all(math.isfinite(line["loss"]) and line["gradient_norm"] > 0 for line in lines)
-    assert all(line["photometric"] > 0 for line in (lines if method != "arflow" else lines[:2]))
+    entries = lines(request.output)
+    assert len(entries) == STEPS
+    assert all(math.isfinite(entry["loss"]) and entry["gradient_norm"] > 0 for entry in entries)
+    assert all(entry["photometric"] > 0 for entry in (entries if method != "arflow" else entries[:2]))
     if method != "upflow":
-        assert lines[0 if method == "arflow" else -1]["self_supervision"] > 0
+        assert entries[0 if method == "arflow" else -1]["self_supervision"] > 0
     _, network = load_network(recipe, "random")
-    before, after = network.weights(), torch.load(last, weights_only=True)["model"]
+    before, after = network.weights(), weights(last)
     assert before.keys() == after.keys()
     assert [name for name in before if torch.equal(before[name], after[name])] == []
     frame = torch.zeros(64, 128, 3, dtype=torch.uint8).numpy()
@@ -81,23 +78,9 @@ def test_stopped_and_resumed_it_is_the_undisturbed_training(request_for, tmp_pat
     run_training(whole)
     parted = replace(request_for("parted"), recipe=recipe)
     run_training(parted, lambda: True)
-    assert len(entries(parted.output)) == 1
+    assert len(lines(parted.output)) == 1
     run_training(replace(parted, resume=True))
-    first, second = (torch.load(request.output / "last.pth", weights_only=True)["model"] for request in (whole, parted))
-    assert all(torch.equal(first[name], second[name]) for name in first)
-    lines = [{key: value for key, value in line.items() if key != "seconds"} for line in entries(whole.output)]
-    again = [{key: value for key, value in line.items() if key != "seconds"} for line in entries(parted.output)]
-    assert lines == again
-
-
-@pytest.mark.parametrize("method", MIXES)
-def test_the_seed_is_that_of_every_random_weight(method):
-    recipe = load_recipe(method, "unsupervised")
-    first, again, other = (load_network(recipe, "random", seed=seed)[1].weights() for seed in (3, 3, 4))
-    drawn = [name for name, value in first.items() if value.ndim == 4]
-    assert len(drawn) > 10
-    assert [name for name in drawn if not torch.equal(first[name], again[name])] == []
-    assert [name for name in drawn if torch.equal(first[name], other[name])] == []
+    assert_same_training(whole.output, parted.output)
 
 
 @pytest.mark.parametrize(
@@ -142,29 +125,23 @@ def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
     """Without labels, the photometric loss decreases in the `raw` stage, and EPE drops below half its initial
     value and far below the EPE of zero flow; the second stage continues from there without getting worse.
     """
-    folder = tmp_path / "data"
-    for path in shared("data/middlebury").rglob("*"):
-        if path.is_file() and path.parent.name == "Hydrangea":
-            place = folder / path.relative_to(shared("data/middlebury"))
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.symlink_to(path)
     raw, second = (load_recipe("arflow", stage) for stage in ("raw", "unsupervised"))
     small = {"batch": 1, "crop": (128, 192), "mix": mix(tmp_path, MIXES["arflow"], "middlebury")}
     whole = {**raw.objective.model_dump(), "census_from": 1.0}
     first = Request(
         raw.changed(steps=90, learning_rate=1e-3, objective=whole, **small),
-        DataPlan([f"middlebury={folder}"], loaders=0),
+        DataPlan([one_pair(shared("data/middlebury"), "Hydrangea", tmp_path / "data")], loaders=0),
         tmp_path / "raw",
         start="random",
         device="cpu",
     )
     last = run_training(first)
-    photometric = [line["photometric"] for line in entries(first.output)]
-    errors = [line["epe"] for line in entries(first.output) if "epe" in line]  # a swapped pair has no ground truth
+    photometric = [line["photometric"] for line in lines(first.output)]
+    errors = [line["epe"] for line in lines(first.output) if "epe" in line]  # a swapped pair has no ground truth
     assert sum(photometric[-5:]) < 0.7 * sum(photometric[:5])
     assert sum(errors[-5:]) < 0.5 * sum(errors[:5])
     assert sum(errors[-5:]) / 5 < 0.5  # in pixels; the mean flow magnitude is 1.2
     run_training(replace(first, recipe=second.changed(steps=20, **small), output=tmp_path / "second", start=str(last)))
-    again = entries(tmp_path / "second")
+    again = lines(tmp_path / "second")
     assert max(line["epe"] for line in again if "epe" in line) < 0.5
     assert all(line["self_supervision"] > 0 for line in again)
