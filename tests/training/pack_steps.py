@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ class TrainingPack:
     arrays: dict[str, np.ndarray]
 
     @classmethod
+    @cache
     def read(cls, folder: Path) -> TrainingPack:
         with np.load(folder / "expected.npz") as file:
             return cls(folder, json.loads((folder / "cases.json").read_text()), dict(file))

@@ -213,7 +213,7 @@ def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
 
 
 def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for, chairs):
-    validation = Validation("flyingchairs", chairs, every=2, corruptions=["contrast"], limit=1)
+    validation = Validation("flyingchairs", chairs / "FlyingChairs_release", every=2, corruptions=["contrast"], limit=1)
     request = request_for(steps=3, validation=validation, iterations=1)
     run_training(request)
     entries = [entry for entry in lines(request.output) if "validation_epe" in entry]

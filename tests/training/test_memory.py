@@ -6,7 +6,7 @@ import pytest
 
 from robustflow.training.memory import expected_memory
 from robustflow.training.plan import plan_text
-from robustflow.training.recipe import load_recipe, trained_methods
+from robustflow.training.recipe import load_recipe, recipes_of, trained_methods
 from robustflow.training.request import DataPlan
 
 pytestmark = pytest.mark.training
@@ -39,16 +39,11 @@ def test_the_count_of_another_crop():
 
 
 def test_every_measured_method_has_a_recipe_and_a_plan_says_what_it_expects(tmp_path):
-    known = [name for name in trained_methods() if expected_memory(load_recipe_of(name)) is not None]
-    assert {"raft", "gma", "skflow", "gmflownet", "gmflownet_mix"} <= set(known)
+    first = {name: next(iter(recipes_of(name).values())) for name in trained_methods()}
+    known = {name for name, recipe in first.items() if expected_memory(recipe) is not None}
+    assert {"raft", "gma", "skflow", "gmflownet", "gmflownet_mix"} <= known
     text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert f"memory: about {expected_memory(load_recipe('raft', 'ood')):.1f} GiB for the whole batch" in text
     assert "less in fp16" in plan_text(load_recipe("gma", "ood"), DataPlan([tmp_path]))
     own = load_recipe("raft", "ood").changed(method="somewhere:Net")
     assert "memory: unknown for this network" in plan_text(own, DataPlan([tmp_path]))
-
-
-def load_recipe_of(name: str):
-    from robustflow.training.recipe import recipes_of
-
-    return next(iter(recipes_of(name).values()))

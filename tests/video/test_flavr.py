@@ -32,7 +32,12 @@ def saved(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
-    return network_and_file(3, tmp_path_factory.mktemp("flavr") / "FLAVR_4x.pth")[1]
+    return network_and_file(3, tmp_path_factory.mktemp("flavr") / "FLAVR_4x.pth")
+
+
+@pytest.fixture(scope="module")
+def interpolator(weights):
+    return FlavrInterpolator(weights[1])
 
 
 def clip():
@@ -70,23 +75,23 @@ def test_the_file_of_another_frame_rate_is_told(saved):
         load_flavr(path)
 
 
-def test_frames_are_the_networks_rounded_and_cropped(weights):
+def test_frames_are_the_networks_rounded_and_cropped(weights, interpolator):
     window = [np.random.default_rng(i).integers(0, 256, (19, 26, 3), np.uint8) for i in range(4)]
-    made = FlavrInterpolator(weights).between(window, 4)
+    made = interpolator.between(window, 4)
     padded = [np.pad(frame, ((0, 5), (0, 6), (0, 0)), mode="edge") for frame in window]
     tensors = [torch.from_numpy(frame).permute(2, 0, 1)[None].float() / 255 for frame in padded]
     with torch.no_grad():
-        expected = [out[0].permute(1, 2, 0).numpy() for out in load_flavr(weights)(tensors)]
+        expected = [out[0].permute(1, 2, 0).numpy() for out in weights[0](tensors)]
     assert len(made) == 3
     for frame, raw in zip(made, expected, strict=True):
         assert frame.shape == (19, 26, 3)
         assert (frame == np.clip(np.rint(raw[:19, :26] * np.float32(255)), 0, 255).astype(np.uint8)).all()
 
 
-def test_other_factors(weights):
+def test_other_factors(interpolator):
     with pytest.raises(UsageError, match="factor of 2"):
-        FlavrInterpolator(weights).between([np.zeros((16, 16, 3), np.uint8)] * 4, 2)
+        interpolator.between([np.zeros((16, 16, 3), np.uint8)] * 4, 2)
 
 
-def test_the_checkpoint_is_in_the_manifest(weights):
-    assert FlavrInterpolator(weights).describe()["checkpoint_sha256"] == sha256_of_file(weights)
+def test_the_checkpoint_is_in_the_manifest(weights, interpolator):
+    assert interpolator.describe()["checkpoint_sha256"] == sha256_of_file(weights[1])

@@ -197,13 +197,11 @@ def test_nothing_to_prepare(tmp_path):
         find_sources(tmp_path / "missing")
 
 
-def test_the_estimate_is_above_what_it_takes_but_not_by_far(tmp_path):
-    source = PictureFolder(clips.folder(tmp_path / "seq", 70, 96, 128))
+def test_the_estimate_is_above_what_it_takes_but_not_by_far(source, straight, tmp_path):
     estimate = estimate_disk([source], tmp_path / "not" / "yet", FLOW, 10**9)
-    clip = prepare_clip(source, tmp_path / "out", FLOW)
-    used = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
+    used = sum(path.stat().st_size for path in straight.folder.rglob("*") if path.is_file())
     assert 0.9 * used < estimate.kept < 2 * used
-    assert clip.master.path.stat().st_size < 1.2 * estimate.masters
+    assert straight.master.path.stat().st_size < 1.2 * estimate.masters
     check_room(estimate, tmp_path)
     with pytest.raises(DataError, match="not enough disk space"):
         check_room(estimate.__class__(10**15, 0, 0, 0, 1000), tmp_path)
