@@ -62,7 +62,7 @@ def test_it_composes_with_torchvision():
         ((torch.zeros(3, 8, 8, dtype=torch.uint16),), "uint16"),
         ((torch.zeros(2, 8, 8),), "shape"),
         ((torch.zeros(8, 8),), "C, H, W"),
-        ((torch.zeros(3, 8, 8), torch.zeros(3, 8, 9)), "different shapes"),
+        ((torch.zeros(3, 8, 8), torch.zeros(3, 8, 9)), "for all images"),
         ((torch.full((3, 8, 8), 2.0),), "2"),
         (({"flow": 3},), "no image"),
     ],
