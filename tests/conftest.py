@@ -16,6 +16,7 @@ os.environ.setdefault("POLARS_MAX_THREADS", "1")
 
 import cv2
 import hypothesis
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -31,6 +32,19 @@ hypothesis.settings.load_profile("untimed")
 def shared():
     """Find a folder of the shared data: `shared("data/kitti2015")`; skips with a reason if it is absent."""
     return shared_folder
+
+
+@pytest.fixture(scope="session")
+def base(tmp_path_factory):
+    """A run on two small grey frames, to which `tests.made_rows.made_run` gives other rows."""
+    from robustflow.api import evaluate
+    from robustflow.images.io import write_image
+    from robustflow.testing import ZeroFlow
+
+    folder = tmp_path_factory.mktemp("base")
+    for index in range(2):
+        write_image(folder / f"{index}.png", np.full((24, 24, 3), 40 + index, np.uint8))
+    return evaluate(ZeroFlow(), "folder", folder, folder / "run", corruptions=["contrast"], severities=[1])
 
 
 @pytest.fixture(scope="session", autouse=True)

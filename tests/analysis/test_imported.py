@@ -14,6 +14,7 @@ from robustflow.corruptions import IMAGE_PAIR
 from robustflow.errors import DataError
 from robustflow.records.audit import audit
 from tests.made_rows import values_frame
+from tests.refusals import refused
 
 _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAIR]
 
@@ -151,9 +152,8 @@ def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
     ],
 )
 def test_a_wrong_file_is_one_sentence(tmp_path, content, says):
-    with pytest.raises(DataError, match=says.replace("[", r"\[")) as error:
+    with refused(DataError, says) as error:
         read_imported([_write(tmp_path, content)])
-    assert "\n" not in str(error.value)
     assert "\x1b" not in str(error.value)
 
 
@@ -248,6 +248,5 @@ def test_stored_attacks_are_a_table_that_says_it_is_imported(tmp_path, capsys):
     ],
 )
 def test_a_wrong_row_of_an_attack_is_one_sentence(tmp_path, row, says):
-    with pytest.raises(DataError, match=says) as error:
+    with refused(DataError, says):
         read_stored_attacks([_write(tmp_path, {"experiments": [row]})])
-    assert "\n" not in str(error.value)

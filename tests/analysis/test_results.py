@@ -6,6 +6,7 @@ from robustflow.analysis.model_result import Value
 from robustflow.analysis.results_file import parse_results, read_results, results_csv
 from robustflow.errors import DataError
 from robustflow.report.table import number_text
+from tests.refusals import refused
 
 _HEAD = "setting,model,metric,corruption,value\n"
 
@@ -53,9 +54,8 @@ def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_pat
     ],
 )
 def test_a_wrong_file_is_one_sentence(text, says):
-    with pytest.raises(DataError, match=says) as error:
+    with refused(DataError, says):
         parse_results(text, "r.csv", "x")
-    assert "\n" not in str(error.value)
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import polars as pl
 import pytest
 from pydantic.fields import FieldInfo
@@ -13,7 +12,6 @@ from robustflow.api import evaluate
 from robustflow.atomic import write_json
 from robustflow.digest import digest_of_value
 from robustflow.errors import RunError
-from robustflow.images.io import write_image
 from robustflow.metrics.rows import CLEAN
 from robustflow.records.load import load_any_run
 from robustflow.records.pack import pack
@@ -30,14 +28,6 @@ from tests.made_rows import made_run, rows_frame
 from .mean_rows import row
 
 CELLS = ((CLEAN, 0), ("fog", 1), ("fog", 3), ("snow", 1), ("snow", 3))
-
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("base")
-    for index in range(2):
-        write_image(folder / f"{index}.png", np.full((24, 24, 3), 40 + index, np.uint8))
-    return evaluate(ZeroFlow(), "folder", folder, folder / "run", corruptions=["contrast"], severities=[1])
 
 
 def rows(shift: float = 0.0, pairs: int = 6, cells=CELLS, seed: int = 0) -> pl.DataFrame:
