@@ -67,13 +67,16 @@ def package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
+    forget()
+
+
+def forget():
     for name in ("rain_module", "rain_depth"):
         sys.modules.pop(name, None)
 
 
 def reimported():
-    for name in ("rain_module", "rain_depth"):
-        sys.modules.pop(name, None)
+    forget()
     return load_corruption(corruption_name("rain_module:Rain")).source
 
 

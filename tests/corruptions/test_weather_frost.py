@@ -1,6 +1,7 @@
 """Test frost: texture sources, and blending with a frame."""
 
 import hashlib
+import json
 import os
 import subprocess
 import sys
@@ -69,9 +70,12 @@ def pip(monkeypatch, invented):
     return pip
 
 
-def test_a_named_folder_is_used(invented, monkeypatch):
+def test_a_named_folder_is_used_and_its_files_are_verified(invented, monkeypatch):
     monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
     assert frost_assets.read_texture(3) == (invented / "frost4.jpg").read_bytes()
+    (invented / "frost2.png").write_bytes(b"snow")
+    with pytest.raises(AssetError, match="SHA-256"):
+        frost_assets.read_texture(1)
 
 
 def test_a_named_folder_without_the_file_is_an_error_and_nothing_else_is_tried(invented, monkeypatch, tmp_path, pip):
@@ -80,13 +84,6 @@ def test_a_named_folder_without_the_file_is_an_error_and_nothing_else_is_tried(i
         frost_assets.read_texture(0)
     assert "\n" not in str(caught.value)
     assert pip.calls == []
-
-
-def test_a_named_folder_with_another_picture_is_an_error(invented, monkeypatch):
-    (invented / "frost2.png").write_bytes(b"snow")
-    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
-    with pytest.raises(AssetError, match="SHA-256"):
-        frost_assets.read_texture(1)
 
 
 def test_an_installed_package_is_found_but_not_imported(invented, monkeypatch, tmp_path):
@@ -100,20 +97,17 @@ def test_an_installed_package_is_found_but_not_imported(invented, monkeypatch, t
     assert "imagecorruptions" not in sys.modules
 
 
-def test_fetched_once_verified_and_kept(invented, pip, capsys, tmp_path):
-    assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()
+def test_textures_are_fetched_once_and_again_when_the_cache_is_damaged(invented, pip, capsys, tmp_path):
+    first = (invented / "frost1.png").read_bytes()
+    assert frost_assets.read_texture(0) == first
     assert "downloading its wheel with pip" in capsys.readouterr().err
     frost_assets.read_texture(4)
     assert len(pip.calls) == 1
     assert "--no-deps" in pip.calls[0]
     assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
     assert not list(tmp_path.rglob("outside.txt"))
-
-
-def test_a_damaged_cache_is_reported_and_fetched_again(invented, pip, capsys):
-    frost_assets.read_texture(0)
     (cache_folder("frost") / "frost1.png").write_bytes(b"half")
-    assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()
+    assert frost_assets.read_texture(0) == first
     assert "SHA-256 differs" in capsys.readouterr().err
     assert len(pip.calls) == 2
 
@@ -156,8 +150,6 @@ for _ in range(20):
 
 
 def test_two_processes_at_once(invented, tmp_path):
-    import json
-
     wheel_of(invented, tmp_path / "it.whl")
     command = [sys.executable, "-c", FETCH_IN_A_PROCESS, json.dumps(frost_assets.TEXTURES), str(tmp_path / "it.whl")]
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
