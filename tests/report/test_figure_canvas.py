@@ -37,10 +37,10 @@ def test_the_heading_is_as_wide_as_its_figure_at_most(draw, settings):
 
 @pytest.mark.parametrize("draw", [clean_against_cre, effective_trend])
 def test_names_of_very_many_models_do_not_cover_each_other(draw, recwarn):
-    figure = draw(_results(300))
+    figure = draw(_results(150))
     figure.draw_without_rendering()
     names = [text for text in figure.axes[0].texts if isinstance(text, Annotation) and text.get_visible()]
-    assert 10 < len(names) < 300
+    assert 10 < len(names) < 150
     boxes = [text.get_window_extent() for text in names]
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     assert not recwarn.list

@@ -30,6 +30,10 @@ def _cells_of(results):
     return {line: cells[line] for line in results}
 
 
+def _file(text: str, *columns: str) -> list[ModelResult]:
+    return parse_results(",".join(("setting,model,metric,corruption,value", *columns)) + "\n" + text, "a.csv", "a")
+
+
 _CELLS = _cells_of(published_results())
 _SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
 
@@ -37,10 +41,6 @@ _SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
 def _published(benchmark: str, setting: str, name: str):
     of = (benchmark, setting, name)
     return next(cells for line, cells in _CELLS.items() if (line.benchmark, line.setting, line.name) == of)
-
-
-def _number(cell) -> float:
-    return float(cell.text)
 
 
 def _best(cells):
@@ -68,10 +68,8 @@ def test_values_and_marks_are_those_of_the_tables(table):
 
 def test_ranks_and_cost_are_those_that_the_paper_prints():
     for name, cost in published_costs().items():
-        for setting, crer, rank in (
-            ("OOD", cost.crer_ood, cost.average_rank_ood),
-            ("ID", cost.crer_id, cost.average_rank_id),
-        ):
+        in_settings = ("OOD", cost.crer_ood, cost.average_rank_ood), ("ID", cost.crer_id, cost.average_rank_id)
+        for setting, crer, rank in in_settings:
             if rank is None:
                 continue
             cells = _published("kitti-fc", setting, name)
@@ -83,8 +81,8 @@ def test_ranks_and_cost_are_those_that_the_paper_prints():
 
 def test_crer_that_the_paper_does_not_print_is_derived_and_unmarked():
     cells = _published("kitti-fc", "OOD", "FlowDiffuser")
-    clean, whole = _number(cells["epe", "clean"]), _number(cells["epe", "average"])
-    assert _number(cells["crer", "average"]) == pytest.approx((whole - clean) / clean, abs=0.005)
+    clean, whole = (float(cells["epe", name].text) for name in ("clean", "average"))
+    assert float(cells["crer", "average"].text) == pytest.approx((whole - clean) / clean, abs=0.005)
     assert [key for key, cell in cells.items() if cell.derived] == [("crer", "average")]
     assert not cells["crer", "average"].best
     assert not any(("crer", "average") in cells for line, cells in _CELLS.items() if line.benchmark == "gopro-fc")
@@ -93,23 +91,21 @@ def test_crer_that_the_paper_does_not_print_is_derived_and_unmarked():
 def test_class_means_are_means_of_the_printed_values():
     cells = _published("kitti-fc", "OOD", "CSFlow")
     for family in ("weather", "noise"):
-        values = [_number(cells["cre", name]) for name in FAMILIES[family]]
-        assert _number(cells["cre", family]) == pytest.approx(fmean(values), abs=0.005)
+        values = [float(cells["cre", name].text) for name in FAMILIES[family]]
+        assert float(cells["cre", family].text) == pytest.approx(fmean(values), abs=0.005)
 
 
 def test_knowledge_driven_methods_and_models_alone_are_not_marked():
     assert not any(_best(cells) for line, cells in _CELLS.items() if line.setting == "knowledge")
-    head = "setting,model,metric,corruption,value\n"
-    (alone,) = _cells_of(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a")).values()
+    (alone,) = _cells_of(_file("OOD,A,epe,clean,2.00\n")).values()
     assert not _best(alone)
-    two = _cells_of(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a"))
+    two = _cells_of(_file("OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n"))
     assert [bool(_best(cells)) for cells in two.values()] == [True, False]
 
 
 def test_same_name_on_other_frames_is_another_page_and_no_rival():
-    head = "setting,model,metric,corruption,value,sample_set\n"
-    text = head + "OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n"
-    content = whole_content([], [("a.csv", parse_results(text, "a.csv", "a"))])
+    own = _file("OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n", "sample_set")
+    content = whole_content([], [("a.csv", own)])
     mine = content.lines[0]
     assert mine.frames == "mine"
     assert list(content.pages.values()).count(content.pages[mine]) == 1
@@ -120,20 +116,15 @@ def test_same_name_on_other_frames_is_another_page_and_no_rival():
 
 
 def test_order_puts_what_is_missing_last():
-    head = "setting,model,metric,corruption,value\n"
-    text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
-    results = parse_results(text, "a.csv", "a")
+    results = _file("OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n")
     assert [line.name for line in sorted(results, key=by_error)] == ["C", "A", "B"]
     (board,) = boards_of(results, {})
     assert [line.label for line in board.lines] == ["C", "A", "B"]
 
 
 def test_imported_lines_are_the_best_of_nothing():
-    lines = "setting,model,metric,corruption,value,note\n"
-    numbers = [(model, f"own,{model},epe,fog,{value}") for model, value in (("A", "1.00"), ("B", "2.00"))]
     for note, best in (("", 1), (NOTE, 0)):
-        text = lines + "".join(f'{line},"{note}"\n' for _, line in numbers)
-        cells = _cells_of(parse_results(text, "r.csv", "file")).values()
+        cells = _cells_of(_file(f'own,A,epe,fog,1.00,"{note}"\nown,B,epe,fog,2.00,"{note}"\n', "note")).values()
         assert sum(of_line["epe", "fog"].best for of_line in cells) == best
 
 
@@ -157,19 +148,15 @@ def _measured(*models: tuple[str, str, float]):
     return {line.name: cells[PLACE].text if PLACE in cells else None for line, cells in _cells_of(lines).items()}
 
 
-def test_measured_models_of_every_setting_are_ranked_together_and_excluded_ones_not():
+def test_measured_models_of_every_setting_are_ranked_together_and_excluded_or_single_ones_not():
     sound = [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0)]
     ranks = _measured(*sound, ("Blind", "OOD", 1.0))
     assert ranks == {"DIS": "2", "Blind": None, "A": "1", "B": "2", "C": "4"}
-
-
-def test_a_single_measured_model_has_no_rank():
     assert _measured(("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)) == {"DIS": None, "Blind": None}
 
 
 def test_every_renderer_writes_a_leaderboard_like_any_table():
-    head = "setting,model,metric,corruption,value\n"
-    (board,) = boards_of(parse_results(head + "OOD,A|B,epe,average,2.00\n", "a.csv", "a"), {"a": "Frames of a"})
+    (board,) = boards_of(_file("OOD,A|B,epe,average,2.00\n"), {"a": "Frames of a"})
     assert list(csv.DictReader(io.StringIO(render(board, "csv")))) == [
         {"section": "Frames of a", "model": "A|B", "EPE": "2.00", "best": "", "note": ""}
     ]

@@ -256,7 +256,7 @@ def runs(draw):
     return rows
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=25)
 @given(runs(), st.sampled_from(["image", "pixel"]), st.randoms(use_true_random=False))
 def test_order_of_rows_changes_no_byte(rows, averaging, rng: random.Random):
     shuffled = rng.sample(rows, len(rows))
@@ -266,7 +266,7 @@ def test_order_of_rows_changes_no_byte(rows, averaging, rng: random.Random):
     assert summarize(halves, averaging).model_dump_json(indent=1) == expected
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(runs(), st.sampled_from(["image", "pixel"]))
 def test_many_rows_read_a_column_at_a_time_have_the_summary_of_few(rows, averaging):
     few = summarize(rows_frame(rows), averaging)
@@ -314,7 +314,7 @@ def _close(value):
     return value if value is None else pytest.approx(value, rel=1e-9, abs=1e-6)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(runs(), st.sampled_from(["image", "pixel"]))
 def test_equals_the_naive_loop(rows, averaging):
     summary = summarize(rows_frame(rows), averaging)

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import shutil
 
 import numpy as np
@@ -91,16 +90,9 @@ def test_a_damaged_one_is_counted_again(run):
     assert path.read_bytes() == whole
 
 
-def test_a_pipe_is_not_waited_for(run):
-    (run.path / "displacement.json").unlink()
-    os.mkfifo(run.path / "displacement.json")
-    assert read_displacement(run) is None
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda kept: kept | {"run": "0" * 16}, "belongs to a different run"),
         (lambda kept: kept | {"low": kept["low"][::-1]}, "ascend from 0"),
         (lambda kept: kept | {"low": kept["low"][:-1]}, "with one edge per count"),
         (lambda kept: kept | {"pixels": [-1, *kept["pixels"][1:]]}, "pixels.0"),

@@ -24,13 +24,22 @@ from robustflow.testing import ZeroFlow
 CHOSEN = {"corruptions": ["contrast"], "severities": [1]}
 
 
+def _clip(folder, count, offset=0):
+    folder.mkdir(parents=True)
+    for index in range(count):
+        Image.fromarray(data.astronaut()[offset + index : offset + index + 64, :96]).save(folder / f"{index}.bmp")
+    return folder
+
+
 @pytest.fixture
 def frames(tmp_path):
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for index in range(2):
-        Image.fromarray(data.astronaut()[index : 64 + index, :96]).save(folder / f"{index}.bmp")
-    return folder
+    return _clip(tmp_path / "frames", 2)
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Three frames form two pairs, 0 and 1."""
+    return _clip(tmp_path / "frames", 3)
 
 
 def flip(path):
@@ -48,16 +57,9 @@ def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
         rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
 
 
-def _clip(folder, count, offset):
-    folder.mkdir(parents=True)
-    for index in range(count):
-        Image.fromarray(data.astronaut()[offset + index : offset + index + 64, :96]).save(folder / f"{index}.bmp")
-    return folder
-
-
 def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    short, long = _clip(tmp_path / "short", 3, 0), _clip(tmp_path / "long", 9, 200)
+    short, long = _clip(tmp_path / "short", 3), _clip(tmp_path / "long", 9, 200)
     first, second = (rf.evaluate("dis", "folder", clip, limit=1, **CHOSEN) for clip in (short, long))
     assert list(first.manifest.samples) == ["1"]
     assert list(second.manifest.samples) == ["4"]  # without a common sample, the data do not conflict
@@ -84,13 +86,6 @@ class _Changes(ZeroFlow):
 
     def identity(self):
         return {"name": "still"}
-
-
-@pytest.fixture
-def three(frames):
-    """Three frames form two pairs, 0 and 1."""
-    Image.fromarray(data.astronaut()[5:69, :96]).save(frames / "2.bmp")
-    return frames
 
 
 def test_a_file_that_changes_during_a_run_is_noticed_at_its_end(three, tmp_path):

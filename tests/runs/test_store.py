@@ -90,17 +90,6 @@ def test_merging_keeps_every_row_once(folder):
     assert set(folder.cells()) == {*before.select("sample", "corruption", "severity").iter_rows(), ("a", "snow", 3)}
 
 
-def test_a_crash_between_merging_and_clearing_shows_no_row_twice(folder):
-    _write(folder, "a", CLEAN, (0,))
-    _write(folder, "a", "fog", (1, 2))
-    left = [(path, path.read_bytes()) for path in folder.rows_folder.iterdir()]
-    before = folder.rows()
-    folder.finish_sample("a")
-    for path, data in left:
-        path.write_bytes(data)
-    assert folder.rows().equals(before)
-
-
 def test_a_reader_beside_a_writer_never_fails(folder):
     failures: list[BaseException] = []
     stop = threading.Event()
@@ -140,7 +129,7 @@ def test_every_flipped_bit_of_a_shard_is_an_error(folder):
     _write(folder, "a", "fog", (1, 2, 3))
     (path,) = list_shards(folder.rows_folder)
     whole = path.read_bytes()
-    flips = np.random.default_rng(0).integers(0, 8 * len(whole), 1500)
+    flips = np.random.default_rng(0).integers(0, 8 * len(whole), 500)
     for flip in flips.tolist():
         damaged = bytearray(whole)
         damaged[flip // 8] ^= 1 << flip % 8
@@ -173,7 +162,7 @@ def test_two_shards_that_contradict_each_other_are_named(folder):
 
 
 def test_small_shards_become_one_and_no_row_is_lost(folder):
-    keys = [f"sample {number}" for number in range(100)]
+    keys = [f"sample {number}" for number in range(70)]
     for key in keys:
         _write(folder, key, CLEAN, (0,))
         _write(folder, key, "fog", (1, 2))
@@ -181,7 +170,7 @@ def test_small_shards_become_one_and_no_row_is_lost(folder):
         assert len(list_shards(folder.rows_folder)) <= 64
     before = folder.rows()
     assert before["sample"].unique().sort().to_list() == sorted(keys)
-    assert before.height == 300
+    assert before.height == 210
     folder.pack()
     assert len(list_shards(folder.rows_folder)) == 1
     assert folder.rows().equals(before)
@@ -194,10 +183,11 @@ def test_what_a_killed_run_left_is_cleared_on_the_next_start(folder):
         write_clean(folder.clean_path(key), np.zeros((4, 6, 2), np.float32), key)
     _write(folder, "done", "fog", (1,))
     left = {path: path.read_bytes() for path in list_shards(folder.rows_folder) if path.name.startswith("done")}
-    folder.finish_sample("done")
-    for path, data in left.items():
-        path.write_bytes(data)
     before = folder.rows()
+    folder.finish_sample("done")
+    for path, data in left.items():  # as after a crash between merging and clearing
+        path.write_bytes(data)
+    assert folder.rows().equals(before), "no row is shown twice"
     cells = folder.tidy()
     folder.settle(["done", "begun", "predicted"], {"begun", "predicted"}, cells)
     assert cells == set(before.select("sample", "corruption", "severity").iter_rows())

@@ -13,8 +13,6 @@ from PIL import Image
 
 from robustflow.api import Result
 from robustflow.errors import DataError
-from robustflow.report.gallery.page import example_slider
-from robustflow.report.gallery.pictures import gallery
 from robustflow.report.site.examples import run_examples
 
 
@@ -107,10 +105,3 @@ def test_nothing_of_the_file_but_pixels_is_kept(copied):
     assert b"<script>" in path.read_bytes()
     slider, _ = run_examples(copied)
     assert b"<script>" not in base64.b64decode(slider.clean[0].partition(",")[2])
-
-
-def test_the_gallery_leaves_out_what_does_not_exist():
-    grey = np.full((32, 48, 3), 128, np.uint8)
-    cells = list(gallery(grey, grey, [1, 5], ["contrast"]))
-    slider = example_slider(grey, cells, "Grey")
-    assert [(name, [shot.severity for shot in shots]) for name, shots in slider.corruptions] == [("Contrast", [1, 5])]
