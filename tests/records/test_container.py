@@ -135,11 +135,6 @@ def test_bytes_around_and_between(packed):
     assert "before or after" in _refused(commented.getvalue())
 
 
-def test_what_is_not_a_zip():
-    for data in (b"", b"PK", b"PK\x05\x06" + bytes(18), b"\x89PNG\r\n\x1a\n", b"[" * 100_000):
-        _refused(data)
-
-
 def test_one_bit_anywhere(packed):
     """Flip every bit of the headers, and bits throughout the data: each run has exactly one valid file, so none of the
     changed files verifies.

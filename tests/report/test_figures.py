@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import cv2
@@ -76,6 +77,14 @@ def test_a_legend_of_long_names_stays_inside_its_figure():
     box = figure.legends[0].get_window_extent()
     assert box.x0 >= 0
     assert box.x1 <= figure.bbox.x1
+
+
+def test_labels_do_not_hide_each_other():
+    figure = clean_against_cre(_KITTI)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
 def test_families_by_hand():

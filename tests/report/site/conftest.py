@@ -1,15 +1,12 @@
-"""Fixtures for page tests: synthetic runs with many images and known rows, and results of many models."""
+"""Fixtures for page tests: synthetic runs with many images and known rows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from robustflow.analysis.model_result import ModelResult
-from robustflow.analysis.published.tables import published_results
 from robustflow.api import Result
 from robustflow.runs.manifest import Selection
 from robustflow.runs.provenance import Provenance
@@ -41,22 +38,3 @@ def many_images(small_run) -> Callable[..., Result]:
         return result
 
     return make
-
-
-@pytest.fixture(scope="session")
-def many_models() -> list[ModelResult]:
-    """Results of a hundred models: the published results under new names, in three settings."""
-    of_raft = ("kitti-fc", "ID", "RAFT")
-    (source,) = (line for line in published_results() if (line.benchmark, line.setting, line.name) == of_raft)
-    return [
-        replace(
-            source,
-            name=f"Model {index:03d}",
-            setting=("OOD", "ID", "own")[index % 3],
-            frames="file",
-            values={
-                key: replace(value, number=value.number * (1 + 0.01 * index)) for key, value in source.values.items()
-            },
-        )
-        for index in range(100)
-    ]
