@@ -19,13 +19,13 @@ from ..metrics.rows import CLEAN
 from ..models.base import describe_cell
 from ..random.rng import key_of
 from ..runs.example_cells import CellScores, cell_scores
-from ..runs.example_list import EXAMPLES_FILE, FOLDER, are_current, drop_examples, example_list
+from ..runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH, are_current, drop_examples, example_list
 from ..runs.plan import Cell
 from ..runs.run import Run
 from ..threads import one_opencv_thread
 from .attack_again import with_attack
 from .setup import Setup
-from .slider_pictures import WIDEST, slider_picture, stored_picture
+from .slider_pictures import slider_picture, stored_picture
 from .worker import View, Worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
@@ -109,7 +109,7 @@ def _worker(setup: Setup) -> Iterator[Worker]:
 def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures: Path | None) -> None:
     key = slider["key"]
     clean = worker.sample(key).frames
-    write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], WIDEST)))
+    write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], SLIDER_WIDTH)))
     for picture in slider["pictures"]:
         corruption, severity = picture["corruption"], picture["severity"]
         shown = stored_picture(pictures, corruption, severity)

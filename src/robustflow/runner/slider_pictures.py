@@ -15,13 +15,11 @@ from ..atomic import write_bytes
 from ..digest import digest_of_bytes
 from ..errors import DataError
 from ..images.io import jpeg_bytes, shrunk
+from ..runs.example_list import SLIDER_WIDTH
 from ..sample import Frame
 
 if TYPE_CHECKING:
     from .setup import Setup
-
-WIDEST = 480
-"""Maximum width of a slider picture, in pixels."""
 
 
 def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
@@ -31,7 +29,7 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
         frames, clean: corrupted and clean RGB frames, each uint8 (H, W, 3).
     """
     changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
-    return jpeg_bytes(shrunk((changed or frames)[0], WIDEST))
+    return jpeg_bytes(shrunk((changed or frames)[0], SLIDER_WIDTH))
 
 
 @contextmanager

@@ -26,6 +26,9 @@ from .run import Run
 
 FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
 
+SLIDER_WIDTH = 384
+"""Maximum width of a slider picture in pixels, in the folder and on pages."""
+
 
 def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     """Return the content of `examples.json`, computed from the rows; None if nothing was measured."""

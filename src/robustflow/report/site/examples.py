@@ -17,7 +17,7 @@ from ...analysis.labels import long_label
 from ...analysis.model_result import ModelResult
 from ...errors import DataError, first_misfit
 from ...images.io import jpeg_address, read_image, shrunk
-from ...runs.example_list import EXAMPLES_FILE, FOLDER
+from ...runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH
 from ...sample import Frame
 from ...text import plain
 from ...validated import Untrusted
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _LARGEST_LIST = 1 << 20
 _LARGEST_PICTURE = 1 << 24
-_SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
+_PANEL_WIDTH = 1200
 _QUALITY = 62
 
 MOST_RUNS = 12
@@ -105,7 +105,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
         ) from error
     clean = _read(folder / shown.slider.clean)
     pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in shown.slider.pictures)
-    slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
+    slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=SLIDER_WIDTH, quality=_QUALITY)
     return slider, [_panel(folder, panel) for panel in shown.panels]
 
 
