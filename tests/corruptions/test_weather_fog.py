@@ -67,3 +67,7 @@ def test_the_blend(severity, brightest, seed):
     top = frame.max() / 255
     expected = 255 * (frame / 255 + strength * state[1][..., None].astype(np.float64)) * top / (top + strength)
     assert np.abs(fog.apply(frame, state, 0) - np.clip(expected, 0, 255)).max() < 0.501
+
+
+def test_the_map_of_a_single_pixel_is_between_0_and_1():
+    assert all(0 <= plasma_corner(Rng.of(seed), 1, 1, 2.0).item() <= 1 for seed in range(9))

@@ -31,7 +31,7 @@ def plasma_corner(rng: Rng, height: int, width: int, decay: float) -> npt.NDArra
     >>> corner.shape, bool(corner.min() >= 0), bool(corner.max() <= 1)
     ((40, 70), True, True)
     """
-    size = 1 << (max(height, width) - 1).bit_length()
+    size = 1 << (max(height, width, 2) - 1).bit_length()
     grid = np.zeros((1, 1), np.float32)
     level = 0
     while len(grid) < min(size, _WHOLE):
