@@ -1,13 +1,11 @@
-"""Small runs on the embedded pair."""
-
-import sys
-from pathlib import Path
+"""Frames for small runs, and worker processes that start quickly."""
 
 import pytest
 
 from robustflow.images.io import write_image
 
 from ..corruptions.pictures import picture
+from ..prepared_processes import get_context, prepare
 
 FRAMES = 6
 """Number of frames in `clip_folder`."""
@@ -15,14 +13,15 @@ FAST = ("contrast", "high_light", "over_exposure", "impulse_noise")
 """Corruptions that take a few milliseconds."""
 
 
+@pytest.fixture(scope="session")
+def _prepared_process():
+    prepare()
+
+
 @pytest.fixture
-def models_on_path(monkeypatch):
-    """Make `models_for_tests:...` importable in this process and in worker processes."""
-    folder = str(Path(__file__).parent)
-    monkeypatch.syspath_prepend(folder)
-    monkeypatch.setenv("PYTHONPATH", folder)
-    yield
-    sys.modules.pop("models_for_tests", None)
+def quick_workers(_prepared_process, monkeypatch):
+    """Fork the workers of runs from a process that has already imported the package."""
+    monkeypatch.setattr("multiprocessing.get_context", get_context)
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 """For each write operation, start a run in a child process and kill it at that operation
 (see `test_killed_at_each_write`).
 
-    python killed_at_each_write.py FOLDER FIRST STEP
+    python killed_at_each_write.py FOLDER
 
 Polars is not used before the fork, because its threads would not survive in the child.
 """
@@ -47,8 +47,8 @@ def kill_before(call):
 
 
 def main():
-    home, first, step = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-    for call in count(first, step):
+    home = Path(sys.argv[1])
+    for call in count():
         child = os.fork()
         if not child:
             try:

@@ -55,6 +55,13 @@ class FiveFrames:
 
     window = (2, 1)
 
+    def __init__(self, device: str = "") -> None:
+        if device:
+            self.device = device
+
+    def identity(self) -> dict[str, str]:
+        return {"name": "five_frames"}
+
     def predict_clip(self, frames: tuple[np.ndarray, ...], index: int) -> np.ndarray:
         assert len(frames) == 5
         assert index == 2
@@ -63,6 +70,37 @@ class FiveFrames:
         u = sum((place + 1) * frame[..., 0].astype(np.int32) for place, frame in enumerate(frames))
         v = sum((place - 2) * frame[..., 1].astype(np.int32) for place, frame in enumerate(frames))
         return np.stack([u, v], axis=2).astype(np.float32) / 64
+
+
+class Sure:
+    """Predicts flow from the pixel values, with higher confidence at brighter pixels.
+
+    Args:
+        spoil: "size" or "nan", a fault of the confidence.
+        device: name of the device, which moves the model to a separate process.
+    """
+
+    def __init__(self, spoil: str = "", device: str = "") -> None:
+        self.spoil = spoil
+        if device:
+            self.device = device
+
+    def identity(self) -> dict[str, str]:
+        return {"name": "sure", "spoil": self.spoil}
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        return np.stack([frame1[..., 0] / np.float32(64), frame2[..., 1] / np.float32(-32)], axis=2)
+
+    def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
+        return list(map(self.predict, frames1, frames2))
+
+    def predict_with_confidence(self, frame1: np.ndarray, frame2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        confidence = frame1[..., 0].astype(np.float32)
+        if self.spoil == "size":
+            confidence = confidence[1:]
+        if self.spoil == "nan":
+            confidence[0, 0] = np.nan
+        return self.predict(frame1, frame2), confidence
 
 
 def with_nan(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
@@ -140,12 +178,6 @@ class Accelerated:
             np.stack([a[..., 0] - b[..., 1], (a + b).sum(axis=2) // 9], axis=2).astype(np.float32) / 8
             for a, b in zip(u, v, strict=True)
         ]
-
-
-class AcceleratedFiveFrames(FiveFrames):
-    """A multi-frame model on an accelerator."""
-
-    device = "cuda:0"
 
 
 class AcceleratedTrouble(Accelerated):

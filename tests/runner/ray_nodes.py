@@ -7,13 +7,13 @@ import os
 import shutil
 import signal
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
+
+from .processes import running, still_running
 
 QUICK_HEALTH_CHECKS = {
     "RAY_health_check_initial_delay_ms": "0",
@@ -88,41 +88,7 @@ def _started(folder: str, node: dict[str, int]) -> Nodes:
         except Exception as error:
             if "timed out during startup" not in str(error) or not attempts_left:
                 raise
-            for line in _running(folder):
+            for line in running(folder):
                 with suppress(ProcessLookupError):
                     os.kill(int(line.split()[0]), signal.SIGKILL)
     raise AssertionError
-
-
-def descendants(root: int) -> dict[int, str]:
-    """Command lines of a process's descendants, by process ID."""
-    parents, lines = {}, {}
-    for folder in Path("/proc").iterdir():
-        with suppress(OSError, ValueError):
-            parents[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            lines[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-    found, before = {root}, set()
-    while found != before:
-        before = set(found)
-        found |= {child for child, parent in parents.items() if parent in before}
-    return {number: lines[number] for number in found - {root} if number in lines}
-
-
-def still_running(mark: str, within_s: float = 20.0) -> list[str]:
-    """Command lines of the processes that contain `mark` and are still running after a while."""
-    deadline = time.monotonic() + within_s
-    while (left := _running(mark)) and time.monotonic() < deadline:
-        time.sleep(0.2)
-    return left
-
-
-def _running(mark: str) -> list[str]:
-    found = []
-    for folder in Path("/proc").iterdir():
-        try:
-            line = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-        except OSError:
-            continue
-        if folder.name.isdecimal() and int(folder.name) != os.getpid() and mark in line:
-            found.append(f"{folder.name} {line[:200]}")
-    return found

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.benchmarks import Benchmark
 from robustflow.errors import ModelError, UsageError
+from robustflow.testing import TexturePairs
 
 
 class Batched:
@@ -29,14 +31,19 @@ class Batched:
 
 
 def run(model, folder, **options):
-    return rf.evaluate(model, output=folder, corruptions=["contrast", "impulse_noise"], severities=[1, 2, 4], **options)
+    benchmark = Benchmark("drawn", TexturePairs(1), ("0",), ("contrast", "impulse_noise"), (1, 2, 4))
+    return rf.evaluate(model, benchmark, output=folder, **options)
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory):
+    return run(Batched(), tmp_path_factory.mktemp("single") / "run")
 
 
 @pytest.mark.parametrize(("size", "calls"), [(1, [1] * 7), (2, [1, 2, 1, 2, 1]), (3, [1, 3, 3]), (9, [1, 3, 3])])
-def test_rows_do_not_depend_on_the_batch(tmp_path, size, calls):
+def test_rows_do_not_depend_on_the_batch(single, tmp_path, size, calls):
     model = Batched()
     batched = run(model, tmp_path / "batched", batch_size=size)
-    single = run(Batched(), tmp_path / "single")
     assert model.calls == calls
     assert batched.rows.equals(single.rows)
     assert batched.manifest.identity_digest == single.manifest.identity_digest
@@ -52,9 +59,9 @@ def test_a_model_without_batches(tmp_path):
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
-        (lambda flows: flows[:1], "returned 1 flows for 3 pairs on sample 'motorcycle', contrast severity 1, 2, 4"),
+        (lambda flows: flows[:1], "returned 1 flows for 3 pairs on sample '0', contrast severity 1, 2, 4"),
         (lambda flows: [flows[0], flows[1][:9], flows[2]], "contrast severity 2; expected a float array"),
-        (lambda flows: 1 / 0, "raised ZeroDivisionError on sample 'motorcycle', contrast severity 1, 2, 4"),
+        (lambda flows: 1 / 0, "raised ZeroDivisionError on sample '0', contrast severity 1, 2, 4"),
     ],
 )
 def test_a_batch_that_is_not_an_answer(tmp_path, answer, says):

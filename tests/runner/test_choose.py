@@ -80,16 +80,6 @@ def test_an_object_that_stays_here_says_why():
     assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"
 
 
-def test_a_script_without_a_guard_stays_in_one_process(tmp_path, monkeypatch):
-    (tmp_path / "script.py").write_text("import robustflow\n")
-    monkeypatch.setitem(sys.modules, "__main__", SimpleNamespace(__file__=str(tmp_path / "script.py")))
-    assert _describe(_named("cuda:0")).startswith(
-        "serial (worker processes require the script's code to be under `if __name__"
-    )
-    (tmp_path / "script.py").write_text('if __name__ == "__main__":\n    pass\n')
-    assert _describe(_named("cuda:0")) == "processes, 1 device + 4 feeders"
-
-
 class Light(Model):
     single_threaded = True
 
@@ -131,11 +121,17 @@ def test_a_model_in_one_thread_that_has_no_name_stays_here():
     assert _spread(_light(None), PAIR * 3) == "serial"
 
 
-def test_in_a_script_without_a_guard_it_stays_here_and_says_why(monkeypatch, tmp_path):
-    (tmp_path / "script.py").write_text("import robustflow as rf")
-    main = SimpleNamespace(__file__=str(tmp_path / "script.py"), __spec__=None)
+def test_a_script_without_a_guard_stays_in_one_process_and_says_why(tmp_path, monkeypatch):
+    script = tmp_path / "script.py"
+    main = SimpleNamespace(__file__=str(script), __spec__=None)
     monkeypatch.setitem(sys.modules, "__main__", main)
-    assert _spread(_light(), PAIR * 3).startswith("serial (worker processes require the script's code to be under")
+    script.write_text("import robustflow\n")
+    why = "serial (worker processes require the script's code to be under `if __name__"
+    assert _describe(_named("cuda:0")).startswith(why)
+    assert _spread(_light(), PAIR * 3).startswith(why)
+    script.write_text('if __name__ == "__main__":\n    pass\n')
+    assert _describe(_named("cuda:0")) == "processes, 1 device + 4 feeders"
+    script.write_text("import robustflow\n")
     main.__spec__ = SimpleNamespace(name="package.__main__")  # python -m package
     assert _spread(_light(), PAIR * 3) == "processes, 4 workers"
 

@@ -15,7 +15,6 @@ from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
 from robustflow.errors import DataError, ModelError, RunError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.models import Window, load_model
-from robustflow.models.base import model_identity
 from robustflow.runner.engines.base import Job
 from robustflow.runner.engines.ray_job import files_of
 from robustflow.runs.plan import RunOptions, Unit
@@ -24,8 +23,9 @@ from tests.corruptions.pictures import picture
 from tests.video import clips
 
 from .conftest import FAST, FRAMES
+from .models_for_tests import FiveFrames
 
-MODEL = "models_for_tests:FiveFrames"
+MODEL = "tests.runner.models_for_tests:FiveFrames"
 
 
 class Recorder(ZeroClipFlow):
@@ -117,22 +117,10 @@ def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder
 
 @pytest.fixture(scope="module")
 def whole(clip_folder, tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parent)
-        return run(MODEL, clip_folder, tmp_path_factory.mktemp("whole") / "run")
+    return run(MODEL, clip_folder, tmp_path_factory.mktemp("whole") / "run")
 
 
-def test_workers_order_and_pieces_make_no_difference(whole, clip_folder, tmp_path, models_on_path):
-    two = run(MODEL, clip_folder, tmp_path / "two", workers=2)
-    run(MODEL, clip_folder, tmp_path / "pieces", limit=2, corruptions=FAST[2:])
-    run(MODEL, clip_folder, tmp_path / "pieces", corruptions=FAST[:2], severities=[5])
-    pieces = run(MODEL, clip_folder, tmp_path / "pieces")
-    for other in (two, pieces):
-        assert other.rows.equals(whole.rows)
-        assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
-
-
-def test_killed_and_resumed(whole, clip_folder, tmp_path, models_on_path, monkeypatch):
+def test_killed_and_resumed(whole, clip_folder, tmp_path, quick_workers, monkeypatch):
     last = read_image(clip_folder / f"{FRAMES - 2}.png")
     monkeypatch.setenv("DIES_ON", str(int(last[0, 0, 0])))
     with pytest.raises(RunError, match="exit code 17"):
@@ -142,7 +130,7 @@ def test_killed_and_resumed(whole, clip_folder, tmp_path, models_on_path, monkey
     assert run(MODEL, clip_folder, tmp_path / "killed").rows.equals(whole.rows)
 
 
-def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkeypatch, capsys):
+def test_video_and_folder_from_the_command_line(tmp_path, monkeypatch, capsys):
     clips.clip(tmp_path / "clip.mp4", FRAMES, fps=25)
     data = ["--benchmark", "folder", "--data", str(tmp_path / "clip.mp4"), "--output", str(tmp_path / "video")]
     what = ["--corruptions", ",".join(FAST), "--severities", "4"]
@@ -162,13 +150,13 @@ def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkey
     assert rf.Result(tmp_path / "video").rows.select(columns).equals(frames.rows.select(columns))
 
 
-def test_example_pictures_are_drawn_from_the_clip(whole, clip_folder, tmp_path, models_on_path):
+def test_example_pictures_are_drawn_from_the_clip(whole, clip_folder, tmp_path):
     from robustflow.runner.setup import restore_setup
     from robustflow.runs.source import RunSource
 
     setup = restore_setup(whole, RunSource.read(whole.path))
     assert setup.options.window == Window(2, 1)
-    assert model_identity(setup.model.model)["object"].endswith("FiveFrames")
+    assert isinstance(setup.model.model, FiveFrames)
     drawn = run(MODEL, clip_folder, tmp_path / "drawn", examples=True)
     assert list((drawn.path / "examples").iterdir())
 
@@ -213,7 +201,7 @@ def test_a_model_of_both_kinds_gets_clips_where_there_are_some(clip_folder, tmp_
     assert (model.pairs, len(model.calls)) == (0, 2 * (FRAMES - 1))
 
 
-def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path, models_on_path):
+def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path):
     with pytest.raises(UsageError, match="one clip at a time; omit --batch-size"):
         run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="cannot predict in tiles"):

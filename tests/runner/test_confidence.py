@@ -20,6 +20,8 @@ from robustflow.report.figures.sparsification_curves import sparsification_curve
 from robustflow.report.site import render_site, run_content
 from robustflow.testing import TexturePairs
 
+from .models_for_tests import Sure
+
 TEXTURES = "tests.runner.test_confidence:Textures"
 FAST = ("contrast", "impulse_noise")
 
@@ -31,37 +33,9 @@ class Textures(TexturePairs):
         super().__init__(2)
 
 
-class Sure:
-    """Predicts flow from the pixel values, with higher confidence at brighter pixels. `device` moves the model to a
-    separate process.
-    """
-
-    def __init__(self, spoil: str = "", device: str = "") -> None:
-        self.spoil = spoil
-        if device:
-            self.device = device
-
-    def identity(self):
-        return {"name": "sure", "spoil": self.spoil}
-
-    def predict(self, frame1, frame2):
-        return np.stack([frame1[..., 0] / np.float32(64), frame2[..., 1] / np.float32(-32)], axis=2)
-
-    def predict_batch(self, frames1, frames2):
-        return list(map(self.predict, frames1, frames2))
-
-    def predict_with_confidence(self, frame1, frame2):
-        confidence = frame1[..., 0].astype(np.float32)
-        if self.spoil == "size":
-            confidence = confidence[1:]
-        if self.spoil == "nan":
-            confidence[0, 0] = np.nan
-        return self.predict(frame1, frame2), confidence
-
-
 def run(folder, model=None, confidence="forward-backward", **options):
     given = {"corruptions": FAST, "severities": [1, 4], **options}
-    spec = model or ModelSpec("tests.runner.test_confidence:Sure")
+    spec = model or ModelSpec("tests.runner.models_for_tests:Sure")
     return rf.evaluate(spec, data=TEXTURES, output=folder, confidence=confidence, **given)
 
 
@@ -82,16 +56,6 @@ def test_rows_hold_what_the_array_functions_give(whole):
     assert row["oracle_at_50"] == error_at(errors, -errors, 0.5)
     assert row["rejected_count"] == rejected.sum()
     assert whole.rows["ause"].null_count() == 0
-
-
-@pytest.mark.parametrize("confidence", ["forward-backward", "model"])
-def test_engines_and_halves_make_the_same_rows(tmp_path, confidence):
-    one = run(tmp_path / "one", confidence=confidence)
-    run(tmp_path / "two", confidence=confidence, corruptions=FAST[:1], workers=2)
-    assert run(tmp_path / "two", confidence=confidence).rows.equals(one.rows)
-    device = ModelSpec("tests.runner.test_confidence:Sure", (("device", "cuda:0"),))
-    staged = run(tmp_path / "staged", device, confidence, engine="processes", workers=1, batch_size=2)
-    assert staged.rows.equals(one.rows)
 
 
 def test_without_a_confidence_the_rest_of_a_row_is_the_same(whole, tmp_path):

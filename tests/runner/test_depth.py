@@ -83,17 +83,6 @@ def maps(clip_folder, tmp_path):
     return folder
 
 
-def test_engines_and_halves_make_the_same_rows(whole, tmp_path):
-    assert run(tmp_path / "processes", engine="processes", workers=2).rows.equals(whole.rows)
-    run(tmp_path / "half", corruptions=NAMES[:1])
-    assert run(tmp_path / "half").rows.equals(whole.rows)
-    device = ModelSpec("tests.runner.test_confidence:Sure", (("device", "cuda:0"),))
-    staged = run(tmp_path / "staged", model=device, engine="processes", batch_size=2).rows
-    assert staged.sort("sample", "corruption", "severity")["frames_digest"].equals(
-        whole.rows.sort("sample", "corruption", "severity")["frames_digest"]
-    )
-
-
 def test_frames_of_a_run_are_those_of_corrupt_and_of_verify_and_of_export(whole, tmp_path):
     assert "14 of 14 rows" in recheck(whole.manifest.identity, whole.rows, options=SHAPES, count=100)
     data = load_dataset("shapes", **SHAPES)

@@ -1,4 +1,4 @@
-"""Complete runs: every engine computes the same rows, even after an interruption."""
+"""Complete runs: their rows, what continues them, and what is refused."""
 
 import json
 import subprocess
@@ -16,6 +16,7 @@ from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
 
+MODELS = "tests.runner.models_for_tests"
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
 
@@ -37,19 +38,6 @@ def test_rows_summary_and_report_are_there(whole):
     assert not list((whole.path / "clean").iterdir()), "clean flows of finished samples are deleted"
 
 
-def test_engines_agree_byte_for_byte(whole, tmp_path):
-    other = _run(tmp_path / "run", engine="processes", workers=2)
-    assert other.rows.equals(whole.rows)
-    assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
-
-
-def test_two_halves_make_the_whole(whole, tmp_path):
-    _run(tmp_path / "run", corruptions=FAST[2:], severities=[4])
-    _run(tmp_path / "run", corruptions=FAST[:2], workers=2)
-    other = _run(tmp_path / "run")
-    assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
-
-
 def test_clean_error_equals_opencv(whole):
     sample = rf.load_dataset("motorcycle", None).load("motorcycle")
     grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in sample.frames]
@@ -59,10 +47,10 @@ def test_clean_error_equals_opencv(whole):
     assert whole.epe_clean == pytest.approx(epe, abs=1e-6)
 
 
-def test_a_finished_run_computes_nothing_again_but_one_row_to_compare(tmp_path, models_on_path, monkeypatch):
+def test_a_finished_run_computes_nothing_again_but_one_row_to_compare(tmp_path, monkeypatch):
     log = tmp_path / "log"
     monkeypatch.setenv("PREDICTION_LOG", str(log))
-    spec = ModelSpec("models_for_tests:Logged")
+    spec = ModelSpec(f"{MODELS}:Logged")
     first = rf.evaluate(spec, output=tmp_path / "run", corruptions=FAST, severities=[2, 3])
     asked = log.read_text().splitlines()
     assert len(asked) == len({line.split(" ", 1)[1] for line in asked}) == 1 + 2 * len(FAST)
@@ -89,10 +77,10 @@ def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
         rf.evaluate("farneback", output=whole.path)
 
 
-def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path, models_on_path):
+def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path):
     folder = tmp_path / "run"
     with pytest.raises(ModelError, match="no weights"):
-        rf.evaluate("models_for_tests:raises", output=folder, corruptions=["contrast"], severities=[1])
+        rf.evaluate(f"{MODELS}:raises", output=folder, corruptions=["contrast"], severities=[1])
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
     np.save(clean, np.ones((500, 741, 2), np.float32))  # left by a run that was killed before it wrote the cell's row
@@ -174,17 +162,17 @@ def test_options_that_cannot_be_meant(tmp_path, options):
         ("raises", "processes", "raised ValueError on sample 'motorcycle', clean: no weights"),
     ],
 )
-def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, engine, says):
+def test_a_model_that_does_not_return_a_flow(tmp_path, quick_workers, model, engine, says):
     options = {"output": tmp_path / "run", "corruptions": FAST, "engine": engine, "workers": 1}
     with pytest.raises(ModelError, match=says):
-        rf.evaluate(f"models_for_tests:{model}", **options)
+        rf.evaluate(f"{MODELS}:{model}", **options)
     assert not list((tmp_path / "run" / "rows").iterdir())
 
 
 @pytest.mark.parametrize("batch_size", [1, 2])
-def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, models_on_path, batch_size):
+def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, batch_size):
     """The contrast frames are computed from the clean frames after the model has overwritten its input."""
-    name = "models_for_tests:" + ("blackens" if batch_size == 1 else "BlackensPairs")
+    name = MODELS + (":blackens" if batch_size == 1 else ":BlackensPairs")
     options = {"corruptions": ["contrast"], "severities": [1, 2], "batch_size": batch_size}
     rows = rf.evaluate(name, output=tmp_path / "run", **options).rows
     sample = rf.load_dataset("motorcycle", None).load("motorcycle")
@@ -202,19 +190,25 @@ def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
         rf.evaluate(str(tmp_path / "flows"), output=tmp_path / "run", corruptions=["contrast"])
 
 
-def test_a_model_that_hangs_is_stopped(tmp_path, models_on_path):
+def test_a_model_that_hangs_is_stopped(tmp_path, quick_workers):
     with pytest.raises(ModelError, match=r"longer than 0\.5 s on sample 'motorcycle', clean"):
-        rf.evaluate("models_for_tests:hangs", output=tmp_path / "run", corruptions=FAST, timeout=0.5)
+        rf.evaluate(f"{MODELS}:hangs", output=tmp_path / "run", corruptions=FAST, timeout=0.5)
 
 
-def test_a_model_that_takes_its_process_down(tmp_path, models_on_path):
+def test_a_model_that_takes_its_process_down(tmp_path, quick_workers):
     with pytest.raises(RunError, match="exit code 17"):
-        rf.evaluate("models_for_tests:dies", output=tmp_path / "run", corruptions=FAST, engine="processes", workers=1)
+        rf.evaluate(
+            f"{MODELS}:dies",
+            output=tmp_path / "run",
+            corruptions=FAST,
+            engine="processes",
+            workers=1,
+        )
 
 
-def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path, models_on_path):
+def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path):
     run = rf.evaluate(
-        "models_for_tests:with_nan",
+        f"{MODELS}:with_nan",
         output=tmp_path / "run",
         corruptions=["contrast"],
         severities=[1],

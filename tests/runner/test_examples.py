@@ -70,7 +70,7 @@ def test_slider_pictures_are_the_corrupted_frames(drawn):
         assert np.abs(np.asarray(picture, float) - small).mean() < 3
 
 
-def test_the_same_bytes_whatever_the_engine(drawn, tmp_path, real_pictures):
+def test_the_same_bytes_whatever_the_engine(drawn, tmp_path, real_pictures, quick_workers):
     with real_pictures():
         again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
     assert _files(again) == _files(drawn)

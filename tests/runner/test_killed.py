@@ -6,7 +6,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -17,20 +16,14 @@ import pytest
 from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
-from .interrupt import hears_ctrl_c
+from .processes import check_stopped_by_ctrl_c, finished, start_run
 
 WORKERS = 2
 
 
-def _start(folder: Path, log: Path) -> subprocess.Popen[bytes]:
-    arguments = ["--corruptions", ",".join(FAST), "--output", str(folder), "--workers", str(WORKERS)]
-    model = ["--model", "models_for_tests:Logged", "-O", "pause=0.02"]
-    return subprocess.Popen(
-        [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", *model, *arguments],
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent), "PREDICTION_LOG": str(log)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
+def _start(folder: Path, log: Path) -> subprocess.Popen[str]:
+    options = ["-O", "pause=0.02", "--corruptions", ",".join(FAST), "--workers", str(WORKERS)]
+    return start_run(folder, "Logged", *options, PREDICTION_LOG=str(log))
 
 
 def _rows_so_far(folder: Path) -> pl.DataFrame:
@@ -38,13 +31,15 @@ def _rows_so_far(folder: Path) -> pl.DataFrame:
     return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
 
 
-def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
+@pytest.mark.slow
+def test_killed_at_twenty_moments(tmp_path):
+    kills = 20
     undisturbed = _start(tmp_path / "whole", tmp_path / "whole.log")
     started = time.monotonic()
-    assert undisturbed.wait(120) == 0, undisturbed.stderr.read().decode()
+    finished(undisturbed)
     length = time.monotonic() - started
 
-    moments = random.Random(seed)
+    moments = random.Random(1)
     killed = 0
     while killed < kills:
         run = _start(tmp_path / "killed", tmp_path / "killed.log")
@@ -53,7 +48,7 @@ def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
             _rows_so_far(tmp_path / "killed")
             time.sleep(0.01)
         if run.poll() is not None:  # the run finished before it was killed, so check it and start again
-            assert run.returncode == 0, run.stderr.read().decode()
+            finished(run)
             _compare(tmp_path, killed)
             for path in sorted((tmp_path / "killed").rglob("*"), reverse=True):
                 path.rmdir() if path.is_dir() else path.unlink()
@@ -63,7 +58,7 @@ def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
             run.wait()
             killed += 1
     last = _start(tmp_path / "killed", tmp_path / "killed.log")
-    assert last.wait(120) == 0, last.stderr.read().decode()
+    finished(last)
     _compare(tmp_path, kills)
 
 
@@ -81,38 +76,14 @@ def _compare(tmp_path: Path, kills: int) -> None:
     assert not list((tmp_path / "killed").rglob(".partial-*"))
 
 
-@pytest.mark.slow
-def test_killed_and_resumed(tmp_path):
-    _kill_and_resume(tmp_path, kills=3, seed=0)
-
-
-@pytest.mark.slow
-def test_killed_at_twenty_moments(tmp_path):
-    _kill_and_resume(tmp_path, kills=20, seed=1)
-
-
-def test_no_worker_outlives_its_run(tmp_path):
-    run = _start(tmp_path / "run", tmp_path / "log")
-    while not (tmp_path / "log").exists():
-        assert run.poll() is None, run.stderr.read().decode()
-        time.sleep(0.02)
-    workers = {int(line.split()[0]) for line in (tmp_path / "log").read_text().splitlines()}
-    os.kill(run.pid, signal.SIGKILL)
-    run.wait()
-    deadline = time.monotonic() + 10
-    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
-
-
 def test_interrupted_run_says_what_is_kept(tmp_path):
     run = _start(tmp_path / "run", tmp_path / "log")
     while not (tmp_path / "log").exists():
-        assert run.poll() is None, run.stderr.read().decode()
+        assert run.poll() is None, run.stderr.read()
         time.sleep(0.02)
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
-    assert "Run the same command again" in run.stderr.read().decode()
+    assert "Run the same command again" in run.stderr.read()
 
 
 _SLOW = pytest.mark.slow
@@ -120,18 +91,5 @@ _SLOW = pytest.mark.slow
 
 @pytest.mark.parametrize("delay", [0.0, *(pytest.param(delay, marks=_SLOW) for delay in (0.15, 0.6, 1.2))])
 def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
-    """Ctrl-C reaches every process of the terminal, even those still importing; only one of them prints a message."""
-    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", "--model", "dis"]
-    options = ["--workers", "3", "--output", str(tmp_path / "run")]
-    run = subprocess.Popen(
-        [*command, *options], stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=hears_ctrl_c
-    )
-    first = run.stderr.readline()
-    assert "steps" in first
-    time.sleep(delay)
-    os.killpg(run.pid, signal.SIGINT)
-    _, said = run.communicate(timeout=60)
-    assert run.returncode == 130
-    lines = [line for line in said.splitlines() if " s left, last " not in line]
-    assert len(lines) == 1
-    assert lines[0].startswith("robustflow: stopped; ")
+    """Only one of the processes prints a message, even while others are still importing."""
+    check_stopped_by_ctrl_c(start_run(tmp_path / "run", "Logged", "--workers", "3", PREDICTION_LOG=os.devnull), delay)

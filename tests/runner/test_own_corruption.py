@@ -57,7 +57,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch
     assert rf.load_run("mine.robustflow").summary == result.summary
 
 
-def test_an_object_runs_in_processes_as_in_this_one(package):
+def test_an_object_runs_in_processes_as_in_this_one(package, quick_workers):
     from rain_module import Rain
 
     runs = [

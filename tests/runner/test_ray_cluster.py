@@ -8,7 +8,6 @@ import pickle
 import random
 import re
 import socket
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -23,7 +22,7 @@ from robustflow.errors import DataError, ModelError, RunError
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner.engines.base import Job
-from robustflow.runner.engines.ray_actor import UnitActor
+from robustflow.runner.engines.ray_actor import UnitActor, installed
 from robustflow.runner.engines.ray_prepare import prepare_on_ray
 from robustflow.runs.plan import RunOptions
 from robustflow.runs.store import RunFolder
@@ -52,13 +51,11 @@ def frames(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def on_path():
-    """Make `models_for_tests:...` importable in this process and on nodes."""
+    """Make `models_for_tests` importable on nodes."""
     with pytest.MonkeyPatch.context() as patch:
-        folder = str(Path(__file__).parent)
-        patch.syspath_prepend(folder)
+        folder = str(Path(__file__).parents[2])
         patch.setenv("PYTHONPATH", os.pathsep.join([folder, *filter(None, [os.environ.get("PYTHONPATH")])]))
         yield
-    sys.modules.pop("models_for_tests", None)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +76,7 @@ def faults(tmp_path_factory, two_nodes):
 
 
 def _run(folder, frames, **options):
-    model = ModelSpec("models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
+    model = ModelSpec("tests.runner.models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
     return rf.evaluate(model, "folder", frames, folder, corruptions=FAST, **options)
 
 
@@ -126,7 +123,7 @@ def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capf
     lost = r"computing sample '.*', clean, 3 times \((on )?(node \S+ \(ActorDiedError\)(, )?){3}\); .*lack of memory"
     with pytest.raises(RunError, match=lost):
         rf.evaluate(
-            "models_for_tests:dies",
+            "tests.runner.models_for_tests:dies",
             "folder",
             frames,
             tmp_path / "run",
@@ -169,26 +166,27 @@ def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
 
 
 def _raise(frames, folder, **options):
-    rf.evaluate("models_for_tests:raises", "folder", frames, folder, limit=1, **options)
+    rf.evaluate("tests.runner.models_for_tests:raises", "folder", frames, folder, limit=1, **options)
 
 
-def _kill_nodes(nodes, frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
-    """Kill a node at a random moment, let a new one join, and repeat this over several runs."""
-    moments = random.Random(seed)
+@pytest.mark.slow
+def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
+    """A node is killed at a random moment and a new one joins, again and again over several runs."""
+    moments = random.Random(1)
     killed = number = 0
     with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
-        while killed < kills:
+        while killed < 10:
             folder = tmp_path / f"run{number}"
-            options = {"engine": "ray", "address": nodes.address, "model": {"pause": 0.1}}
+            options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
             run = other.submit(_run, folder, frames, **options)
             before = 0
-            while killed < kills and not run.done():
+            while killed < 10 and not run.done():
                 if _height(folder) > before:  # wait for progress between two kills
                     time.sleep(moments.uniform(0.0, 1.0))
-                    nodes.kill(nodes.alive[moments.randrange(2)])
+                    two_nodes.kill(two_nodes.alive[moments.randrange(2)])
                     killed += not run.done()
                     before = _height(folder)
-                    nodes.add(gpus=1)
+                    two_nodes.add(gpus=1)
                 time.sleep(0.05)
             _check_equal(run.result(), undisturbed)
             number += 1
@@ -215,39 +213,23 @@ def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tm
     assert kept < undisturbed.rows.height
 
 
-@pytest.mark.slow
-def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
-    _kill_nodes(two_nodes, frames, undisturbed, tmp_path, kills=10, seed=1)
-
-
-@pytest.mark.parametrize(
-    ("file", "content", "words"),
-    [
-        ("robustflow/__init__.py", "raise ImportError('no such package')", r"cannot start RobustFlow \(ImportError"),
-        ("sitecustomize.py", "OTHER_NUMPY", r"has numpy 0\.1, but the run was started with"),
-    ],
-    ids=["missing", "other"],
-)
-def test_a_node_with_other_code_is_named(two_nodes, frames, tmp_path, monkeypatch, file, content, words):
-    """A node without RobustFlow or with a different version is rejected with a one-sentence error before it computes
-    anything.
-    """
-    (tmp_path / "shadow" / file).parent.mkdir(parents=True)
-    (tmp_path / "shadow" / file).write_text(globals().get(content, content))
+def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkeypatch):
+    (tmp_path / "shadow" / "robustflow").mkdir(parents=True)
+    (tmp_path / "shadow" / "robustflow" / "__init__.py").write_text("raise ImportError('no such package')")
     with monkeypatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "shadow"), os.environ["PYTHONPATH"]]))
         odd = two_nodes.add()
-    options = {"engine": "ray", "address": two_nodes.address, "workers": 3}
-    with pytest.raises(RunError, match=rf"^node \S+ {words}.*install the same version"):
-        _run(tmp_path / "run", frames, **options)
+    words = r"^node \S+ cannot start RobustFlow \(ImportError.*install the same version"
+    with pytest.raises(RunError, match=words):
+        _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address, workers=3)
     two_nodes.kill(odd)
 
 
-OTHER_NUMPY = """
-import importlib.metadata as metadata
-_version = metadata.version
-metadata.version = lambda name: "0.1" if name == "numpy" else _version(name)
-"""
+def test_a_node_with_other_versions_is_named(two_nodes, frames, tmp_path, monkeypatch):
+    monkeypatch.setattr("robustflow.runner.engines.ray.installed", lambda: installed() | {"numpy": "0.1"})
+    words = r"^node \S+ has numpy \S+, but the run was started with 0\.1.*install the same version"
+    with pytest.raises(RunError, match=words):
+        _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address, workers=1)
 
 
 def test_a_node_without_the_data_is_named(frames, tmp_path):

@@ -20,8 +20,7 @@ from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
 
 from .conftest import FAST
-from .interrupt import hears_ctrl_c
-from .ray_nodes import descendants, still_running
+from .processes import check_stopped_by_ctrl_c, descendants, start_run, still_running
 
 pytestmark = pytest.mark.ray
 
@@ -115,7 +114,7 @@ def test_an_address_where_no_cluster_is(tmp_path, monkeypatch, address, error, w
 
 @pytest.mark.parametrize("scheme", ["", "ray://"])
 def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
-    monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 2.0)
+    monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(RunError, match="does not respond like a Ray cluster; check host and port"):
@@ -123,8 +122,8 @@ def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
 
 
 @pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
-def test_the_number_of_a_gpu_is_rays_to_choose(tmp_path, models_on_path, devices):
-    spec = ModelSpec("models_for_tests:Faulty", (("device", devices),))
+def test_the_number_of_a_gpu_is_rays_to_choose(tmp_path, devices):
+    spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("device", devices),))
     with pytest.raises(UsageError, match=f"--device {devices} is not available with the ray engine: use --device cuda"):
         rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
 
@@ -135,17 +134,8 @@ def test_an_address_is_for_ray(tmp_path):
 
 
 def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:
-    model = ["--model", "models_for_tests:Faulty", "-O", "pause=0.2", "--corruptions", ",".join(FAST)]
-    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", *model]
-    return subprocess.Popen(
-        [*command, "--engine", "ray", "--workers", "2", "-o", str(folder), *options],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]), **variables},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=hears_ctrl_c,
-    )
+    engine = ["--engine", "ray", "--workers", "2", "--corruptions", ",".join(FAST)]
+    return start_run(folder, "Faulty", "-O", "pause=0.2", *engine, *options, **variables)
 
 
 def _rows(folder: Path) -> int:
@@ -169,7 +159,7 @@ def test_a_killed_agent_of_ray_ends_the_run_with_a_sentence(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_driver_is_resumed_by_another_engine(tmp_path, models_on_path):
+def test_a_killed_driver_is_resumed_by_another_engine(tmp_path):
     run = _start(tmp_path / "killed", "--no-examples")
     while not _rows(tmp_path / "killed"):
         assert run.poll() is None, run.communicate()
@@ -178,7 +168,7 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path, models_on_path):
     run.communicate()
     kept = _rows(tmp_path / "killed")
     assert 0 < kept < 1 + 5 * len(FAST)
-    spec = ModelSpec("models_for_tests:Faulty", (("pause", 0.0),))
+    spec = ModelSpec("tests.runner.models_for_tests:Faulty", (("pause", 0.0),))
     resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST)
     whole = rf.evaluate(spec, output=tmp_path / "whole", corruptions=FAST)
     assert resumed.rows.equals(whole.rows)
@@ -188,13 +178,4 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path, models_on_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 1.0, 2.0, 3.0, 5.0, 8.0])
 def test_ctrl_c_is_one_line(tmp_path, delay):
-    run = _start(tmp_path / "run", "-O", "fault=hang", FAULTS=str(tmp_path))
-    assert "steps" in run.stderr.readline()
-    time.sleep(delay)
-    os.killpg(run.pid, signal.SIGINT)
-    printed, said = run.communicate(timeout=60)
-    assert run.returncode == 130, said
-    assert printed == ""
-    lines = [line for line in said.splitlines() if " s left, last " not in line]
-    assert len(lines) == 1, said
-    assert lines[0].startswith("robustflow: stopped; ")
+    check_stopped_by_ctrl_c(_start(tmp_path / "run", "-O", "fault=hang", FAULTS=str(tmp_path)), delay)

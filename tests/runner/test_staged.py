@@ -17,30 +17,22 @@ from robustflow.runs.plan import RunOptions
 from robustflow.testing import TexturePairs
 
 from .conftest import FAST
-from .models_for_tests import Sizes
+from .models_for_tests import Accelerated, Sizes
 
 KEYS = ("0", "1", "2")
 
 
 def _model(**options):
-    return ModelSpec("models_for_tests:Accelerated", tuple(options.items()))
+    return ModelSpec("tests.runner.models_for_tests:Accelerated", tuple(options.items()))
 
 
 def _run(output, model, **options):
-    benchmark = Benchmark("drawn", _importable(Sizes)(3), KEYS, FAST, (1, 4))
-    return rf.evaluate(model, benchmark, output=output, **options)
-
-
-def _importable(kind):
-    """The class as imported by a child process."""
-    return getattr(__import__("models_for_tests"), kind.__name__)
+    return rf.evaluate(model, Benchmark("drawn", Sizes(3), KEYS, FAST, (1, 4)), output=output, **options)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(__import__("pathlib").Path(__file__).parent))
-        return _run(tmp_path_factory.mktemp("whole") / "run", _model(), engine="serial")
+    return _run(tmp_path_factory.mktemp("whole") / "run", _model(), engine="serial")
 
 
 def _predictions(log):
@@ -48,7 +40,7 @@ def _predictions(log):
     return [(pid, device, int(pairs)) for pid, device, pairs in map(str.split, log.read_text().splitlines())]
 
 
-def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypatch):
+def test_rows_are_those_of_one_process(whole, tmp_path, quick_workers, monkeypatch):
     """A run on two devices, one of which has two feeders."""
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(device="cuda:0,cuda:1"), workers=3)
@@ -63,23 +55,11 @@ def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypa
     assert staged.manifest.seconds.keys() == whole.manifest.seconds.keys()
 
 
-def test_batches_are_filled_across_corruptions(whole, tmp_path, models_on_path, monkeypatch):
+def test_batches_are_filled_across_corruptions(whole, tmp_path, quick_workers, monkeypatch):
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(), workers=1, batch_size=3)
     assert [pairs for *_, pairs in _predictions(tmp_path / "log")] == 3 * [1, 3, 3, 2]
     assert staged.rows.equals(whole.rows)
-
-
-def test_a_clip_reaches_a_multi_frame_model_in_order(clip_folder, tmp_path, models_on_path):
-    options = {"data": clip_folder, "corruptions": ["contrast", "impulse_noise"], "severities": [2]}
-    serial = rf.evaluate(
-        "models_for_tests:AcceleratedFiveFrames", "folder", output=tmp_path / "serial", engine="serial", **options
-    )
-    staged = rf.evaluate(
-        "models_for_tests:AcceleratedFiveFrames", "folder", output=tmp_path / "staged", workers=1, **options
-    )
-    assert serial.rows.height > 6
-    assert staged.rows.equals(serial.rows)
 
 
 def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
@@ -126,10 +106,8 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
     slots.close()
 
 
-def test_a_model_object_on_a_device_is_sent_there(tmp_path, models_on_path):
-    module = __import__("models_for_tests")
-    result = _run(tmp_path / "run", module.Accelerated("gpu:3"), workers=1)
-    assert result.rows.height == 27
+def test_a_model_object_on_a_device_is_sent_there(tmp_path, quick_workers):
+    assert _run(tmp_path / "run", Accelerated("gpu:3"), workers=1).rows.height == 27
 
 
 def test_the_clean_flow_is_asked_for_alone_and_first(whole):

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -17,10 +15,12 @@ from robustflow.runs.store import RunFolder
 from robustflow.testing import TexturePairs
 
 from .conftest import FAST
+from .models_for_tests import KillsItsReader
+from .processes import descendants, finished, start_run
 
 
 def _trouble(tmp_path, trouble, **options):
-    model = ModelSpec("models_for_tests:AcceleratedTrouble", (("trouble", trouble),))
+    model = ModelSpec("tests.runner.models_for_tests:AcceleratedTrouble", (("trouble", trouble),))
     benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))
     return rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1, **options)
 
@@ -32,52 +32,31 @@ def _trouble(tmp_path, trouble, **options):
         ("raises", r"raised ValueError on sample '0', \w+ severity \d: no weights"),
     ],
 )
-def test_an_answer_that_is_not_a_flow(tmp_path, models_on_path, trouble, says):
+def test_an_answer_that_is_not_a_flow(tmp_path, quick_workers, trouble, says):
     with pytest.raises(ModelError, match=says):
         _trouble(tmp_path, trouble)
 
 
-def test_a_prediction_that_hangs_is_stopped(tmp_path, models_on_path):
+def test_a_prediction_that_hangs_is_stopped(tmp_path, quick_workers):
     with pytest.raises(ModelError, match=r"longer than 1\.5 s on sample '0', \w+ severity \d"):
         _trouble(tmp_path, "hangs", timeout=1.5)
 
 
-def test_a_predicting_process_that_dies_is_named(tmp_path, models_on_path):
+def test_a_predicting_process_that_dies_is_named(tmp_path, quick_workers):
     with pytest.raises(RunError, match=r"exit code 17\) while computing sample '0', \w+ severity \d"):
         _trouble(tmp_path, "dies")
 
 
-def test_a_feeder_that_dies_is_named(tmp_path, models_on_path):
-    dataset = __import__("models_for_tests").KillsItsReader(2, (24, 32))
-    benchmark = Benchmark("drawn", dataset, ("0", "1"), ("contrast",), (1,))
-    model = ModelSpec("models_for_tests:Accelerated")
+def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
+    benchmark = Benchmark("drawn", KillsItsReader(2, (24, 32)), ("0", "1"), ("contrast",), (1,))
+    model = ModelSpec("tests.runner.models_for_tests:Accelerated")
     with pytest.raises(RunError, match=r"exit code 18\) while computing sample '1', clean"):
         rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1)
 
 
 def _start(folder, *options, **environment):
-    model = ["--model", "models_for_tests:AcceleratedTrouble", *options]
-    arguments = ["--corruptions", ",".join(FAST), "--output", str(folder), "--workers", "2", "--no-examples"]
-    return subprocess.Popen(
-        [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", *model, *arguments],
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent), **environment},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
-
-
-def _children(pid):
-    """The child processes of a process."""
-    below = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            except OSError:
-                continue
-            if parent == pid:
-                below += [int(entry.name), *_children(int(entry.name))]
-    return below
+    fixed = ["--corruptions", ",".join(FAST), "--workers", "2", "--no-examples"]
+    return start_run(folder, "AcceleratedTrouble", *fixed, *options, **environment)
 
 
 def _wait(condition, seconds=60):
@@ -94,7 +73,7 @@ def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(t
     log = tmp_path / "log"
     run = _start(tmp_path / "run", "-O", f"trouble={trouble or 'none'}", "-O", "pause=0.1", PREDICTION_LOG=str(log))
     _wait(lambda: log.exists() and (trouble or len(log.read_text().splitlines()) > 7))
-    children = _children(run.pid)
+    children = descendants(run.pid)
     assert len(children) >= 3
     made = set(os.listdir("/dev/shm")) - before
     os.kill(run.pid, signal.SIGKILL)
@@ -104,9 +83,9 @@ def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(t
     if trouble:
         return
     again = _start(tmp_path / "run", "-O", "trouble=none", "-O", "pause=0.1", PREDICTION_LOG=str(log))
-    assert again.wait(120) == 0, again.stderr.read().decode()
+    finished(again)
     whole = _start(tmp_path / "whole", "-O", "trouble=none", "-O", "pause=0.1", "--engine", "processes")
-    assert whole.wait(120) == 0, whole.stderr.read().decode()
+    finished(whole)
     assert RunFolder(tmp_path / "run").rows().equals(RunFolder(tmp_path / "whole").rows())
 
 
@@ -115,8 +94,8 @@ def test_an_interrupted_run_says_what_is_kept(tmp_path):
     log = tmp_path / "log"
     run = _start(tmp_path / "run", "-O", "pause=0.2", PREDICTION_LOG=str(log))
     _wait(log.exists)
-    children = _children(run.pid)
+    children = descendants(run.pid)
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
-    assert f"kept in {tmp_path / 'run'}. Run the same command again to continue." in run.stderr.read().decode()
+    assert f"kept in {tmp_path / 'run'}. Run the same command again to continue." in run.stderr.read()
     _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)

@@ -213,20 +213,10 @@ def test_draws_that_are_equal_are_asked_once_and_have_no_spread(clip_folder, tmp
     assert run.rows["spread_sum"].to_list() == [0.0, 0.0]
 
 
-def test_engines_and_halves_draw_the_same_spread(clip_folder, tmp_path):
-    def run(folder, device="", **options):
-        spec = ModelSpec("tests.runner.test_confidence:Sure", (("device", device),) if device else ())
-        return still_run(spec, clip_folder, folder, **{"draws": 2, "limit": 2, "severities": [1, 4], **options})
-
-    one = run(tmp_path / "one")
-    assert one.rows["spread_sum"].null_count() == 0
-    halved = tmp_path / "halved"
-    run(halved, severities=[4], workers=2)
-    assert run(halved).rows.equals(one.rows)
-    staged = run(tmp_path / "staged", "cuda:0", engine="processes", workers=1, batch_size=2)
-    assert staged.rows.equals(one.rows)
+def test_another_number_of_draws_is_another_run(clip_folder, tmp_path):
+    still_run(BrightnessFlow(), clip_folder, tmp_path / "run", draws=2, limit=1)
     with pytest.raises(RunError, match="draws"):
-        run(tmp_path / "one", draws=1)
+        still_run(BrightnessFlow(), clip_folder, tmp_path / "run", draws=1, limit=1)
 
 
 def test_draws_that_cannot_be_measured_are_refused_in_one_line(clip_folder, tmp_path):

@@ -1,0 +1,45 @@
+"""Every engine computes the same rows and summary, in one go or resumed, whatever a run measures."""
+
+from __future__ import annotations
+
+import pytest
+
+import robustflow as rf
+from robustflow.models import ModelSpec
+
+MODELS = "tests.runner.models_for_tests"
+KINDS = {
+    "pairs": {},
+    "clips": {"model": "FiveFrames"},
+    "still scenes": {"still": True, "draws": 2},
+    "confidence from the flow back": {"confidence": "forward-backward"},
+    "confidence of the model": {"confidence": "model"},
+    "depth": {
+        "benchmark": "shapes",
+        "data": None,
+        "data_options": {"pairs": 2, "size": "64x96"},
+        "corruptions": ("contrast", "fog_3d", "fog+fog_3d:2"),
+    },
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path, request):
+    if kind != "pairs":  # whose processes start as a user's do
+        request.getfixturevalue("quick_workers")
+    given = {"model": "Sure", "benchmark": "folder", "data": clip_folder, "corruptions": ("contrast", "impulse_noise")}
+    given |= {"severities": [1, 4], "limit": 2} | KINDS[kind]
+    name = f"{MODELS}:{given.pop('model')}"
+
+    def run(folder, model=name, **options):
+        return rf.evaluate(model, output=tmp_path / folder, **{**given, **options})
+
+    whole = run("whole", engine="serial")
+    run("halves", corruptions=given["corruptions"][1:], severities=[4], workers=2)
+    halves = run("halves")
+    device = ModelSpec(name, (("device", "cuda:0"),))
+    staged = run("staged", device, engine="processes", workers=1, batch_size=1 if kind == "clips" else 2)
+    assert whole.rows.height == 2 * (1 + 2 * len(given["corruptions"]))
+    assert staged.rows.equals(whole.rows)
+    assert halves.rows.equals(whole.rows)
+    assert (halves.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
