@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from .prepared_processes import get_context, prepare
 from .shared_data import shared_folder
 
 cv2.setNumThreads(1)
@@ -45,6 +46,17 @@ def base(tmp_path_factory):
     for index in range(2):
         write_image(folder / f"{index}.png", np.full((24, 24, 3), 40 + index, np.uint8))
     return evaluate(ZeroFlow(), "folder", folder, folder / "run", corruptions=["contrast"], severities=[1])
+
+
+@pytest.fixture(scope="session")
+def _prepared_process() -> None:
+    prepare()
+
+
+@pytest.fixture
+def quick_workers(_prepared_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fork the workers of runs from a process that has already imported the package."""
+    monkeypatch.setattr("multiprocessing.get_context", get_context)
 
 
 @pytest.fixture(scope="session", autouse=True)

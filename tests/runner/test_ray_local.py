@@ -128,11 +128,6 @@ def test_the_number_of_a_gpu_is_rays_to_choose(tmp_path, devices):
         rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
 
 
-def test_an_address_is_for_ray(tmp_path):
-    with pytest.raises(UsageError, match="--address applies only to the ray engine"):
-        rf.evaluate(DIS, output=tmp_path / "run", workers=2, address="auto")
-
-
 def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:
     engine = ["--engine", "ray", "--workers", "2", "--corruptions", ",".join(FAST)]
     return start_run(folder, "Faulty", "-O", "pause=0.2", *engine, *options, **variables)

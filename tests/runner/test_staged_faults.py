@@ -19,32 +19,20 @@ from .models_for_tests import KillsItsReader
 from .processes import descendants, finished, start_run
 
 
-def _trouble(tmp_path, trouble, **options):
-    model = ModelSpec("tests.runner.models_for_tests:AcceleratedTrouble", (("trouble", trouble),))
-    benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))
-    return rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1, **options)
-
-
 @pytest.mark.parametrize(
-    ("trouble", "says"),
+    ("trouble", "error", "says"),
     [
-        ("nan", r"1 pixels that are NaN or infinite on sample '0', \w+ severity \d"),
-        ("raises", r"raised ValueError on sample '0', \w+ severity \d: no weights"),
+        ("nan", ModelError, r"1 pixels that are NaN or infinite on sample '0', \w+ severity \d"),
+        ("raises", ModelError, r"raised ValueError on sample '0', \w+ severity \d: no weights"),
+        ("hangs", ModelError, r"longer than 1\.5 s on sample '0', \w+ severity \d"),
+        ("dies", RunError, r"exit code 17\) while computing sample '0', \w+ severity \d"),
     ],
 )
-def test_an_answer_that_is_not_a_flow(tmp_path, quick_workers, trouble, says):
-    with pytest.raises(ModelError, match=says):
-        _trouble(tmp_path, trouble)
-
-
-def test_a_prediction_that_hangs_is_stopped(tmp_path, quick_workers):
-    with pytest.raises(ModelError, match=r"longer than 1\.5 s on sample '0', \w+ severity \d"):
-        _trouble(tmp_path, "hangs", timeout=1.5)
-
-
-def test_a_predicting_process_that_dies_is_named(tmp_path, quick_workers):
-    with pytest.raises(RunError, match=r"exit code 17\) while computing sample '0', \w+ severity \d"):
-        _trouble(tmp_path, "dies")
+def test_a_predicting_process_in_trouble_ends_the_run(tmp_path, quick_workers, trouble, error, says):
+    model = ModelSpec("tests.runner.models_for_tests:AcceleratedTrouble", (("trouble", trouble),))
+    benchmark = Benchmark("drawn", TexturePairs(1, (24, 32)), ("0",), FAST, (1, 4))
+    with pytest.raises(error, match=says):
+        rf.evaluate(model, benchmark, output=tmp_path / "run", workers=1, timeout=1.5 if trouble == "hangs" else None)
 
 
 def test_a_feeder_that_dies_is_named(tmp_path, quick_workers):
