@@ -87,7 +87,7 @@ def test_a_stopped_run_continues_with_the_same_rows(both, tmp_path):
     assert every(done).select(names).equals(every(both).select(names))
 
 
-def test_processes_and_this_process_give_the_same_rows(both, tmp_path):
+def test_processes_and_this_process_give_the_same_rows(both, tmp_path, quick_workers):
     spread = run(tmp_path / "run", corruptions=["contrast", "high_light"], engine="processes", workers=2, batch_size=2)
 
     assert every(spread).equals(every(both))

@@ -130,14 +130,11 @@ def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
+def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path):
     """Use all corruptions of clips and one corruption of each other kind; a two-frame model gets the same frames."""
-    folder = str(Path(__file__).parent.parent / "runner")
-    monkeypatch.syspath_prepend(folder)
-    monkeypatch.setenv("PYTHONPATH", folder)
     chosen = {"corruptions": [*CLIP, "contrast", "impulse_noise"], "severities": [5]}
     pairs = evaluate("dis", "gopro-fc", prepared, tmp_path / "pairs", **chosen)
-    one = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
+    one = evaluate("tests.runner.models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
     same = ["sample", "corruption", "severity", "frames_digest"]
     assert one.rows.select(same).equals(pairs.rows.select(same))
     dataset = GoProFCPrepared(prepared)
@@ -204,7 +201,7 @@ def test_two_images_are_not_enough():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
+def test_all_24_corruptions_are_in_the_table(prepared, tmp_path, quick_workers):
     """Run from a prepared folder to the printed table; two workers produce the same rows."""
     tables = []
     for workers in (1, 2):
