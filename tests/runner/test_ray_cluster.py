@@ -220,8 +220,9 @@ def test_a_node_without_the_package_is_named(two_nodes, frames, tmp_path, monkey
         patch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "shadow"), os.environ["PYTHONPATH"]]))
         odd = two_nodes.add()
     words = r"^node \S+ cannot start RobustFlow \(ImportError.*install the same version"
+    slow = {"pause": 1.0}  # the others must not finish the run before the third has started
     with pytest.raises(RunError, match=words):
-        _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address, workers=3)
+        _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address, workers=3, model=slow)
     two_nodes.kill(odd)
 
 
