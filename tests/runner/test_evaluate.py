@@ -152,20 +152,22 @@ def test_options_that_cannot_be_meant(tmp_path, options):
 
 
 @pytest.mark.parametrize(
-    ("model", "engine", "says"),
+    ("model", "engine", "error", "says"),
     [
-        ("with_nan", "serial", "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
-        ("wrong_shape", "serial", r"returned float32 \(2, 500, 741\)"),
-        ("ends_the_program", "serial", "raised SystemExit on sample 'motorcycle', clean: 2"),
-        ("ends_the_program", "processes", "raised SystemExit on sample 'motorcycle', clean: 2"),
-        ("raises", "serial", "raised ValueError on sample 'motorcycle', clean: no weights"),
-        ("raises", "processes", "raised ValueError on sample 'motorcycle', clean: no weights"),
+        ("with_nan", "serial", ModelError, "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
+        ("wrong_shape", "serial", ModelError, r"returned float32 \(2, 500, 741\)"),
+        ("ends_the_program", "serial", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
+        ("ends_the_program", "processes", ModelError, "raised SystemExit on sample 'motorcycle', clean: 2"),
+        ("raises", "serial", ModelError, "raised ValueError on sample 'motorcycle', clean: no weights"),
+        ("raises", "processes", ModelError, "raised ValueError on sample 'motorcycle', clean: no weights"),
+        ("hangs", None, ModelError, r"longer than 0\.5 s on sample 'motorcycle', clean"),
+        ("dies", "processes", RunError, "exit code 17"),
     ],
 )
-def test_a_model_that_does_not_return_a_flow(tmp_path, quick_workers, model, engine, says):
-    options = {"output": tmp_path / "run", "corruptions": FAST, "engine": engine, "workers": 1}
-    with pytest.raises(ModelError, match=says):
-        rf.evaluate(f"{MODELS}:{model}", **options)
+def test_a_model_that_does_not_return_a_flow_ends_the_run(tmp_path, quick_workers, model, engine, error, says):
+    options = {"engine": engine, "workers": 1 if engine else None, "timeout": 0.5 if model == "hangs" else None}
+    with pytest.raises(error, match=says):
+        rf.evaluate(f"{MODELS}:{model}", output=tmp_path / "run", corruptions=FAST, **options)
     assert not list((tmp_path / "run" / "rows").iterdir())
 
 
@@ -188,22 +190,6 @@ def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
     (tmp_path / "flows" / "clean" / "motorcycle.flo").write_bytes(b"<html>")
     with pytest.raises(ModelError, match=r"motorcycle\.flo: not a .*\(on sample 'motorcycle', clean\)$"):
         rf.evaluate(str(tmp_path / "flows"), output=tmp_path / "run", corruptions=["contrast"])
-
-
-def test_a_model_that_hangs_is_stopped(tmp_path, quick_workers):
-    with pytest.raises(ModelError, match=r"longer than 0\.5 s on sample 'motorcycle', clean"):
-        rf.evaluate(f"{MODELS}:hangs", output=tmp_path / "run", corruptions=FAST, timeout=0.5)
-
-
-def test_a_model_that_takes_its_process_down(tmp_path, quick_workers):
-    with pytest.raises(RunError, match="exit code 17"):
-        rf.evaluate(
-            f"{MODELS}:dies",
-            output=tmp_path / "run",
-            corruptions=FAST,
-            engine="processes",
-            workers=1,
-        )
 
 
 def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path):
