@@ -165,7 +165,8 @@ def test_settings_and_notes(runs):
     assert [comparison_note(run) for run in runs] == [note] * 3
     calibrated = made_run(runs[0], runs[0].rows, severity_scale="calibrated 00")
     assert comparison_note(calibrated) == f"{note}; calibrated severities"
-    part = made_run(runs[0], runs[0].rows.filter(~pl.col("severity").eq(3) | pl.col("corruption").ne("contrast")))
+    without_hardest = (pl.col("corruption") != "contrast") | (pl.col("severity") != 3)
+    part = made_run(runs[0], runs[0].rows.filter(without_hardest))
     assert comparison_note(part) == f"{note}; not complete"
 
 
@@ -184,9 +185,11 @@ def test_runs_of_one_name_are_named_by_what_differs(runs):
     assert run_names([dis, fast, again]) == seeds
     weights = [_changed(dis, {"checkpoint": letter * 64}) for letter in "ab"]
     assert run_names(weights) == ["DIS (checkpoint aaaaaaaa)", "DIS (checkpoint bbbbbbbb)"]
-    few, files, same = _changed(dis), _changed(dis), _changed(dis)
+    few, more, files, same = (_changed(dis) for _ in range(4))
     change_manifest(few, selection=Selection(corruptions=("contrast",), severities=(1, 3)))
     assert run_names([dis, few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
+    change_manifest(more, samples={**more.manifest.samples, "other": ()})
+    assert run_names([dis, more]) == ["DIS (1 pair)", "DIS (2 pairs)"]
     change_manifest(files, file_digests=dict.fromkeys(files.manifest.samples, ("0" * 16,) * 3))
     assert {name[:11] for name in run_names([dis, files])} == {"DIS (files "}
     assert len(set(run_names([dis, files]))) == 2
