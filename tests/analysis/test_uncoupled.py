@@ -107,6 +107,8 @@ def test_what_cannot_be_computed_is_none():
     )
     assert uncoupled(exact).left_out == 3
     assert not uncoupled(_rows(1, 4)).correlation, "too few images"
+    equal = uncoupled(rows_of(np.ones(6), np.full((6, 3), 2.0), np.ones((6, 3)))).correlation["fog"]
+    assert (equal.rho, equal.given_motion) == (None, None)
 
 
 def test_over_models_noise_in_the_clean_error_couples_both():
