@@ -244,11 +244,13 @@ def test_corrupt_check_names_what_this_machine_computes_differently_and_fails(ro
     assert (code, out.splitlines()[0]) == (1, "contrast: different bytes at severity 1, 3, 5")
 
 
-def test_the_setting_stands_beside_the_name(robustflow, real_pictures):
+def test_a_run_writes_its_own_page_with_the_setting_beside_the_name(robustflow, real_pictures):
     command = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run")
     with real_pictures():
         assert "DIS (knowledge), 1 pair" in robustflow.prints(*command)
     page = Path("run/report.html").read_text()
+    assert "on the demo" in page
+    assert '"shots":{"1":' in page
     assert "none: not a learned method" in page
     assert "not declared" not in page
 

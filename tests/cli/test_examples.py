@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 
 from robustflow.api import evaluate
-from robustflow.datasets import load_dataset
 from robustflow.images.io import read_image, write_image
 from robustflow.models import ModelSpec
 
@@ -92,14 +91,13 @@ class Lighter:
 def attacked(tmp_path, robustflow, monkeypatch):
     """A run with built-in, user-defined and file-based attacks, none of which is available afterwards."""
     (tmp_path / "lighter_attack.py").write_text(MINE)
-    frames = load_dataset("motorcycle").load("motorcycle").frames
-    np.save(tmp_path / "added.npy", np.full((1, 3, *frames[0].shape[:2]), 0.01, np.float32))
-    attacks = "lighter_attack:Lighter,universal:file=added.npy"
-    run = ("run", "-m", "dis", "-O", "preset=ultrafast", "--attacks", attacks, "-s", 2, "-o", "run", "--no-examples")
-    robustflow.prints(*run)
+    write_frames(tmp_path / "frames")
+    np.save(tmp_path / "added.npy", np.full((1, 3, 64, 96), 0.01, np.float32))
+    attacks = ("--attacks", "lighter_attack:Lighter,universal:file=added.npy", "-s", 2)
+    robustflow.prints("run", "-m", "dis", "-d", "frames", *attacks, "-o", "run", "--no-examples")
     sys.modules.pop("lighter_attack")
     monkeypatch.setattr("robustflow.attacks.own._own", {})
-    return ("examples", "run", "--sample", "motorcycle", "-s", 2, "-o", "cell.png", "--attack")
+    return ("examples", "run", "--sample", "000", "-s", 2, "-o", "cell.png", "--attack")
 
 
 def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loaded(robustflow, attacked, real_pictures):
@@ -113,10 +111,9 @@ def test_an_attack_of_a_run_is_drawn_and_what_only_its_folder_names_is_not_loade
     assert "pass --own-attack 'universal:file=added.npy' yourself" in error
     assert "lighter_attack" not in sys.modules
 
-    with real_pictures():
-        robustflow.prints(*attacked, "lighter", "--own-attack", "lighter_attack:Lighter")
-        named = ("universal:file=added.npy", "--own-attack", "universal:file=added.npy")
-        robustflow.prints(*attacked, *named)
+    robustflow.prints(*attacked, "lighter", "--own-attack", "lighter_attack:Lighter")
+    named = ("universal:file=added.npy", "--own-attack", "universal:file=added.npy")
+    robustflow.prints(*attacked, *named)
     np.save("added.npy", -np.load("added.npy"))
     assert "the attack universal:file=added.npy has changed" in robustflow.refuses(*attacked, *named, code=1)
     robustflow.refuses(*attacked, "pgd")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from robustflow.lenses import design as design_module
 from robustflow.lenses.search import Budget
@@ -22,7 +23,9 @@ def test_design_writes_a_prescription(robustflow, monkeypatch):
     assert json.loads(Path("lens.json").read_text())["name"] == "severity 2, seed 3"
 
 
-def test_show_writes_png_and_pdf(robustflow):
+def test_show_writes_png_and_pdf(robustflow, monkeypatch):
+    for slow in ("lens_figure", "contact_sheet"):  # tests/lenses draws them
+        monkeypatch.setattr(f"robustflow.lenses.draw.{slow}", lambda *_: Figure())
     robustflow.prints("optics", "show", "--severity", "2", "--output", "figures")
     names = sorted(file.name for file in Path("figures").iterdir())
     assert names == [f"{name}{end}" for name in ("lens_s2", "psf_profile", "psf_sheet") for end in (".pdf", ".png")]

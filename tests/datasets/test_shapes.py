@@ -6,7 +6,7 @@ import pickle
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
@@ -44,6 +44,7 @@ def insets(scene, points, times):
     )
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.tuples(st.floats(-50, 150), st.floats(-50, 150)), st.floats(-0.5, 1.5))
 def test_a_motion_and_its_inverse(number, point, time):
     for motion in scene(number).motions[-3:]:
@@ -69,7 +70,7 @@ def test_the_flow_leads_to_the_same_colour_to_rounding(number, readout):
     assert np.abs(flow).max() > 1
 
 
-@pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (2, 0.0), (0, 1.0)])
+@pytest.mark.parametrize(("number", "readout"), [(0, 0.0), (1, 0.0), (0, 1.0)])
 def test_occlusion_against_points_carried_along(number, readout):
     """Points in and around every layer, four per pixel along each axis, are moved to frame 2; a point is covered if it
     lies among the points of a layer above. The test does not use the inverse of a motion, and finds the row that reads
