@@ -18,7 +18,7 @@ _SQUARE = pl.col("corruption") == "square:queries=3"
 def attacked_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("attacked") / "run"
     chosen = {"corruptions": "contrast", "severities": 1, "attacks": "square:queries=3"}
-    return evaluate("farneback", "demo", output=folder, **chosen)
+    return evaluate("dis", "demo", output=folder, **chosen)
 
 
 @pytest.fixture(scope="module")
