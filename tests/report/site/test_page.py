@@ -16,7 +16,6 @@ from robustflow.analysis.results_file import parse_results
 from robustflow.report.embed import json_block
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import render_site
-from tests.made_rows import change_manifest
 
 from ..elements import Elements
 from ..hostile import HOSTILE
@@ -156,21 +155,9 @@ def _sections(text: str) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def imaginary(small_run, many_images):
-    """Synthetic runs of forty images in the folder of the real run."""
-
-    def make(name: str, worse_by: float = 1.0):
-        run = many_images(name, worse_by)
-        change_manifest(run, identity_digest=small_run.manifest.identity_digest)
-        return run
-
-    return make
-
-
-@pytest.fixture(scope="module")
-def three_runs_page(small_run, imaginary) -> str:
+def three_runs_page(small_run, many_images) -> str:
     """A real run and two synthetic ones, together with the published values."""
-    return render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)]))
+    return render_site(whole_content([small_run, many_images("Mine"), many_images("Other", 1.5)]))
 
 
 def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
@@ -193,14 +180,14 @@ def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
     assert "Mine" not in sections["demo"] + sections["GoPro-FC"]
 
 
-def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary):
+def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, many_images):
     """A run on a single pair has no bands, brackets or whiskers; a run on forty images has all of them."""
     page, again = (render_site(whole_content([small_run], published=False)) for _ in range(2))
     assert page == again, "a page is the same every time"
     (alone,) = _sections(page).values()
     assert "In brackets" not in alone
     assert "confidence intervals." not in alone.replace("No confidence intervals:", "")
-    runs = [imaginary("A"), imaginary("Bb", 1.5)]
+    runs = [many_images("A"), many_images("Bb", 1.5)]
     (many,) = _sections(render_site(whole_content(runs, published=False))).values()
     for words in ("In brackets: 95 % confidence intervals", "Whiskers are 95 %", "Bands are 95 %"):
         assert words in many
