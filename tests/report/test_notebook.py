@@ -5,6 +5,7 @@ import re
 from base64 import b64decode
 
 import numpy as np
+import polars as pl
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
@@ -13,6 +14,7 @@ from robustflow.api import evaluate
 from robustflow.errors import UsageError
 from robustflow.report.notebook import result_table
 from robustflow.testing import BrightnessFlow
+from tests.made_rows import made_run
 
 from .elements import Elements
 
@@ -72,14 +74,14 @@ def test_the_lines_of_a_plot_are_the_means(runs):
     np.testing.assert_allclose(lines["Fog"], by_severity, rtol=1e-12)
 
 
-def test_plots_that_cannot_be(runs, tmp_path):
+def test_plots_that_cannot_be(runs):
     with pytest.raises(UsageError, match="did you mean 'severity'"):
         runs[0].plot("severities")
     with pytest.raises(UsageError, match="unknown metric"):
         runs[0].plot("severity", "speed")
     with pytest.raises(UsageError, match="needs at least 5 models with ground truth, found 1"):
         runs[0].plot("relations")
-    other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1])
+    other = made_run(runs[0], runs[0].rows.filter((pl.col("corruption") != "contrast") & (pl.col("severity") < 5)))
     with pytest.raises(UsageError, match=r"cannot be drawn together \(.* has fog, severity 1"):
         runs[0].plot("classes", others=[other])
 
