@@ -201,3 +201,18 @@ def test_a_full_disk(robustflow, monkeypatch):
     assert code == 1
     assert "No space left on device" in error.splitlines()[-1]
     assert _written() == []
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["run -m dis -c fog -c snow", "run -m dis --severities 1 -s 2", "optics design --severity 1 --severity 2"],
+)
+def test_an_option_given_twice_is_refused_instead_of_half_of_it_ignored(robustflow, command):
+    assert "is given 2 times" in robustflow.refuses(*command.split())
+
+
+def test_an_option_that_is_repeatable_and_a_flag_may_be_given_twice(robustflow, tmp_path):
+    robustflow(
+        "run", "-m", "dis", "-m", "tiny", "-c", "contrast", "-s", "1", "--json", "--json", "-o", tmp_path / "runs"
+    )
+    assert len(list((tmp_path / "runs").iterdir())) == 2

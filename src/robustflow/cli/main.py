@@ -4,12 +4,15 @@ import os
 import sys
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from .. import __version__
-from ..errors import RobustFlowError, plain_warning
+from ..errors import RobustFlowError, UsageError, plain_warning
 from ..figure_style import ignore_local_settings
 from ..safe_path import SAFE_PATH
 from .app import app as local_app
@@ -75,12 +78,27 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
         for name, command in commands.items():
             wanted = arguments is None or name in arguments
             if isinstance(command, typer.Typer) and wanted:
+                for one in command.registered_commands:
+                    one.cls = _Command
                 app.add_typer(command, name=name, rich_help_panel=panel)
             elif isinstance(command, typer.Typer):
                 app.command(name, rich_help_panel=panel)(_listed(command.info.help))
             else:
-                app.command(name, rich_help_panel=panel)(command if wanted else _listed(command.__doc__))
+                app.command(name, cls=_Command, rich_help_panel=panel)(command if wanted else _listed(command.__doc__))
     return app
+
+
+class _Command(TyperCommand):
+    """A command that refuses an option given twice; of `-c fog -c snow`, Typer would silently use only `snow`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        _, _, given = self.make_parser(ctx).parse_args(list(args))
+        for option, times in Counter(given).items():
+            if isinstance(option, TyperOption) and times > 1 and not (option.multiple or option.is_flag):
+                raise UsageError(
+                    f"{option.opts[0]} is given {times} times; give it once, with commas between several values"
+                )
+        return super().parse_args(ctx, args)
 
 
 def _listed(description: str | None) -> Callable[[], None]:
