@@ -22,6 +22,7 @@ from PIL import Image
 
 from .prepared_processes import get_context, prepare
 from .shared_data import shared_folder
+from .small_demo import write_small_demo
 
 cv2.setNumThreads(1)
 os.fsync = lambda _: None  # no test needs durable files, and a small run would wait nineteen times for the disk
@@ -57,6 +58,12 @@ def _prepared_process() -> None:
 def quick_workers(_prepared_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fork the workers of runs from a process that has already imported the package."""
     monkeypatch.setattr("multiprocessing.get_context", get_context)
+
+
+@pytest.fixture(scope="session")
+def small_demo(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The demo pair at a ninth of its pixels: `monkeypatch.setattr(skimage, "__file__", small_demo)`."""
+    return write_small_demo(tmp_path_factory.mktemp("skimage"))
 
 
 @pytest.fixture(scope="session", autouse=True)

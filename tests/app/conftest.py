@@ -2,7 +2,7 @@
 
 import pytest
 
-from .launch import running_app
+from .launch import SCRIPTED, running_app
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -14,13 +14,6 @@ def _installed():
 
 @pytest.fixture(scope="session")
 def app(tmp_path_factory):
-    """A running app that offers a slow model first."""
-    with running_app(tmp_path_factory.mktemp("app"), "--model", "models_for_app:Slow") as running:
-        yield running
-
-
-@pytest.fixture(scope="session")
-def failing_app(tmp_path_factory):
-    """A running app whose model raises an exception."""
-    with running_app(tmp_path_factory.mktemp("failing"), "--model", "models_for_app:Fails") as running:
+    """A running app that offers a scripted model first."""
+    with running_app(tmp_path_factory.mktemp("app"), "--model", SCRIPTED) as running:
         yield running

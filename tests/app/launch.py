@@ -16,31 +16,45 @@ from typing import Any
 from uuid import uuid4
 
 _MAIN = "from robustflow.cli.main import main; main()"
+IMPATIENT = ("-c", f"""
+from robustflow.app import serve
+serve._HEADER_SECONDS = 1.0
+serve._WATCH = serve._WATCH.replace(str(serve._ENDING_SECONDS), "3.0")
+{_MAIN}
+""")  # fmt: skip
+"""Start the app with limits of one and three seconds in place of ten and eight."""
 
-MODELS = """
+
+def with_demo(place: str) -> tuple[str, str]:
+    """Arguments that make Python start the app with the demo pair of the fixture `small_demo`."""
+    return "-c", f"import skimage; skimage.__file__ = {place!r}; {_MAIN}"
+
+
+SCRIPTED = "models_for_app:Scripted"
+_MODELS = """
+import re
 import time
+from pathlib import Path
+
 import numpy as np
 
-class Slow:
+class Scripted:
     def predict(self, frame1, frame2):
-        time.sleep(0.8)
+        while Path("wait").exists():
+            time.sleep(0.02)
+        if Path("fail").exists():
+            raise ValueError("<b>no</b> weights\\nat all")
+        if Path("exit").exists():
+            raise SystemExit(3)
         return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-class Ends:
-    def predict(self, frame1, frame2):
-        raise SystemExit(3)
 
 class HoldsTheLock:
     def __init__(self):
-        import re
+        Path("holding").touch()
         re.match(r"(a+)+$", "a" * 34 + "b")  # minutes in one call, with the interpreter's lock held
 
     def predict(self, frame1, frame2):
         return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-class Fails:
-    def predict(self, frame1, frame2):
-        raise ValueError("<b>no</b> weights\\nat all")
 """
 
 
@@ -50,11 +64,13 @@ class App:
 
     Attributes:
         process: the app's process.
+        folder: its working folder.
         host: "127.0.0.1:PORT".
         address: URL printed by the app, with the token.
     """
 
     process: subprocess.Popen[str]
+    folder: Path
     host: str
     address: str
 
@@ -88,10 +104,28 @@ class App:
 
     def preview(self, **changed: Any) -> tuple[int, list[dict[str, Any]]]:
         """Request a preview of the demo pair under fog 3; return status and messages."""
-        request = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
-        request |= {"layers": [{"name": "fog", "severity": 3}]} | changed
-        status, body, _ = self.ask("POST", "/preview", json.dumps(request))
+        status, body, _ = self.ask("POST", "/preview", _request(**changed))
         return status, [json.loads(line) for line in body.splitlines()]
+
+    @contextmanager
+    def model_does(self, what: str) -> Iterator[None]:
+        """Make the model `SCRIPTED` "wait" until the end of the block, "fail", or "exit"."""
+        (self.folder / what).touch()
+        try:
+            yield
+        finally:
+            (self.folder / what).unlink()
+
+    @contextmanager
+    def waiting_preview(self, model: str) -> Iterator[http.client.HTTPConnection]:
+        """Send a preview request without waiting for the response."""
+        connection = http.client.HTTPConnection(self.host, timeout=60)
+        headers = {"Cookie": self.cookie, "Origin": f"http://{self.host}"}
+        connection.request("POST", "/preview", _request(model=model), headers)
+        try:
+            yield connection
+        finally:
+            connection.close()
 
     def upload(self, **files: tuple[str, bytes]) -> tuple[int, dict[str, Any]]:
         """Upload files, given as field=(file name, contents); return status and response."""
@@ -107,16 +141,21 @@ class App:
         return status, json.loads(answer)
 
 
+def _request(**changed: Any) -> str:
+    request = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
+    return json.dumps(request | {"layers": [{"name": "fog", "severity": 3}]} | changed)
+
+
 @contextmanager
 def running_app(folder: Path, *arguments: str, start: tuple[str, ...] = ("-c", _MAIN)) -> Iterator[App]:
-    """Start the app in `folder`, where the models of `MODELS` are importable; it is interrupted at the end.
+    """Start the app in `folder`, where `models_for_app` is importable; it is interrupted at the end.
 
     Args:
         folder: the working folder.
         arguments: command-line arguments.
         start: arguments that make Python start the app.
     """
-    (folder / "models_for_app.py").write_text(MODELS)
+    (folder / "models_for_app.py").write_text(_MODELS)
     process = subprocess.Popen(
         [sys.executable, *start, "app", "--no-browser", "--port", "0", *arguments],
         cwd=folder,
@@ -129,7 +168,7 @@ def running_app(folder: Path, *arguments: str, start: tuple[str, ...] = ("-c", _
         line = process.stdout.readline()
         found = re.search(r"(http://([^/]+)/\?token=\S+)", line)
         assert found, f"{line!r} {process.communicate(timeout=30)}"
-        yield App(process, found[2], found[1])
+        yield App(process, folder, found[2], found[1])
     finally:
         running = process.poll() is None
         if running:

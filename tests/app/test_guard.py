@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import http.client
-import json
+import os
 import signal
 import socket
+import subprocess
+import sys
 import time
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
+from robustflow.app.upload_folder import UploadFolder
 from robustflow.cli.main import main
 
 from ..video import clips
-from .launch import App, running_app
-
-SLOW = "models_for_app:Slow"
+from .launch import IMPATIENT, SCRIPTED, running_app
 
 
 def test_the_address_gives_a_cookie_and_loses_its_token(app):
@@ -89,77 +91,63 @@ def test_methods_that_have_no_meaning(app):
 
 @pytest.mark.parametrize(("stop", "predicting"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
 def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predicting):
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
-    (tmp_path / "scratch").mkdir()
-    with running_app(tmp_path, "--model", SLOW) as running:
-        clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
-        assert running.upload(clip=("clip.mp4", clip))[0] == 200
-        assert list((tmp_path / "scratch").iterdir()), "a clip is decoded on demand"
-        connection = _begin_preview(running, SLOW) if predicting else None
-        if connection:
-            connection.getresponse().readline()
-        running.process.send_signal(stop)
-        out, error = running.process.communicate(timeout=30)
-        assert (running.process.returncode, out, error) == (0, "", "")
-        assert not list((tmp_path / "scratch").iterdir())
-        if connection:
-            connection.close()
-
-
-def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
     scratch = tmp_path / "scratch"
     monkeypatch.setenv("TMPDIR", str(scratch))
     scratch.mkdir()
-    with running_app(tmp_path) as killed:
+    with running_app(tmp_path, "--model", SCRIPTED) as running, ExitStack() as stack:
         clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
-        assert killed.upload(clip=("clip.mp4", clip))[0] == 200
-        killed.process.kill()
-        killed.process.wait(timeout=30)
-    left = {path.name for path in scratch.iterdir()}
-    assert left
-    with running_app(tmp_path) as running:
-        assert not left & {path.name for path in scratch.iterdir()}
         assert running.upload(clip=("clip.mp4", clip))[0] == 200
-        with running_app(tmp_path) as beside:  # does not remove the folder of a running app
-            assert beside.ask("GET", "/choices")[0] == 200
-            assert running.preview(source="demo")[0] == 200
-            assert any(path.is_dir() and any(path.rglob("clip.mp4")) for path in scratch.iterdir())
+        assert any(scratch.rglob("clip.mp4")), "a clip is decoded on demand"
+        if predicting:
+            stack.enter_context(running.model_does("wait"))
+            stack.enter_context(running.waiting_preview(SCRIPTED)).getresponse().readline()
+        running.process.send_signal(stop)
+        out, error = running.process.communicate(timeout=30)
+        assert (running.process.returncode, out, error) == (0, "", "")
+        assert not list(scratch.iterdir())
 
 
-def test_half_sent_requests_do_not_shut_others_out(app):
+def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
+    """The next app removes its uploads, but not those of an app that is still running."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    running = UploadFolder()
+    kept = running.new()
+    upload = "import time; from robustflow.app.upload_folder import UploadFolder as Folder; folder = Folder(); "
+    upload += "print(folder.new(), flush=True); time.sleep(600)"
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", upload], stdout=subprocess.PIPE, text=True, env=environment) as killed:
+        left = Path(killed.stdout.readline().strip())
+        killed.kill()
+    assert left.parent.parent == tmp_path
+    assert left.is_dir()
+    UploadFolder().close()
+    assert not left.parent.exists()
+    assert kept.is_dir()
+    running.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_half_sent_requests_do_not_shut_others_out(tmp_path):
     """When more clients connect than allowed, the extra connections are closed, and the page remains available."""
-    host, port = app.host.split(":")
-    sockets = [socket.create_connection((host, int(port)), timeout=60) for _ in range(70)]
-    try:
+    with running_app(tmp_path, start=IMPATIENT) as app, ExitStack() as stack:
+        host, port = app.host.split(":")
+        sockets = [stack.enter_context(socket.create_connection((host, int(port)), timeout=60)) for _ in range(70)]
         for one in sockets:
             one.sendall(b"GET / HTTP/1.1\r\nHost: ")
         sockets[0].sendall(b"x")  # sending a byte now and then does not extend the time limit
         closed = [one.recv(4096) for one in sockets]
         assert all(data == b"" or b" 503 " in data for data in closed)
         assert app.ask("GET", "/choices")[0] == 200
-    finally:
-        for one in sockets:
-            one.close()
-
-
-def _begin_preview(running: App, model: str) -> http.client.HTTPConnection:
-    """Send a preview request without waiting for the answer."""
-    connection = http.client.HTTPConnection(running.host, timeout=30)
-    request = {"page": "p", "source": "demo", "index": 0, "model": model, "seed": 0}
-    request |= {"layers": [{"name": "fog", "severity": 1}]}
-    headers = {"Cookie": running.cookie, "Origin": f"http://{running.host}"}
-    connection.request("POST", "/preview", json.dumps(request), headers)
-    return connection
 
 
 def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
-    """While the model holds the interpreter lock, no Python code runs, not even a signal handler. The limit is 15 s."""
-    with running_app(tmp_path, "--model", "models_for_app:HoldsTheLock") as running:
-        connection = _begin_preview(running, "models_for_app:HoldsTheLock")
-        time.sleep(1)
+    """While the model holds the interpreter lock, no Python code runs, not even a signal handler."""
+    model = "models_for_app:HoldsTheLock"
+    with running_app(tmp_path, "--model", model, start=IMPATIENT) as running, running.waiting_preview(model):
+        while not (tmp_path / "holding").exists():
+            time.sleep(0.02)
         running.process.send_signal(signal.SIGINT)
         running.process.communicate(timeout=15)
-        connection.close()
 
 
 @pytest.fixture

@@ -16,10 +16,8 @@ import robustflow as rf
 from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import load_corruption
 
-from .launch import running_app
+from .launch import SCRIPTED
 from .library import direct_numbers
-
-SLOW = "models_for_app:Slow"
 
 
 @pytest.mark.parametrize(
@@ -115,19 +113,19 @@ def test_a_request_of_many_bytes(app):
     assert app.ask("POST", "/preview", b" " * 20000)[0] == 413
 
 
-def test_a_model_that_fails_is_one_line(failing_app):
-    _, messages = failing_app.preview(model="models_for_app:Fails")
-    assert messages[-1]["error"].startswith(
-        "the model raised ValueError on sample 'motorcycle', clean: <b>no</b> weights at all"
-    )
-    assert failing_app.preview()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
+def test_a_model_that_fails_is_one_line(app):
+    with app.model_does("fail"):
+        error = app.preview(model=SCRIPTED)[1][-1]["error"]
+    assert error.startswith("the model raised ValueError on sample 'motorcycle', ")
+    assert ": <b>no</b> weights at all (at " in error
+    assert app.preview()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
 
 
-def test_a_model_that_ends_its_program_does_not_end_the_app(tmp_path):
-    with running_app(tmp_path, "--model", "models_for_app:Ends") as ending:
+def test_a_model_that_ends_its_program_does_not_end_the_app(app):
+    with app.model_does("exit"):
         for _ in range(2):
-            assert "SystemExit" in ending.preview(model="models_for_app:Ends")[1][-1]["error"]
-        assert "result" in ending.preview()[1][-1]
+            assert "SystemExit" in app.preview(model=SCRIPTED)[1][-1]["error"]
+    assert "result" in app.preview()[1][-1]
 
 
 def test_a_newer_request_of_the_same_page_ends_the_older(app):
@@ -135,13 +133,14 @@ def test_a_newer_request_of_the_same_page_ends_the_older(app):
 
     def ask(name: str, page: str, severity: int) -> None:
         layers = [{"name": "contrast", "severity": severity}]
-        answers[name] = app.preview(model=SLOW, page=page, layers=layers, seed=severity)[1][-1]
+        answers[name] = app.preview(model=SCRIPTED, page=page, layers=layers, seed=severity)[1][-1]
 
     threads = []
-    for name, page, severity in (("first", "a", 1), ("other", "b", 2), ("second", "a", 3), ("third", "a", 4)):
-        threads.append(threading.Thread(target=ask, args=(name, page, severity)))
-        threads[-1].start()
-        time.sleep(0.15)
+    with app.model_does("wait"):
+        for name, page, severity in (("first", "a", 1), ("other", "b", 2), ("second", "a", 3), ("third", "a", 4)):
+            threads.append(threading.Thread(target=ask, args=(name, page, severity)))
+            threads[-1].start()
+            time.sleep(0.15)
     for thread in threads:
         thread.join(60)
     assert answers["first"] == answers["second"] == {"outdated": True}
@@ -150,18 +149,13 @@ def test_a_newer_request_of_the_same_page_ends_the_older(app):
 
 
 def test_the_page_is_served_while_a_model_works(app):
-    done = threading.Event()
-
-    def ask() -> None:
-        app.preview(model=SLOW, seed=99)
-        done.set()
-
-    threading.Thread(target=ask).start()
-    time.sleep(0.1)
-    for _ in range(5):
-        assert app.ask("GET", "/choices")[0] == 200
-    assert not done.is_set(), "five answers while one prediction ran"
-    assert done.wait(60)
+    with app.waiting_preview(SCRIPTED) as connection:
+        with app.model_does("wait"):
+            response = connection.getresponse()
+            while b"predicting" not in response.readline():
+                pass
+            assert app.ask("GET", "/choices")[0] == 200
+        assert b'"result"' in response.read()
 
 
 def test_a_checkpoint_for_a_model_without_weights(app):
@@ -173,7 +167,7 @@ def test_a_checkpoint_for_a_model_without_weights(app):
 def test_choices(app):
     found = json.loads(app.ask("GET", "/choices")[1])
     models = {model["name"]: model for model in found["models"]}
-    assert next(iter(models)) == SLOW
+    assert next(iter(models)) == SCRIPTED
     assert {"dis", "farneback"} <= set(models)
     assert "precomputed" not in models
     assert not models["dis"]["takes_checkpoint"]

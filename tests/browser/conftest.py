@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import skimage
 
 from robustflow.analysis.results_file import parse_results
 from robustflow.api import evaluate
-from robustflow.report.site import render_site, run_content, whole_content
+from robustflow.report.site import render_site, whole_content
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -88,22 +89,20 @@ _CELLS = "setting,model,metric,corruption,value\n" + "".join(
 
 
 @pytest.fixture(scope="session")
-def pages(tmp_path_factory, real_pictures) -> dict[str, Path]:
+def pages(tmp_path_factory, real_pictures, small_demo) -> dict[str, Path]:
     """report.html of a run with pictures, the published leaderboard, and a leaderboard with hostile names."""
     folder = tmp_path_factory.mktemp("pages")
     options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 2, 5]}
-    with real_pictures():
+    with real_pictures(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skimage, "__file__", small_demo)
         run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
     hostile = [
         replace(line, name=HOSTILE if line.name == "A" else line.name, note=HOSTILE)
         for line in parse_results(_CELLS, "made.csv", "file")
     ]
-    made = {
-        "report": run_content(run),
-        "leaderboard": whole_content([run]),
-        "hostile": whole_content([], [(HOSTILE, hostile)]),
-    }
-    paths = {name: folder / f"{name}.html" for name in made}
+    paths = {"report": run.path / "report.html"}
+    made = {"leaderboard": whole_content([run]), "hostile": whole_content([], [(HOSTILE, hostile)])}
     for name, content in made.items():
+        paths[name] = folder / f"{name}.html"
         paths[name].write_text(render_site(content), encoding="utf-8")
     return paths

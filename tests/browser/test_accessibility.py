@@ -13,22 +13,27 @@ _VIEWS = (
 )
 
 
+_FIRST_ROWS = "document.querySelectorAll('tbody tr:nth-child(n + 7)').forEach((row) => row.remove())"
+
+
 @pytest.mark.parametrize(("name", "state"), _VIEWS)
 def test_no_serious_violation(visit, pages, name, state):
+    """Of each table the first six rows: axe takes a millisecond for each cell."""
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (dev extra)"
     )
     page = visit().page
     page.goto(pages[name].as_uri() + state)
+    page.evaluate(_FIRST_ROWS)
     for summary in page.locator("details > summary:visible").all():
         summary.click()
-    for scheme in ("light", "dark"):
+    for scheme, rules in (("light", []), ("dark", ["color-contrast", "link-in-text-block"])):
         page.emulate_media(color_scheme=scheme)
-        found = axe.Axe().run(page).response
+        found = axe.Axe().run(page, options={"resultTypes": ["violations"], **({"runOnly": rules} if rules else {})})
         serious = [
             (violation["id"], violation["nodes"][0]["html"][:200])
-            for violation in found["violations"]
+            for violation in found.response["violations"]
             if violation["impact"] in ("serious", "critical")
         ]
         assert serious == [], scheme
-        assert len(found["passes"]) > 15
+        assert len(found.response["passes"]) > (0 if rules else 15)
