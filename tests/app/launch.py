@@ -16,18 +16,16 @@ from typing import Any
 from uuid import uuid4
 
 _MAIN = "from robustflow.cli.main import main; main()"
-IMPATIENT = ("-c", f"""
-from robustflow.app import serve
-serve._HEADER_SECONDS = 1.0
-serve._WATCH = serve._WATCH.replace(str(serve._ENDING_SECONDS), "3.0")
-{_MAIN}
-""")  # fmt: skip
-"""Start the app with limits of one and three seconds in place of ten and eight."""
+
+
+def after(setup: str) -> tuple[str, str]:
+    """Arguments that make Python run statements, and then start the app."""
+    return "-c", f"{setup}; {_MAIN}"
 
 
 def with_demo(place: str) -> tuple[str, str]:
     """Arguments that make Python start the app with the demo pair of the fixture `small_demo`."""
-    return "-c", f"import skimage; skimage.__file__ = {place!r}; {_MAIN}"
+    return after(f"import skimage; skimage.__file__ = {place!r}")
 
 
 SCRIPTED = "models_for_app:Scripted"

@@ -17,7 +17,7 @@ from robustflow.app.upload_folder import UploadFolder
 from robustflow.cli.main import main
 
 from ..video import clips
-from .launch import IMPATIENT, SCRIPTED, running_app
+from .launch import SCRIPTED, after, running_app
 
 
 def test_the_address_gives_a_cookie_and_loses_its_token(app):
@@ -129,12 +129,14 @@ def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
 
 def test_half_sent_requests_do_not_shut_others_out(tmp_path):
     """When more clients connect than allowed, the extra connections are closed, and the page remains available."""
-    with running_app(tmp_path, start=IMPATIENT) as app, ExitStack() as stack:
+    limit = "from robustflow.app import serve; serve._HEADER_SECONDS = 3.0"
+    with running_app(tmp_path, start=after(limit)) as app, ExitStack() as stack:
         host, port = app.host.split(":")
-        sockets = [stack.enter_context(socket.create_connection((host, int(port)), timeout=60)) for _ in range(70)]
-        for one in sockets:
-            one.sendall(b"GET / HTTP/1.1\r\nHost: ")
-        sockets[0].sendall(b"x")  # sending a byte now and then does not extend the time limit
+        sockets = []
+        for _ in range(70):
+            sockets.append(stack.enter_context(socket.create_connection((host, int(port)), timeout=60)))
+            sockets[-1].sendall(b"GET / HTTP/1.1\r\nHost: ")
+        sockets[-1].sendall(b"x")  # sending a byte now and then does not extend the time limit
         closed = [one.recv(4096) for one in sockets]
         assert all(data == b"" or b" 503 " in data for data in closed)
         assert app.ask("GET", "/choices")[0] == 200
@@ -143,7 +145,8 @@ def test_half_sent_requests_do_not_shut_others_out(tmp_path):
 def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
     """While the model holds the interpreter lock, no Python code runs, not even a signal handler."""
     model = "models_for_app:HoldsTheLock"
-    with running_app(tmp_path, "--model", model, start=IMPATIENT) as running, running.waiting_preview(model):
+    limit = "from robustflow.app import serve as s; s._WATCH = s._WATCH.replace(str(s._ENDING_SECONDS), '1.0')"
+    with running_app(tmp_path, "--model", model, start=after(limit)) as running, running.waiting_preview(model):
         while not (tmp_path / "holding").exists():
             time.sleep(0.02)
         running.process.send_signal(signal.SIGINT)
