@@ -49,12 +49,7 @@ def test_a_record_holds_the_rows_of_attacks(attacked_run, attacked, tmp_path):
         (_SQUARE, {"attack_way_gone": 2.0}, "measurements", "beyond the target"),
         (_SQUARE, {"attack_evaluations": -1}, "rows", "negative"),
         (_SQUARE, {"epe_sum": 0.0}, "measurements", ""),
-        (
-            pl.col("corruption") == "contrast",
-            {"attack_linf": 0.0},
-            "measurements",
-            "attack values but is not an attack",
-        ),
+        (pl.col("corruption") == "contrast", {"attack_linf": 0.0}, "measurements", "but is not an attack"),
     ],
 )
 def test_a_forged_row_of_an_attack_is_noticed(attacked, where, change, check, says):

@@ -16,16 +16,16 @@ from robustflow.records.container import LIMITS, container_bytes, read_container
 
 from .forge import entries_of, failure
 
-_PLAIN = 0o100644 << 16
 
-
-def _zip(entries: list[tuple[zipfile.ZipInfo | str, bytes]], compress: int = zipfile.ZIP_STORED) -> bytes:
+def _zip(entries: list[tuple[str, bytes]], compress: int = zipfile.ZIP_STORED, **of_rows: object) -> bytes:
+    """Write a zip file as records are written, apart from the given header fields of `rows.csv`."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", compress) as file:
-        for info, data in entries:
-            if isinstance(info, str):
-                info = zipfile.ZipInfo(info, (1980, 1, 1, 0, 0, 0))
-                info.create_system, info.external_attr, info.compress_type = 3, _PLAIN, compress
+        for name, data in entries:
+            info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            info.create_system, info.external_attr, info.compress_type = 3, 0o100644 << 16, compress
+            for field, value in of_rows.items() if name == "rows.csv" else ():
+                setattr(info, field, value)
             file.writestr(info, data)
     return out.getvalue()
 
@@ -100,23 +100,16 @@ def test_terabytes_are_refused_by_the_claim(packed):
     assert _refused(huge.getvalue())
 
 
-@pytest.mark.parametrize("mode", [0o120777, 0o040755, 0o100755, 0o010644])
-def test_links_folders_and_pipes(packed, mode):
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("external_attr", mode << 16) for mode in (0o120777, 0o040755, 0o100755, 0o010644)]
+    + [("comment", b"\x01\x00\x00\x00"), ("extra", b"\x01\x00\x00\x00")],
+    ids=["a link", "a folder", "a program", "a pipe", "a comment", "an extra field"],
+)
+def test_an_entry_that_is_not_plain_is_refused(packed, field, value):
     entries = list(entries_of(packed).items())
-    info = zipfile.ZipInfo("rows.csv", (1980, 1, 1, 0, 0, 0))
-    info.create_system, info.external_attr = 3, mode << 16
-    assert "a link" in _refused(_zip([entries[0], entries[1], (info, b"/etc/passwd"), entries[3]]))
-
-
-@pytest.mark.parametrize("field", ["comment", "extra"])
-def test_an_entry_with_something_beside_its_bytes(packed, field):
-    made = []
-    for name, data in entries_of(packed).items():
-        info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-        info.create_system, info.external_attr = 3, _PLAIN
-        setattr(info, field, b"\x01\x00\x00\x00")
-        made.append((info, data))
-    assert "not a plain entry" in _refused(_zip(made))
+    assert _zip(entries) == packed
+    assert "not a plain entry" in _refused(_zip(entries, **{field: value}))
 
 
 def test_encrypted_entries(packed):
