@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.benchmarks import load_benchmark
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.blur import reference_stack
 from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
 from robustflow.errors import AssetError, DataError, RunError, UsageError
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
+from robustflow.runner.frames_digest import frames_digest
 
 from .pictures import picture
 
@@ -31,16 +33,12 @@ def test_each_severity_takes_its_lens(severity):
     assert blur.field(blur.parameter(severity)).digest == shipped_field(severity).digest
 
 
-@pytest.mark.parametrize(
-    ("shape", "greys"), [((16, 16), (0, 1, 127, 254, 255)), ((17, 23), (1, 254)), ((375, 1242), (254,))]
-)
+@pytest.mark.parametrize(("shape", "greys"), [((16, 16), (0, 1, 127, 254, 255)), ((375, 1242), (254,))])
 def test_flat_stays_flat_everywhere(shape, greys):
     for grey in greys:
         frame = np.full((*shape, 3), grey, np.uint8)
         for variant in ("default", "reference"):
-            first, second = corrupt(frame, frame, "psf_blur", 5, variant=variant)
-            assert (first == grey).all()
-            assert (second == grey).all()
+            assert (corrupt(frame, corruption="psf_blur", severity=5, variant=variant) == grey).all()
 
 
 def test_the_reference_variant_cuts_fractions_off():
@@ -99,9 +97,9 @@ def test_every_flipped_bit_of_a_kept_stack_is_noticed(stacks, tmp_path):
     (kept,) = (tmp_path / "cache" / "psf").iterdir()
     whole, rng = kept.read_bytes(), np.random.default_rng(1)
     assert reference_stack._read_kept(kept, kept.stem) is not None
-    for place, bit in zip(rng.integers(0, len(whole), 200), rng.integers(0, 8, 200), strict=True):
+    for place in (*rng.integers(0, len(whole), 24), *range(len(whole) - 16, len(whole))):
         flipped = bytearray(whole)
-        flipped[place] ^= 1 << bit
+        flipped[place] ^= 1 << rng.integers(0, 8)
         kept.write_bytes(flipped)
         assert reference_stack._read_kept(kept, kept.stem) is None
 
@@ -124,11 +122,13 @@ def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path):
 
 @pytest.mark.torch
 def test_worker_processes_read_the_named_folder(stacks, tmp_path, monkeypatch):
-    cells = {"corruptions": ["psf_blur", "contrast"], "severities": [1, 2]}
     monkeypatch.setenv(PSF_DIR, str(stacks))
-    run = rf.evaluate("farneback", output=tmp_path / "run", engine="processes", workers=2, **cells)
-    alone = rf.evaluate("farneback", output=tmp_path / "alone", engine="serial", **cells)
-    assert run.rows.equals(alone.rows)
+    options = {"corruptions": ["psf_blur"], "severities": [1, 2], "engine": "processes", "workers": 2}
+    run = rf.evaluate("farneback", output=tmp_path / "run", **options)
+    frames = load_benchmark("demo").dataset.load("motorcycle").frames
+    for severity in (1, 2):
+        (row,) = run.rows.filter(corruption="psf_blur", severity=severity).to_dicts()
+        assert row["frames_digest"] == frames_digest(corrupt(*frames, "psf_blur", severity, key="motorcycle"))
 
 
 def test_a_stack_of_an_old_pytorch_is_read(stacks):

@@ -36,7 +36,7 @@ def test_twiddles_are_decided_by_more_than_the_last_bits_of_sine_and_cosine(leng
             )
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.integers(1, 5000), st.sampled_from(PITCHES))
 def test_windows_of_all_nodes_and_their_mirror_images_add_up_to_one(length, pitch):
     axis = Axis.of(length, pitch)
@@ -48,7 +48,7 @@ def test_windows_of_all_nodes_and_their_mirror_images_add_up_to_one(length, pitc
     assert total[reach : reach + length] == pytest.approx(1.0, abs=1e-12)
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.integers(1, 5000), st.sampled_from(PITCHES))
 def test_windows_hold_their_whole_triangle(length, pitch):
     axis = Axis.of(length, pitch)
