@@ -79,9 +79,10 @@ def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_l
     assert noisy.std() == pytest.approx(0.08 * 255, rel=0.03)
     grey = picture(64, 64)[..., :1]
     colour = np.repeat(grey, 3, axis=2)
-    transform = CorruptionTransform(["spatter"], [5])
-    expected = cv2.cvtColor(transform(colour, key=1), cv2.COLOR_RGB2GRAY)
-    np.testing.assert_array_equal(transform(grey, key=1)[..., 0], expected)
+    for name in ("spatter", "fog+spatter"):
+        transform = CorruptionTransform([name], [5])
+        expected = cv2.cvtColor(transform(colour, key=1), cv2.COLOR_RGB2GRAY)
+        np.testing.assert_array_equal(transform(grey, key=1)[..., 0], expected)
 
 
 @pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
