@@ -6,12 +6,20 @@ import subprocess
 import sys
 
 import pytest
+import skimage
 
 import robustflow as rf
 from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.manifest import Selection
 from tests.made_rows import change_identity
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _small(small_demo):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skimage, "__file__", small_demo)
+        yield
 
 
 @pytest.fixture(scope="module")

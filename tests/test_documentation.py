@@ -10,6 +10,7 @@ import re
 import shlex
 
 import pytest
+import skimage
 import typer
 
 from robustflow.analysis.published.tables import published_results
@@ -130,9 +131,10 @@ def test_a_page_for_each_family_has_its_means(generated):
 
 
 @pytest.mark.parametrize("name", ["contrast", "frost"])
-def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path, monkeypatch, name):
+def test_what_a_page_measures_is_what_a_run_measures(generated, small_demo, tmp_path, monkeypatch, name):
     import robustflow as rf
 
+    monkeypatch.setattr(skimage, "__file__", small_demo)
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))  # an empty folder: neither uses photographs of frost
     (cell,) = [cell for cell in generated("demonstration").seen(name) if cell.severity == 5]
     run = rf.evaluate("dis", corruptions=[name], severities=[5], output=tmp_path, progress=False)

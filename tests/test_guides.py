@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+import skimage
 
 import robustflow as rf
 
@@ -14,7 +15,9 @@ SLOW = {"tutorials/first-run.md"}
 
 
 @pytest.fixture
-def reader(tmp_path, monkeypatch, capsys):
+def reader(tmp_path, monkeypatch, capsys, small_demo):
+    """A reader whose demo pair is small."""
+    monkeypatch.setattr(skimage, "__file__", small_demo)
     before = set(sys.modules)
     yield Reader(tmp_path, monkeypatch, capsys)
     for name in set(sys.modules) - before:  # the reader's own files
