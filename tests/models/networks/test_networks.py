@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from robustflow import evaluate, load_model
+from robustflow.benchmarks import Benchmark
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.networks.table import NETWORKS
 from robustflow.models.registry import MODELS
 from robustflow.models.tiling import TiledModel
+from robustflow.testing import TexturePairs
 
 from ...refusals import refused
 from ..textures import noise_pair
@@ -155,6 +157,7 @@ def test_half_precision_weights_are_recorded(checkpoint, tmp_path):
         ("flowdiffuser", {"seed": "first"}, "seed must be an integer"),
         ("flowdiffuser", {"seed": True}, "seed must be an integer"),
         ("flowdiffuser", {"vertical": "top"}, "vertical must be bottom"),
+        ("arflow", {"sha256": "12345678"}, "random weights are not read from a file"),
     ],
 )
 def test_options_that_cannot_be(name, options, says):
@@ -175,8 +178,10 @@ def test_arflow_is_stretched_to_what_is_requested(load):
 @pytest.mark.torch
 def test_the_same_rows_with_any_workers_and_batches(checkpoint, tmp_path):
     spec = ModelSpec("arflow", (("checkpoint", str(checkpoint("arflow"))), ("size", "64x128"), ("device", "cpu")))
+    data = TexturePairs(3, (64, 128))
+    benchmark = Benchmark("drawn", data, data.keys(), ("contrast",), (1, 5))
     one, batched, spread = (
-        evaluate(spec, output=tmp_path / str(i), corruptions=["contrast"], severities=[1, 5], **how)
+        evaluate(spec, benchmark, output=tmp_path / str(i), **how)
         for i, how in enumerate(({}, {"batch_size": 4}, {"workers": 2, "batch_size": 4}))
     )
     assert one.rows.equals(batched.rows)

@@ -4,67 +4,42 @@ import inspect
 import subprocess
 import sys
 from functools import cache
-from importlib import util
 
-import cv2
 import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import AssetError, ModelError, UsageError
+from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.catalog import PTLFLOW
 from robustflow.models.confidence import ConfidentModel
 from robustflow.models.ptlflow.pairs import BESIDES, CONFIDENT
 from robustflow.models.registry import MODELS
 
+from ...refusals import refused
 from ..textures import textured_pair
 
 PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp")
 
 
-@pytest.mark.parametrize("name", [*PAPER, "dpflow"])
-def test_without_the_extra_the_message_names_it(name, monkeypatch):
-    find = util.find_spec
-    monkeypatch.setattr("robustflow.extras.find_spec", lambda library: None if library == "ptlflow" else find(library))
-    with pytest.raises(
-        AssetError, match=rf"model '{name}' needs ptlflow.*pip install 'robustflow\[ptlflow\]'"
-    ) as error:
-        load_model(name)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("name", PAPER)
-def test_twelve_iterations_are_the_default(name):
-    assert inspect.signature(MODELS.get(name)).parameters["iterations"].default == 12
-    with pytest.raises(UsageError, match="did you mean 'iterations'"):
-        load_model(name, iteration=3)
-
-
-@pytest.fixture
-def library():
-    """ptlflow, imported in the same way as in the adapter."""
-    pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
-    load_model("raft", checkpoint="random", device="cpu")
-    import ptlflow
-
-    return ptlflow
+def test_twelve_iterations_are_the_default():
+    assert {inspect.signature(MODELS.get(name)).parameters["iterations"].default for name in PAPER} == {12}
 
 
 @cache
-def adapter(name, iterations=2):
-    return load_model(name, checkpoint="random", iterations=iterations, device="cpu")
+def adapter(name):
+    return load_model(name, checkpoint="random", iterations=2, device="cpu")
 
 
-def from_the_library(ptlflow, name, model, frames, iterations):
+def from_the_library(ptlflow, name, model, frames):
     """Predict with the library alone, as its users would, but with the adapter's weights."""
     import torch
     from ptlflow.utils.io_adapter import IOAdapter
 
     net = ptlflow.get_model(name)
-    setattr(net, "decoder_depth" if name.startswith("flowformer") else "iters", iterations)
+    setattr(net, "decoder_depth" if name.startswith("flowformer") else "iters", 2)
     if name.startswith("flowformer"):
-        net.memory_decoder.depth = iterations
+        net.memory_decoder.depth = 2
     net.load_state_dict(model.net.model.state_dict())
     net.eval()
     images = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
@@ -73,29 +48,20 @@ def from_the_library(ptlflow, name, model, frames, iterations):
         return net({"images": inputs["images"]})["flows"][0, 0].permute(1, 2, 0).numpy()
 
 
-def same_bits(ptlflow, capsys, name, frames, iterations):
-    model = adapter(name, iterations)
+@pytest.mark.torch
+@pytest.mark.parametrize("name", [*PAPER, "sea_raft_s", "recover_rn"])
+def test_bit_equal_to_the_library(library, capsys, name):
+    """The constructors of the last two write into their defaults; they receive lists, as from the library's own
+    loader, recover_rn through its base class.
+    """
+    frames = textured_pair(131, 137)
+    model = adapter(name)
+    assert model.identity()["iterations"] == 2
     flow = model.predict(*frames)
     assert capsys.readouterr().out == ""
-    expected = from_the_library(ptlflow, name, model, frames, iterations)
+    expected = from_the_library(library, name, model, frames)
     assert np.abs(expected).max() > 0
     np.testing.assert_array_equal(flow, expected)
-
-
-@pytest.mark.torch
-@pytest.mark.parametrize("name", PAPER)
-def test_bit_equal_to_the_library(library, capsys, name):
-    same_bits(library, capsys, name, textured_pair(131, 137), 2)
-
-
-@pytest.mark.slow
-@pytest.mark.torch
-@pytest.mark.parametrize("name", PAPER)
-def test_bit_equal_to_the_library_on_kitti(library, capsys, shared, name):
-    folder = shared("data", "kitti2015", "training", "image_2")
-    first = min(folder.glob("*_10.png"))
-    frames = [cv2.imread(str(path))[..., ::-1].copy() for path in (first, first.with_name(first.name[:-6] + "11.png"))]
-    same_bits(library, capsys, name, frames, 1)
 
 
 @pytest.mark.torch
@@ -107,18 +73,23 @@ def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
         with pytest.raises(ModelError, match=rf"a frame is {size[0]}x{size[1]}, but below {smallest} pixels per side"):
             model.predict(*textured_pair(*size))
     if smallest == 121:
-        assert np.isnan(from_the_library(library, name, model, textured_pair(120, 160), 2)).any()
+        assert np.isnan(from_the_library(library, name, model, textured_pair(120, 160))).any()
 
 
 @pytest.mark.torch
 def test_the_identity_says_how_it_ran(library):
     identity = adapter("flowformer").identity()
-    assert identity["name"] == "flowformer"
-    assert identity["checkpoint"] == "random"
-    assert identity["iterations"] == 2
-    assert identity["use_tile_input"] is False
-    assert identity["library"] == f"ptlflow {library.__version__}"
     assert identity["input"]["order"] == "bgr"
+    assert (
+        identity.items()
+        >= {
+            "name": "flowformer",
+            "checkpoint": "random",
+            "iterations": 2,
+            "use_tile_input": False,
+            "library": f"ptlflow {library.__version__}",
+        }.items()
+    )
 
 
 @pytest.mark.torch
@@ -171,7 +142,7 @@ LAYOUTS = {
 
 @pytest.mark.torch
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("name", ["raft", "csflow", "flowformer"])
+@pytest.mark.parametrize("name", ["csflow", "flowformer"])
 def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
     """CSFlow's keys have a prefix in ptlflow that the authors' files do not have. FlowFormer would predict in tiles if
     the stored `train_size` were applied.
@@ -220,15 +191,14 @@ def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
 def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path):
     import torch
 
-    state = load_model("memflow", checkpoint="random").net.model.state_dict()
-    for value, says in ((4000, None), ("4000", "its train_avg_length is '4000'")):
-        torch.save({"state_dict": state, "hyper_parameters": {"train_avg_length": value}}, tmp_path / "memory.ckpt")
-        if says:
-            with pytest.raises(ModelError, match=says):
-                load_model("memflow", checkpoint=tmp_path / "memory.ckpt")
-        else:
-            model = load_model("memflow", checkpoint=tmp_path / "memory.ckpt")
-            assert model.net.model.train_avg_length == model.identity()["train_avg_length"] == value
+    path = tmp_path / "memory.ckpt"
+    content = {"state_dict": load_model("memflow", checkpoint="random").net.model.state_dict()}
+    torch.save(content | {"hyper_parameters": {"train_avg_length": 4000}}, path)
+    model = load_model("memflow", checkpoint=path)
+    assert model.net.model.train_avg_length == model.identity()["train_avg_length"] == 4000
+    torch.save(content | {"hyper_parameters": {"train_avg_length": "4000"}}, path)
+    with pytest.raises(ModelError, match="its train_avg_length is '4000'"):
+        load_model("memflow", checkpoint=path)
 
 
 @pytest.mark.torch
@@ -251,12 +221,6 @@ def test_checkpoints_by_name(library, tmp_path, monkeypatch):
         ModelError, match=rf"cannot download https://\S+ \(Network is unreachable\).*save that file as {place}"
     ):
         load_model("raft", checkpoint="things")
-    with pytest.raises(UsageError, match="unknown checkpoint of raft 'thing': did you mean 'things'"):
-        load_model("raft", checkpoint="thing")
-    with pytest.raises(ModelError, match="choose one of chairs, things, sintel, kitti, or get the authors' file"):
-        load_model("raft")
-    with pytest.raises(ModelError, match=r"no file /nowhere/raft\.pth"):
-        load_model("raft", checkpoint="/nowhere/raft.pth")
     torch.save(adapter("raft").net.model.state_dict(), place)
     with pytest.raises(ModelError, match="instead of 802bbcfd"):
         load_model("raft", checkpoint="things")
@@ -268,12 +232,6 @@ def test_checkpoints_by_name(library, tmp_path, monkeypatch):
 
 
 @pytest.mark.torch
-def test_random_weights_have_no_hash(library):
-    with pytest.raises(UsageError, match="random weights are not read from a file"):
-        load_model("raft", checkpoint="random", sha256="12345678")
-
-
-@pytest.mark.torch
 def test_the_first_import_is_silent(library):
     """Use a separate process, because the library prints output when it is imported."""
     code = "import robustflow; robustflow.load_model('raft', checkpoint='random', device='cpu')"
@@ -282,28 +240,12 @@ def test_the_first_import_is_silent(library):
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
-def test_constructors_that_write_into_their_defaults(library, capsys, name):
-    """These constructors receive lists, as they do from the library's own loader; recover_rn receives them through its
-    base class.
-    """
-    frames = textured_pair(128, 136)
-    model = load_model(name, checkpoint="random", iterations=2, device="cpu")
-    assert model.identity()["iterations"] == 2
-    expected = from_the_library(library, name, model, frames, 2)
-    np.testing.assert_array_equal(model.predict(*frames), expected)
-
-
-@pytest.mark.torch
 @pytest.mark.parametrize("checkpoint", ["random", "kitti", None])
 def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(library, monkeypatch, checkpoint):
-    import sys
-
     splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
     monkeypatch.setattr(splatflow, "forward_warping", None)  # the value that ptlflow sets if cupy is missing
-    with pytest.raises(ModelError, match=r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
+    with refused(ModelError, r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md"):
         load_model("splatflow", checkpoint=checkpoint)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.torch

@@ -166,34 +166,13 @@ def test_the_whole_convention_of_a_trained_network_is_found():
     assert (model.declared.scaling, model.declared.order) == ("-1-1", "bgr")
 
 
-class AnyRange(nn.Module):
-    """A trained network preceded by a normalisation layer works equally well with every value range, so none can be
-    determined.
-    """
-
-    def __init__(self):
-        super().__init__()
-        self.net = trained_matcher()
-
-    def forward(self, image1, image2):
-        images = (
-            (image - image.mean((2, 3), True)) / image.std((2, 3), keepdim=True) / 2 for image in (image1, image2)
-        )
-        return self.net(*images)
-
-
 @pytest.mark.parametrize(
     ("net", "options", "says"),
     [
-        (
-            AnyRange(),
-            {"order": "bgr", "layout": "pair"},
-            r"best first: scaling=.* px\); scaling=.*; declare the one used in training, for example the first with ",
-        ),
         (Channels(), {"layout": "pair"}, "as is typical of networks without trained weights; declare the input, for"),
         (nn.Conv2d(3, 2, 3), {}, "does not accept a pair in any common way"),
     ],
-    ids=["any range", "untrained", "no flow"],
+    ids=["untrained", "no flow"],
 )
 def test_what_cannot_be_told_asks_for_a_declaration(net, options, says):
     with refused(ModelError, says):
