@@ -54,7 +54,8 @@ def test_it_is_the_corruption_of_that_name_and_severity():
 def test_a_float_image_is_the_8_bit_one():
     image = picture(40, 56)
     transform = CorruptionTransform(["gaussian_noise"], [3])
-    out = transform(image.astype(np.float32) / np.float32(255), key=1)
+    between = np.clip(image + np.random.default_rng(0).uniform(-0.4, 0.4, image.shape), 0, 255)
+    out = transform((between / 255).astype(np.float32), key=1)
     np.testing.assert_array_equal(np.rint(out * 255).astype(np.uint8), transform(image, key=1))
 
 
@@ -75,8 +76,9 @@ def test_frames_of_a_clip_share_what_a_pair_shares():
 
 def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_luma():
     flat = np.full((200, 200), 128, np.uint8)
-    noisy = CorruptionTransform(["gaussian_noise"], [1])(flat, key=0).astype(float)
-    assert noisy.std() == pytest.approx(0.08 * 255, rel=0.03)
+    for name in ("gaussian_noise", "pixelate+gaussian_noise"):
+        noisy = CorruptionTransform([name], [1])(flat, key=0).astype(float)
+        assert noisy.std() == pytest.approx(0.08 * 255, rel=0.03)
     grey = picture(64, 64)[..., :1]
     colour = np.repeat(grey, 3, axis=2)
     for name in ("spatter", "fog+spatter"):
