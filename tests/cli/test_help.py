@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import pytest
 import typer
 from rich.text import Text
 
@@ -21,9 +20,7 @@ def _texts(command, path: str) -> Iterator[tuple[str, str]]:
         yield from _texts(child, f"{path} {name}")
 
 
-_TEXTS = dict(_texts(typer.main.get_command(app), "robustflow"))
-
-
-@pytest.mark.parametrize("where", _TEXTS)
-def test_nothing_is_taken_for_markup(where):
-    assert Text.from_markup(_TEXTS[where]).plain == _TEXTS[where]
+def test_nothing_is_taken_for_markup():
+    texts = dict(_texts(typer.main.get_command(app), "robustflow"))
+    assert len(texts) > 300
+    assert [where for where, text in texts.items() if Text.from_markup(text).plain != text] == []
