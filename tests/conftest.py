@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from .command_line import CommandLine
 from .prepared_processes import get_context, prepare
 from .shared_data import shared_folder
 from .small_demo import write_small_demo
@@ -34,6 +35,13 @@ hypothesis.settings.load_profile("untimed")
 def shared():
     """Find a folder of the shared data: `shared("data/kitti2015")`; skips with a reason if it is absent."""
     return shared_folder
+
+
+@pytest.fixture
+def robustflow(monkeypatch, capsys, tmp_path) -> CommandLine:
+    """The command line in the working folder `tmp_path`."""
+    monkeypatch.chdir(tmp_path)
+    return CommandLine(monkeypatch, capsys)
 
 
 @pytest.fixture(scope="session")

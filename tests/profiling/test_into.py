@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.api import evaluate
-from robustflow.cli.main import main
 from robustflow.models import ModelSpec
 from robustflow.profiling.counts import count
 from robustflow.profiling.network_of import network_of
@@ -22,17 +21,8 @@ pytestmark = pytest.mark.torch
 
 
 @pytest.fixture
-def profile(monkeypatch, capsys):
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["robustflow", "profile", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        return code, *capsys.readouterr()
-
-    return call
+def profile(robustflow):
+    return partial(robustflow, "profile")
 
 
 def test_the_cost_of_a_run(profile, tmp_path):

@@ -35,7 +35,8 @@ def test_engines_and_halves_make_the_same_rows(kind, clip_folder, tmp_path, requ
         return rf.evaluate(model, output=tmp_path / folder, **{**given, **options})
 
     whole = run("whole", engine="serial")
-    run("halves", corruptions=given["corruptions"][1:], severities=[4], workers=2)
+    half = run("halves", corruptions=given["corruptions"][1:], severities=[4], workers=2)
+    assert half.rows.height == 2 * len(given["corruptions"]), "clean and all but the first"
     halves = run("halves")
     device = ModelSpec(name, (("device", "cuda:0"),))
     staged = run("staged", device, engine="processes", workers=1, batch_size=1 if kind == "clips" else 2)

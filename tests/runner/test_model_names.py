@@ -1,11 +1,8 @@
 """The names of models are shown everywhere and do not affect any results."""
 
-import sys
-
 import pytest
 
 import robustflow as rf
-from robustflow.cli.main import main
 from robustflow.errors import UsageError
 from robustflow.models.catalog import methods
 from robustflow.records.pack import pack
@@ -39,32 +36,21 @@ def test_names_that_cannot_be_shown(tmp_path, name):
         rf.evaluate(Still(), output=tmp_path / "run", name=name, **SETTINGS)
 
 
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["robustflow", "run", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return stop.value.code
-
-
-def test_on_the_command_line(tmp_path, monkeypatch, capsys):
-    options = ["-m", "dis", "-c", "contrast", "-s", "1", "--no-examples", "-o", str(tmp_path / "run")]
-    assert run(monkeypatch, *options, "--name", "DIS, ours") in (0, None)
-    assert "DIS, ours" in capsys.readouterr().out
-    assert run(monkeypatch, *options) in (0, None)
+def test_on_the_command_line(tmp_path, robustflow):
+    options = ["run", "-m", "dis", "-c", "contrast", "-s", "1", "--no-examples", "-o", tmp_path / "run"]
+    assert "DIS, ours" in robustflow.prints(*options, "--name", "DIS, ours")
+    robustflow.prints(*options)
     assert rf.load_run(tmp_path / "run").name == "DIS, ours", "the name is kept by a later call without one"
 
 
-def test_one_label_for_one_model_everywhere(tmp_path, monkeypatch, capsys):
+def test_one_label_for_one_model_everywhere(tmp_path, robustflow):
     """A method has the same label in `list models` and in the tables of runs; no two methods share a label."""
     labels = [entry.method for entry in methods().values()]
     assert len(set(labels)) == len(labels)
-    monkeypatch.setattr(sys, "argv", ["robustflow", "list", "models"])
-    with pytest.raises(SystemExit):
-        main()
-    listed = dict(line.split()[:2] for line in capsys.readouterr().out.splitlines()[1:6])
+    listed = dict(line.split()[:2] for line in robustflow.prints("list", "models").splitlines()[1:6])
     for model, label in (("dis", "DIS"), ("dis_rgb", "DIS-RGB"), ("farneback", "Farneback")):
-        assert run(monkeypatch, "-m", model, "-c", "contrast", "-s", "1", "-o", str(tmp_path / model)) in (0, None)
-        assert f"{label} (knowledge), 1 pair" in capsys.readouterr().out
+        printed = robustflow.prints("run", "-m", model, "-c", "contrast", "-s", "1", "-o", tmp_path / model)
+        assert f"{label} (knowledge), 1 pair" in printed
         assert rf.load_run(tmp_path / model).name == listed[model] == label
         assert run_content(rf.load_run(tmp_path / model)).title == f"{label} on the demo"
 
@@ -75,14 +61,13 @@ def test_a_users_model_keeps_its_own_name(tmp_path):
     assert rf.evaluate(still, output=tmp_path / "run", **SETTINGS).name == "dis"
 
 
-def test_training_sets_are_an_option(tmp_path, monkeypatch, capsys):
+def test_training_sets_are_an_option(tmp_path, robustflow):
     model = "robustflow.testing:ZeroFlow"
-    options = ["-m", model, "-c", "contrast", "-s", "1", "--no-examples", "-o", str(tmp_path / "r")]
-    assert run(monkeypatch, *options, "--trained-on", "C+T") in (0, None)
+    options = ["run", "-m", model, "-c", "contrast", "-s", "1", "--no-examples", "-o", tmp_path / "r"]
+    robustflow.prints(*options, "--trained-on", "C+T")
     provenance = rf.load_run(tmp_path / "r").manifest.provenance
     assert provenance.trained_on == ("flyingchairs", "flyingthings3d")
-    assert run(monkeypatch, *options, "--trained-on", "C+T", "-O", "trained_on=C") == 2
-    assert "give it once" in capsys.readouterr().err
+    assert "give it once" in robustflow.refuses(*options, "--trained-on", "C+T", "-O", "trained_on=C")
 
 
 @pytest.mark.parametrize("model", ["dis", "farneback", "dis_rgb"])
@@ -94,20 +79,20 @@ def test_training_sets_are_an_option(tmp_path, monkeypatch, capsys):
         ("--checkpoint", "things", "has no weights to load; omit --checkpoint"),
     ],
 )
-def test_what_a_model_without_a_network_does_not_take(monkeypatch, capsys, model, option, value, says):
-    assert run(monkeypatch, "-m", model, option, value) == 2
-    assert capsys.readouterr().err == f"robustflow: model '{model}' {says}\n"
+def test_what_a_model_without_a_network_does_not_take(robustflow, model, option, value, says):
+    assert robustflow.refuses("run", "-m", model, option, value) == f"robustflow: model '{model}' {says}"
 
 
-def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, capsys):
+def test_debug_shows_the_models_own_traceback(tmp_path, monkeypatch, robustflow):
     (tmp_path / "model_that_fails.py").write_text("def fails(a, b):\n    return a.no_such_thing\n")
     monkeypatch.syspath_prepend(tmp_path)
-    options = ["-m", "model_that_fails:fails", "-c", "contrast", "-o", str(tmp_path / "r")]
-    assert run(monkeypatch, *options) == 1
-    said = capsys.readouterr().err
+    options = ["run", "-m", "model_that_fails:fails", "-c", "contrast", "-o", tmp_path / "r"]
+    code, _, said = robustflow(*options)
+    assert code == 1
     assert "no_such_thing" in said
     assert "model_that_fails.py:2)" in said
     assert "Traceback" not in said
-    assert run(monkeypatch, *options, "--debug") == 1
-    assert "Traceback" in (said := capsys.readouterr().err)
+    code, _, said = robustflow(*options, "--debug")
+    assert code == 1
+    assert "Traceback" in said
     assert "return a.no_such_thing" in said

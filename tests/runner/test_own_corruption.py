@@ -7,7 +7,6 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.cli.main import main
 from robustflow.errors import RobustFlowError
 from robustflow.testing import ZeroFlow
 from tests.corruptions.rain import RAIN
@@ -28,32 +27,22 @@ def forget():
         sys.modules.pop(name, None)
 
 
-def command(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["robustflow", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return stop.value.code or 0
-
-
-def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch, capsys):
+def test_the_command_line_takes_it_and_an_edit_starts_apart(package, robustflow):
     run = ["run", "--model", "dis", "-O", "preset=ultrafast", "-s", "1", "--no-examples", "--output", "run"]
     own = ["--corruptions", "rain_module:Rain,fog+rain_module:Rain"]
-    assert command(monkeypatch, *run, *own) == 0
-    assert "rain" in capsys.readouterr().out
+    assert "rain" in robustflow.prints(*run, *own)
     result = rf.load_run("run")
     assert set(result.rows["corruption"]) == {"clean", "rain", "fog+rain"}
     assert list(result.manifest.identity.frames.corruptions) == ["rain"]
 
     forget()
-    assert command(monkeypatch, *run, *own) == 0  # goes on
-    capsys.readouterr()
+    robustflow.prints(*run, *own)  # goes on
     (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that the corruption imports
     forget()
-    assert command(monkeypatch, *run, *own) == 1
-    assert "the source of the corruption rain has changed since" in capsys.readouterr().err
+    assert "the source of the corruption rain has changed since" in robustflow.refuses(*run, *own, code=1)
 
-    assert command(monkeypatch, "pack", "run", "-o", "mine.robustflow") == 0
-    assert command(monkeypatch, "verify", "mine.robustflow") == 0
+    robustflow.prints("pack", "run", "-o", "mine.robustflow")
+    robustflow.prints("verify", "mine.robustflow")
     assert rf.load_run("mine.robustflow").summary == result.summary
 
 
@@ -106,13 +95,12 @@ def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(package):
     assert set(first.rows["severity"]) == {0, 1, 2}
 
 
-def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(package, monkeypatch, capsys):
+def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(package, monkeypatch, robustflow):
     own = ["--corruptions", "rain_module:Rain"]
-    assert command(monkeypatch, "run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own) == 0
+    robustflow.prints("run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own)
     forget()
     monkeypatch.setattr("robustflow.corruptions.own._own", {})
-    assert command(monkeypatch, "examples", "run") == 1
-    assert "specify it with --own-corruption MODULE:ATTRIBUTE" in capsys.readouterr().err
+    assert "specify it with --own-corruption MODULE:ATTRIBUTE" in robustflow.refuses("examples", "run", code=1)
     assert "rain_module" not in sys.modules
-    assert command(monkeypatch, "examples", "run", "--own-corruption", "rain_module:Rain") == 0
+    robustflow.prints("examples", "run", "--own-corruption", "rain_module:Rain")
     assert (package / "run" / "examples" / "worst.jpg").is_file()

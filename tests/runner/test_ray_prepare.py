@@ -4,7 +4,6 @@ from fractions import Fraction
 
 import pytest
 
-from robustflow.cli.main import main
 from robustflow.errors import RunError
 from robustflow.runner.engines import ray_prepare
 from robustflow.video.prepare import Preparation
@@ -47,10 +46,6 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
         (["--engine", "ray", "--workers", "0"], "0 is not a valid number of workers"),
     ],
 )
-def test_options_that_do_not_go_together(recordings, tmp_path, monkeypatch, capsys, options, words):
-    folders = ["-d", str(recordings), "-o", str(tmp_path / "out"), "--fps", "240", "--factor", "1"]
-    monkeypatch.setattr("sys.argv", ["robustflow", "prepare", "gopro-fc", *folders, *options])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    assert words in capsys.readouterr().err
+def test_options_that_do_not_go_together(recordings, tmp_path, robustflow, options, words):
+    folders = ["-d", recordings, "-o", tmp_path / "out", "--fps", "240", "--factor", "1"]
+    assert words in robustflow.refuses("prepare", "gopro-fc", *folders, *options)

@@ -1,0 +1,42 @@
+"""Run the command line in this process."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+
+class CommandLine:
+    """The command line; calling it returns (exit code, stdout, stderr)."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *arguments: object) -> tuple[int, str, str]:
+        from robustflow.cli.main import main
+
+        self._monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = self._capsys.readouterr()
+        return code, captured.out, captured.err
+
+    def prints(self, *arguments: object) -> str:
+        """Return the output of a command that succeeds."""
+        code, out, error = self(*arguments)
+        assert code == 0, error
+        return out
+
+    def refuses(self, *arguments: object, code: int = 2) -> str:
+        """Return the message of a command that is refused in one line with this exit code; a run may have announced
+        its size before."""
+        got, _, error = self(*arguments)
+        *before, message = error.splitlines()
+        assert got == code, error
+        assert message.startswith("robustflow: ")
+        assert all("; engine: " in line for line in before), error
+        return message
