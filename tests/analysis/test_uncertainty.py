@@ -290,6 +290,11 @@ def test_p_of_two_models_is_corrected_over_the_lines_of_its_metric():
         assert lines["p_holm"].to_list() == pytest.approx(holm(lines["p"].to_list()))
 
 
+def test_the_interval_of_a_difference_is_symmetric():
+    found = compare_rows(_rows(20), _rows(20, seed=1))
+    np.testing.assert_allclose(found["high"] - found["difference"], found["difference"] - found["low"])
+
+
 def test_only_what_both_measured_is_compared():
     found = compare_rows(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
     assert set(found["corruption"]) == {"clean", "average", "fog"}
