@@ -69,6 +69,16 @@ def test_the_seed_is_that_of_every_random_weight(tmp_path, monkeypatch, kind):
     assert [name for name in drawn if torch.equal(first[name], other[name])] == []
 
 
+@pytest.mark.parametrize("method", ["arflow", "upflow"])
+def test_random_convolutions_of_methods_without_labels_are_he_normal_with_zero_biases(method):
+    _, network = load_network(load_recipe(method, "unsupervised"), "random")
+    layers = [layer for layer in network.modules() if isinstance(layer, torch.nn.Conv2d)]
+    drawn = torch.cat([(layer.weight * (layer.weight[0].numel() / 2) ** 0.5).flatten() for layer in layers])
+    assert drawn.std().item() == pytest.approx(1, rel=0.01)
+    assert (drawn.abs() < 1).float().mean().item() == pytest.approx(0.6827, rel=0.01)  # a normal distribution's share
+    assert not any(layer.bias.any() for layer in layers if layer.bias is not None)
+
+
 def test_random_weights_of_a_training_are_those_of_a_run():
     plain = rf.load_model("raft_small", checkpoint="random", device="cpu").net.model.state_dict()
     _, network = load_network(load_recipe("raft_small", "chairs"), "random")

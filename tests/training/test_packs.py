@@ -1,5 +1,5 @@
-"""Training steps and losses agree with the original code, within the tolerances in the packs' READMEs, for every
-`training_*` pack in the shared data.
+"""Training steps of RAFT and losses of ARFlow agree with the original code, within the tolerances in the READMEs of the
+packs `training_raft` and `training_arflow` in the shared data.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from ..shared_data import shared_root
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
@@ -28,24 +26,17 @@ from ..parity.weight_rule import weights  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
 
 
-def packs(holding: str) -> list[str]:
-    """The packs that contain the given file."""
-    return sorted(path.parent.name for path in (shared_root() / "parity").glob(f"training_*/{holding}"))
-
-
-SUPERVISED = packs("batch.npz")
-UNSUPERVISED = packs("flows.npz")
+RAFT, ARFLOW = "parity/training_raft", "parity/training_arflow"
 
 
 def image(path: Path) -> torch.Tensor:
     return torch.from_numpy(read_image(path)).permute(2, 0, 1).float()
 
 
-@pytest.mark.parametrize("name", SUPERVISED or ["none"])
 @pytest.mark.parametrize("case", ["chairs", "mixed"])
-def test_optimiser_steps_of_raft(shared, name, case):
+def test_optimiser_steps_of_raft(shared, case):
     pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
-    folder = shared(f"parity/{name}")
+    folder = shared(RAFT)
     expected = json.loads((folder / "expected.json").read_text())[case]
     recipe = load_recipe("raft", {"chairs": "chairs", "mixed": "ood"}[case])
     assert recipe.gamma == expected["gamma"]
@@ -89,16 +80,14 @@ def test_optimiser_steps_of_raft(shared, name, case):
         assert state[key].std().item() == pytest.approx(deviation, abs=close)
 
 
-@pytest.mark.parametrize("name", SUPERVISED or ["none"])
-def test_the_schedule_of_100_000_steps(shared, name):
-    expected = json.loads((shared(f"parity/{name}") / "expected.json").read_text())["lr_100k"]
+def test_the_schedule_of_100_000_steps(shared):
+    expected = json.loads((shared(RAFT) / "expected.json").read_text())["lr_100k"]
     for step, rate in expected:
         assert abs(one_cycle(step, 100_000, 1.25e-4) - rate) < 1e-9
 
 
-@pytest.mark.parametrize("name", UNSUPERVISED or ["none"])
-def test_the_loss_of_arflow(shared, name):
-    folder = shared(f"parity/{name}")
+def test_the_loss_of_arflow(shared):
+    folder = shared(ARFLOW)
     image1, image2 = (image(folder / f"frame_{number}.png")[None] / 255 for number in (1, 2))
     with np.load(folder / "flows.npz") as file:
         levels = [file[f"level{level}"] for level in range(len(file.files))]
@@ -135,9 +124,8 @@ def test_the_loss_of_arflow(shared, name):
         assert off <= 1e-4 * np.abs(gradient).max()
 
 
-@pytest.mark.parametrize("name", UNSUPERVISED or ["none"])
-def test_the_occlusion_maps_of_arflow(shared, name):
-    folder = shared(f"parity/{name}")
+def test_the_occlusion_maps_of_arflow(shared):
+    folder = shared(ARFLOW)
     with np.load(folder / "flows.npz") as file:
         flow = torch.from_numpy(file["level0"])
     forward, backward = flow[:, :2], flow[:, 2:]

@@ -1,4 +1,4 @@
-"""A rendered scene with real textures, whose image and flow are known at any time.
+"""A rendered scene with real textures, whose image is known at any time.
 
 A textured background moves and slowly rotates; a textured disk moves across it. Everything is evaluated in float64 with
 bilinear sampling at exact positions, so `picture(t)` shows the same continuous scene for any real `t`, and the mean of
@@ -44,17 +44,6 @@ class Scene:
         """RGB uint8 (H, W, 3)."""
         return np.rint(self.picture(time)).astype(np.uint8)
 
-    def flow(self, start: float, stop: float) -> np.ndarray:
-        """Return the exact flow from `start` to `stop`, float64 (H, W, 2)."""
-        x, y = self._grid()
-        bx, by = self._to_background(x, y, start)
-        tx, ty = self._from_background(bx, by, stop)
-        span = stop - start
-        inside = self._in_disk(x, y, start)
-        u = np.where(inside, self.disk[0] * span, tx - x)
-        v = np.where(inside, self.disk[1] * span, ty - y)
-        return np.stack([u, v], axis=-1)
-
     def _grid(self) -> tuple[np.ndarray, np.ndarray]:
         y, x = np.mgrid[: self.height, : self.width].astype(np.float64)
         return x, y
@@ -68,13 +57,6 @@ class Scene:
         dx = x - self.width / 2 - self.background[0] * time
         dy = y - self.height / 2 - self.background[1] * time
         return cos * dx + sin * dy + 220.0, -sin * dx + cos * dy + 160.0
-
-    def _from_background(self, bx: np.ndarray, by: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-        cos, sin = np.cos(self.turn * time), np.sin(self.turn * time)
-        dx, dy = bx - 220.0, by - 160.0
-        x = cos * dx - sin * dy + self.width / 2 + self.background[0] * time
-        y = sin * dx + cos * dy + self.height / 2 + self.background[1] * time
-        return x, y
 
 
 def _bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

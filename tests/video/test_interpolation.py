@@ -50,18 +50,6 @@ def test_too_short_for_a_window(count):
     assert interpolated_count(count, 4) <= 1
 
 
-def test_the_scenes_flow_leads_to_the_same_point_of_its_texture():
-    """The renderer is correct: a pixel and the end of its flow vector show the same point of the texture."""
-    scene, start, stop = Scene(120, 160, (1.7, 0.6), (-2.3, 1.1), turn=0.02), 0.5, 2.0
-    flow = scene.flow(start, stop)
-    y, x = np.mgrid[:120, :160].astype(float)
-    ends = x + flow[..., 0], y + flow[..., 1]
-    inside = scene._in_disk(x, y, start)
-    assert (scene._in_disk(*ends, stop) == inside)[inside].all()
-    before, after = scene._to_background(x, y, start), scene._to_background(*ends, stop)
-    assert np.abs(np.subtract(before, after))[:, ~inside].max() < 1e-9
-
-
 def test_flow_interpolation_beats_a_cross_fade_by_far():
     scene = Scene(160, 208, (4.0, 1.5), (-6.0, 3.0), turn=0.01)
     first, second = scene.frame(0), scene.frame(1)
