@@ -51,6 +51,13 @@ def test_cells_are_the_frames_that_corrupt_makes(pair):
     assert {cell.index for seed in range(8) for cell in gallery(*pair, [3], ["over_exposure"], seed)} == {0, 1}
 
 
+def test_frames_that_a_corruption_leaves_as_they_are_show_the_first_one():
+    grey = np.full((32, 48, 3), 128, np.uint8)
+    (cell,) = gallery(grey, grey, [5], ["contrast"])
+    assert (cell.index, cell.ssim) == (0, 1)
+    np.testing.assert_array_equal(cell.frame, grey)
+
+
 def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
     name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
     cells = list(gallery(*pair, SEVERITIES, [name], scale="calibrated"))
