@@ -77,7 +77,8 @@ def pages() -> list[str]:
 
 
 class Reader:
-    """Runs the blocks of pages in a folder that contains only two frames and a clip.
+    """Runs the blocks of pages in a folder that contains only two frames and a clip, and only the first pair of a
+    benchmark that is limited.
 
     Attributes:
         folder: folder of the frames and the clip.
@@ -123,6 +124,8 @@ class Reader:
                 words = [*words, "--output", f"run{len(self.runs)}"]
             self.runs.append(words[words.index("--output" if "--output" in words else "-o") + 1])
             words = [*words, "--no-examples"]  # their pictures are tested elsewhere and take seconds
+            if "--limit" in words:
+                words[words.index("--limit") + 1] = "1"
         self._patch.setattr(sys, "argv", words)
         with pytest.raises(SystemExit) as stop:
             main()
