@@ -13,18 +13,19 @@ _VIEWS = (
 )
 
 
-_FIRST_ROWS = "document.querySelectorAll('tbody tr:nth-child(n + 7)').forEach((row) => row.remove())"
+_FEWER_ROWS = """for (const row of document.querySelectorAll(
+    "tbody tr:nth-child(n + 3):not(:nth-last-child(-n + 2))")) row.remove()"""
 
 
 @pytest.mark.parametrize(("name", "state"), _VIEWS)
 def test_no_serious_violation(visit, pages, name, state):
-    """Of each table the first six rows: axe takes a millisecond for each cell."""
+    """The first and last two rows of each table are enough: axe takes a millisecond for each cell."""
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (dev extra)"
     )
     page = visit().page
     page.goto(pages[name].as_uri() + state)
-    page.evaluate(_FIRST_ROWS)
+    page.evaluate(_FEWER_ROWS)
     for summary in page.locator("details > summary:visible").all():
         summary.click()
     for scheme, rules in (("light", []), ("dark", ["color-contrast", "link-in-text-block"])):
