@@ -174,12 +174,11 @@ def test_a_training_plan_in_a_folder_of_decoys_runs_none(place, tmp_path):
     assert place.what_ran() == []
 
 
-def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(place):
-    (place.here / "glob.py").write_text("class Net: ...\n")
-    done = place.command("run", "-m", "glob:Net")
-    assert done.returncode != 0
-    assert "glob.py" in done.stderr
-    assert "rename" in done.stderr
+def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(robustflow):
+    Path("glob.py").write_text("class Net: ...\n")
+    error = robustflow.refuses("run", "-m", "glob:Net")
+    assert "glob.py" in error
+    assert "rename" in error
 
 
 def test_settings_of_numba_and_matplotlib_in_the_working_folder_change_no_number_and_no_figure(tmp_path):
