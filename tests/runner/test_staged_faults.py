@@ -85,5 +85,5 @@ def test_an_interrupted_run_says_what_is_kept(tmp_path):
     children = descendants(run.pid)
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
-    assert f"kept in {tmp_path / 'run'}. Run the same command again to continue." in run.stderr.read()
+    assert f"saved in {tmp_path / 'run'}. Run the same command again to continue." in run.stderr.read()
     _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)
