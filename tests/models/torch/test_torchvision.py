@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import ModelError
+from robustflow.errors import ModelError, UsageError
 
 from ..textures import textured_pair
 
@@ -43,9 +43,13 @@ def test_weights_by_name_or_file(optical_flow, tmp_path, monkeypatch):
         ModelError, match=r"cannot download https://download\.pytorch\.org/models/raft_small_C_T_V2-\w+\.pth"
     ):
         load_model("raft_small", checkpoint="C_T_V2")
+    with pytest.raises(UsageError, match="did you mean 'C_T_V2'"):
+        load_model("raft_small", checkpoint="C_T_V3")
     torch.save(optical_flow.raft_small(weights=None).state_dict(), tmp_path / "mine.pth")
     model = load_model("raft_small", checkpoint=tmp_path / "mine.pth", device="cpu")
     assert model.identity()["iterations"] == 12
+    with pytest.raises(ModelError, match="not a checkpoint of raft_large"):
+        load_model("raft_large", checkpoint=tmp_path / "mine.pth")
 
 
 @pytest.mark.parametrize("name", ["raft_large", "raft_small"])
