@@ -152,7 +152,12 @@ def test_bad_input_is_one_line_that_says_what_to_do(robustflow, tmp_path, make, 
     if make:
         make(tmp_path / "data")
     output = ["-o", "run"] if arguments.startswith("run") else []
-    assert says in robustflow.refuses(*arguments.split(), *output, code=code)
+    got, _, error = robustflow(*arguments.split(), *output)
+    *started, message = error.splitlines()
+    assert got == code
+    assert message.startswith("robustflow: ")
+    assert says in message
+    assert all(line.startswith("run: ") for line in started)
     assert _written() == []
 
 
