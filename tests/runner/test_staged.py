@@ -55,6 +55,12 @@ def test_rows_are_those_of_one_process(whole, tmp_path, quick_workers, monkeypat
     assert staged.manifest.seconds.keys() == whole.manifest.seconds.keys()
 
 
+def test_feeders_that_wait_for_the_clean_flow_of_the_only_sample_help_afterwards(tmp_path, quick_workers):
+    only = Benchmark("drawn", Sizes(3), KEYS[:1], FAST, (1, 2, 3, 4, 5))
+    staged = rf.evaluate(_model(), only, output=tmp_path / "run", workers=3)
+    assert staged.rows.equals(rf.evaluate(_model(), only, output=tmp_path / "serial", engine="serial").rows)
+
+
 def test_batches_are_filled_across_corruptions(whole, tmp_path, quick_workers, monkeypatch):
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(), workers=1, batch_size=3)
