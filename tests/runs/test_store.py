@@ -177,11 +177,12 @@ def test_small_shards_become_one_and_no_row_is_lost(folder):
 
 
 def test_what_a_killed_run_left_is_cleared_on_the_next_start(folder):
-    for key in ("done", "begun", "predicted"):
+    for key in ("done", "not merged", "begun", "predicted"):
         if key != "predicted":
             _write(folder, key, CLEAN, (0,))
         write_clean(folder.clean_path(key), np.zeros((4, 6, 2), np.float32), key)
-    _write(folder, "done", "fog", (1,))
+    for key in ("done", "not merged"):
+        _write(folder, key, "fog", (1,))
     left = {path: path.read_bytes() for path in list_shards(folder.rows_folder) if path.name.startswith("done")}
     before = folder.rows()
     folder.finish_sample("done")
@@ -189,10 +190,10 @@ def test_what_a_killed_run_left_is_cleared_on_the_next_start(folder):
         path.write_bytes(data)
     assert folder.rows().equals(before), "no row is shown twice"
     cells = folder.tidy()
-    folder.settle(["done", "begun", "predicted"], {"begun", "predicted"}, cells)
+    folder.settle(["done", "not merged", "begun", "predicted"], {"begun", "predicted"}, cells)
     assert cells == set(before.select("sample", "corruption", "severity").iter_rows())
     assert folder.rows().equals(before)
-    assert len(list_shards(folder.rows_folder)) == 2
+    assert len(list_shards(folder.rows_folder)) == 3
     assert list((folder.path / "clean").iterdir()) == [folder.clean_path("begun")]
 
 
