@@ -13,7 +13,6 @@ from itertools import combinations
 
 import numpy as np
 import polars as pl
-from scipy.special import betaincinv, stdtr, stdtrit
 
 from ...text import counted
 from ..ranking import spearman, spearman_interval
@@ -110,6 +109,8 @@ def of_majority(some: int, count: int, over: str) -> Margin:
     >>> of_majority(10, 10, "family").verdict, of_majority(5, 5, "family").verdict
     ('holds', 'too little evidence')
     """
+    from scipy.special import betaincinv  # imported where it is used, because every page would wait 0.2 s for SciPy
+
     tail = 1 - _TAIL
     low = float(betaincinv(some, count - some + 1, tail)) if some else 0.0
     high = float(betaincinv(some + 1, count - some, 1 - tail)) if some < count else 1.0
@@ -149,6 +150,8 @@ def _p(gap: np.ndarray) -> float:
     error = float(gap.std(ddof=1)) / math.sqrt(len(gap))
     if error == 0:
         return 1.0 if gap[0] == 0 else 0.0
+    from scipy.special import stdtr
+
     return 2 * float(stdtr(len(gap) - 1, -abs(float(gap.mean())) / error))
 
 
@@ -164,6 +167,8 @@ def _student(estimate: float, groups: Sequence[Sequence[float]], over: str) -> M
     variance = sum(parts)
     if variance == 0:
         return Margin(estimate, estimate, estimate, over)
+    from scipy.special import stdtrit
+
     freedom = variance**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, groups, strict=True))
     reach = float(stdtrit(freedom, _TAIL)) * math.sqrt(variance)
     return Margin(estimate, estimate - reach, estimate + reach, over)
