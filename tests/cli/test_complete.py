@@ -14,6 +14,7 @@ from robustflow.cli.main import app
         ("robustflow run --corruptions fog,fro", {"fog,frost"}),
         ("robustflow corrupt a.png b.png -c fog+sno", {"fog+snow"}),
         ("robustflow run --benchmark kitti", {"kitti-fc"}),
+        ("robustflow run -c fog -c snow --benchmark kitti", {"kitti-fc"}),
     ],
 )
 def test_a_tab_in_bash(typed, offered):

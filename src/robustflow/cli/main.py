@@ -94,7 +94,8 @@ class _Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         _, _, given = self.make_parser(ctx).parse_args(list(args))
         for option, times in Counter(given).items():
-            if isinstance(option, TyperOption) and times > 1 and not (option.multiple or option.is_flag):
+            once = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)
+            if once and times > 1 and not ctx.resilient_parsing:  # that is how a shell asks for completions
                 raise UsageError(
                     f"{option.opts[0]} is given {times} times; give it once, with commas between several values"
                 )

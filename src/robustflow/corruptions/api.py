@@ -223,9 +223,10 @@ def corrupt_clip(
     chosen = load_corruption(corruption_name(corruption) if isinstance(corruption, str) else corruption, variant, scale)
     severity = check_severity(severity)
     rest = iter(frames)
-    head = next(rest, None)
-    if head is None:
-        raise UsageError("a clip needs at least one frame")
+    try:
+        head = next(rest)
+    except StopIteration:
+        raise UsageError("a clip needs at least one frame") from None
     check_frame(head, head, "frame 1")
     height, width = head.shape[:2]
     rng = stream_for(chosen, severity, seed, key, common_draws)
