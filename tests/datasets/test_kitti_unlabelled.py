@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from robustflow.datasets import load_dataset
+from robustflow.datasets.split import KITTI_KEYS, kitti_split
 from robustflow.errors import DataError, UsageError
 
 from .layouts import picture
@@ -46,6 +49,26 @@ def test_a_scene_gives_15_pairs_of_a_camera(multiview):
         assert second == first + 1
         assert not {first, second} & {9, 10, 11, 12}
     assert dataset.load("testing/image_3/000001_13").flow is None
+
+
+def test_pairs_of_a_neighbouring_scene_contain_an_evaluated_pair(multiview):
+    """The drives' table records pairs 000007 and 000008 of KITTI 2015 ten frames apart, so the first pair of scene
+    000008 is the evaluated pair of scene 000007; 17 evaluated pairs of the default split are such pairs.
+    """
+    table = files("robustflow.datasets") / "data" / "kitti2015_drives.csv"
+    lines = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    frame_of = {line["pair"]: (line["drive"], int(line["frame"])) for line in lines}
+    trained = {
+        (drive, frame - 10 + int(key[-2:])) for drive, frame in frame_of.values() for key in _keys_of_scene(multiview)
+    }
+    evaluated = kitti_split(KITTI_KEYS).evaluation
+    assert sum(frame_of.get(pair) in trained for pair in evaluated) == 17
+    assert not getattr(load_dataset("kitti_multiview", multiview), "leaves_out_evaluated", False)
+
+
+def _keys_of_scene(root):
+    keys = load_dataset("kitti_multiview", root, part="training", camera="left").keys()
+    return [key for key in keys if "000000_" in key]
 
 
 def test_a_folder_with_the_pairs_alone(tmp_path):

@@ -4,7 +4,9 @@
     testing/image_2/...                                 200 more
 
 Frames 10 and 11 are the evaluated pair. As in ARFlow and UPFlow, frames 09 to 12 are excluded, which leaves 15 pairs
-per scene and camera. Source: Menze and Geiger, CVPR 2015.
+per scene and camera. This does not exclude all evaluated pairs of the training scenes: many scenes of a drive are ten
+frames apart, so frames 00 and 01 of a scene are frames 10 and 11 of the scene before it. The drives of the testing
+scenes are unknown. Source: Menze and Geiger, CVPR 2015.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from .facts import DatasetFacts
 from .pairs import PairDataset, PairFiles
 
 EVALUATED = range(9, 13)
-"""Excluded frames: the evaluated frames and their neighbours."""
+"""Frames of a scene that are excluded: the evaluated pair of the scene and its neighbours."""
 _CAMERAS = {"left": ("image_2",), "right": ("image_3",), "both": ("image_2", "image_3")}
 _PARTS = {"training": ("training",), "testing": ("testing",), "all": ("training", "testing")}
 
@@ -36,10 +38,9 @@ class KittiMultiview(PairDataset):
 
     name = "kitti_multiview"
     has_flow = False
-    leaves_out_evaluated = True
     facts = DatasetFacts(
         title="KITTI 2015 multi-view",
-        description="21 frames of each scene of KITTI 2015, without the evaluated frames and their neighbours.",
+        description="21 frames of each scene of KITTI 2015, without the scene's evaluated frames and their neighbours.",
         ground_truth="none",
         clips="always",
         licence="CC BY-NC-SA 3.0",
