@@ -48,6 +48,25 @@ def test_ours_beside_the_published_values(robustflow, data, tmp_path):
     assert f"{ours - _published('DIS', 'contrast'):+.2f}" in out
 
 
+def test_part_of_the_corruptions_is_compared_with_the_same_part_of_the_published_values(robustflow, data, tmp_path):
+    few = ("--models", "dis", "--corruptions", "contrast,fog,elastic_transform", "--severities", "1", "--limit", "1")
+    robustflow.prints("reproduce", "fig5", "--data", data, *few)
+    robustflow.prints("reproduce", "tab2", "--data", data, *few)
+    run = load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").summary
+    lines = {}
+    for name in ("fig5", "tab2"):
+        with open(tmp_path / "reproduced" / f"{name}.csv", newline="") as file:
+            lines |= {(line["metric"], line["corruption"]): line for line in csv.DictReader(file)}
+    clean = _published("DIS", "clean")
+    for family, corruption in (("digital", "contrast"), ("weather", "fog")):  # a single corruption of the family
+        published = (_published("DIS", corruption) - clean) / clean
+        assert float(lines["crer", family]["published"]) == pytest.approx(published, rel=1e-5)
+        assert float(lines["crer", family]["here"]) == pytest.approx(run.corruptions[corruption].crer, rel=1e-4)
+    # the paper's averages exclude elastic_transform
+    both = (run.corruptions["contrast"].epe + run.corruptions["fog"].epe) / 2
+    assert float(lines["epe", "average"]["here"]) == pytest.approx(both, rel=1e-5)
+
+
 def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
     few = ("--models", "dis", "--corruptions", "contrast", "--severities", "1")
     robustflow.prints("reproduce", "tab2", "--data", data, *few, "--limit", "1")

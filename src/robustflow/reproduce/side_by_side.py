@@ -50,8 +50,8 @@ class SideBySide:
 
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """Compare a variant's run with the published values over the same corruptions."""
-    here = _numbers(run_results([run], beside_published=True)[0])
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
+    here = _over(_numbers(run_results([run], beside_published=True)[0]), measured)
     levels = run.manifest.selection.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
@@ -80,18 +80,26 @@ def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) ->
     lines = [line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant]
     values = {key: number for line in lines for key, number in _numbers(line).items()}
     if len(measured) < len(_of_paper(artefact)):
-        for metric in RESULT_METRICS:
-            of_these = [values[metric, name] for name in measured if (metric, name) in values]
-            values.pop((metric, AVERAGE), None)
-            if of_these:
-                values[metric, AVERAGE] = fmean(of_these)
-    elif cost := next((line.printed_cost for line in lines if line.printed_cost), None):
-        printed = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting)
-        if printed is not None:
-            return values | {("crer", AVERAGE): printed}
-    if ("cre", AVERAGE) in values and values.get(("epe", CLEAN)):
-        values["crer", AVERAGE] = values["cre", AVERAGE] / values["epe", CLEAN]
-    return values
+        return _over(values, measured)
+    cost = next((line.printed_cost for line in lines if line.printed_cost), None)
+    printed = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting) if cost else None
+    return values | {("crer", AVERAGE): printed} if printed is not None else _with_crer(values)
+
+
+def _over(values: MetricValues, corruptions: Sequence[str]) -> MetricValues:
+    """Return the values on the clean frames and under some corruptions, with the averages over these corruptions."""
+    some = {key: number for key, number in values.items() if key[1] in (CLEAN, *corruptions)}
+    for metric in RESULT_METRICS:
+        if of_these := [some[metric, name] for name in corruptions if (metric, name) in some]:
+            some[metric, AVERAGE] = fmean(of_these)
+    return _with_crer(some)
+
+
+def _with_crer(values: MetricValues) -> MetricValues:
+    """Return the values with the average CREr, CRE / clean EPE, if they contain both."""
+    if ("cre", AVERAGE) not in values or not values.get(("epe", CLEAN)):
+        return values
+    return {**values, ("crer", AVERAGE): values["cre", AVERAGE] / values["epe", CLEAN]}
 
 
 def _numbers(line: ModelResult) -> MetricValues:
