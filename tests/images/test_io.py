@@ -109,14 +109,18 @@ def test_palette_and_one_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_mask(tmp_path / "b.png"), RGB[..., 0] > 99)
 
 
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_orientation_is_applied_as_opencv_does(tmp_path: Path, orientation: int) -> None:
+def test_orientation_is_applied_as_opencv_does(tmp_path: Path, orientation: int, suffix: str) -> None:
     exif = Image.Exif()
     exif[0x0112] = orientation
-    Image.fromarray(RGB).save(tmp_path / "a.png", exif=exif)
-    image = read_image(tmp_path / "a.png")
-    np.testing.assert_array_equal(image, cv2.imread(str(tmp_path / "a.png"))[..., ::-1])
-    assert image_size(tmp_path / "a.png") == image.shape[:2]
+    path = tmp_path / f"a.{suffix}"
+    for name in (path, tmp_path / "by_opencv.png"):  # OpenCV fails to read a TIFF turned by 90 degrees
+        Image.fromarray(RGB).save(name, exif=exif)
+    image = read_image(path)
+    np.testing.assert_array_equal(image, cv2.imread(str(tmp_path / "by_opencv.png"))[..., ::-1])
+    assert image_size(path) == image.shape[:2]
+    assert stored_size(path) == RGB.shape[:2]
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,9 @@ _OF_PILLOW = (
 _STRIPS = (273, 279, 324, 325)
 """TIFF tags that store the offsets and byte counts of strips or tiles."""
 
+_WIDTH, _HEIGHT = 256, 257
+"""TIFF tags that store the size of the image."""
+
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 
 
@@ -78,7 +81,7 @@ def image_size(path: str | Path) -> tuple[int, int]:
     _check_file(path)
     try:
         with Image.open(path, formats=_FORMATS) as image:
-            width, height = image.size
+            width, height = _stored_size(image)
             turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
     except _OF_PILLOW as error:
         raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
@@ -97,7 +100,7 @@ def stored_size(path: str | Path) -> tuple[int, int]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the caller decides which sizes are too large
             with Image.open(path, formats=_FORMATS) as image:
-                width, height = image.size
+                width, height = _stored_size(image)
     except _OF_PILLOW as error:
         raise DataError(f"{path}: cannot be read as an image ({first_line(error)}); check the file") from error
     return height, width
@@ -165,6 +168,13 @@ def jpeg_address(image: Frame, widest: int, quality: int = 80) -> str:
 def png_address(image: Frame, widest: int) -> str:
     """Encode an RGB uint8 (H, W, 3) image as a lossless `data:` URL, at most `widest` pixels wide."""
     return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
+
+
+def _stored_size(image: Image.Image) -> tuple[int, int]:
+    """Return the width and height in the header; for a TIFF, `image.size` is the size after the rotation."""
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
+        return image.tag_v2[_WIDTH], image.tag_v2[_HEIGHT]
+    return image.size
 
 
 def _check_file(path: Path) -> None:
