@@ -185,6 +185,20 @@ def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, batch_size
     assert row["epe_sum"] == pytest.approx(epe, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    "options", [{}, {"batch_size": 2}, {"confidence": "forward-backward"}, {"still": True, "draws": 2}], ids=str
+)
+def test_a_model_that_reuses_its_output_array_has_the_rows_of_one_that_does_not(tmp_path, clip_folder, options):
+    """Otherwise, the clean flow would become the flow of the next prediction, and every RCRE 0."""
+    options = {"corruptions": ["contrast", "impulse_noise"], "severities": [2, 4], "limit": 1, **options}
+    fresh, reusing = (
+        rf.evaluate(f"{MODELS}:{name}", "folder", clip_folder, tmp_path / name, **options).rows
+        for name in ("Sure", "ReusesItsBuffer")
+    )
+    assert fresh.filter(fresh["corruption"] != "clean")["rcre_all_sum"].min() > 0
+    assert reusing.equals(fresh)
+
+
 def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
     (tmp_path / "flows" / "clean").mkdir(parents=True)
     (tmp_path / "flows" / "clean" / "motorcycle.flo").write_bytes(b"<html>")

@@ -237,7 +237,8 @@ def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
 
 
 def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
-    """Check a model's result and convert it to a flow of the frames' size, float32 (H, W, 2).
+    """Check a model's result and copy it to a flow of the frames' size, float32 (H, W, 2): the model may overwrite its
+    array in the next prediction.
 
     Raises:
         ModelError: the result is not a float array, or has a wrong shape.
@@ -257,4 +258,4 @@ def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
             f"the model returned {what} on {where}; expected a float array of shape {expected}, "
             "(u right, v down) in pixels"
         )
-    return np.ascontiguousarray(array, np.float32)
+    return np.array(array, np.float32, order="C")
