@@ -148,6 +148,14 @@ def test_pictures_of_two_sizes(tmp_path):
         list(PictureFolder(folder).frames())
 
 
+def test_pictures_without_leading_zeros_are_in_the_order_of_their_numbers(tmp_path):
+    for number in (1, 2, 10):
+        write_image(tmp_path / f"{number}.png", np.full((4, 6, 3), number, np.uint8))
+    (tmp_path / "._1.png").write_bytes(b"written by macOS")
+    (tmp_path / "3.png").mkdir()
+    assert [int(frame[0, 0, 0]) for frame in PictureFolder(tmp_path).frames()] == [1, 2, 10]
+
+
 def test_no_pictures(tmp_path):
     with pytest.raises(DataError, match="contains no images"):
         PictureFolder(tmp_path)

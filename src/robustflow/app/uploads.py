@@ -16,7 +16,8 @@ from starlette.types import Message
 from ..datasets.pairs import read_frames
 from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
-from ..images.io import IMAGE_SUFFIXES, stored_size
+from ..images.folder import IMAGE_SUFFIXES
+from ..images.io import stored_size
 from ..layout import VIDEO_SUFFIXES
 from ..sample import Sample
 from ..video.container import open_video

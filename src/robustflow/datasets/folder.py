@@ -6,11 +6,11 @@ its subfolders are used only if there are none.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from ..errors import DataError, UsageError
-from ..images.io import IMAGE_SUFFIXES, image_size
+from ..images.folder import IMAGE_SUFFIXES, images_in, natural_order
+from ..images.io import image_size
 from ..layout import VIDEO_SUFFIXES, folders, positive
 from .facts import DatasetFacts, described
 from .pairs import PairDataset, PairFiles, pairs_at_step
@@ -54,7 +54,7 @@ class FrameFolder(PairDataset):
     def __init__(self, root: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
         positive("step", step)
         begin, end = _frame_number("start", start), _frame_number("stop", stop)
-        sequences = {"": _pictures(root)} if _pictures(root) else {f.name: _pictures(f) for f in folders(root)}
+        sequences = {"": images_in(root)} if images_in(root) else {f.name: images_in(f) for f in folders(root)}
         pairs: dict[str, PairFiles] = {}
         for group, every in sequences.items():
             frames = every[begin:end]
@@ -87,21 +87,11 @@ def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: P
         return Video(path, step, start, stop)
     if not path.is_dir():
         raise DataError(f"{path}: no such folder or video; check the path")
-    frames = _pictures(path) or any(_pictures(inner) for inner in folders(path))
+    frames = images_in(path) or any(images_in(inner) for inner in folders(path))
     videos = [inner for inner in sorted(path.iterdir()) if inner.suffix.lower() in VIDEO_SUFFIXES]
     if videos and not frames:
         raise DataError(f"{path}: contains videos, not frames; give one file, for example {videos[0]}")
     return FrameFolder(path, step, start, stop)
-
-
-def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
-    """Return a sort key that compares digits inside names as numbers.
-
-    >>> sorted(["frame10.png", "frame9.png", "Frame1.png"], key=natural_order)
-    ['Frame1.png', 'frame9.png', 'frame10.png']
-    """
-    parts = re.findall(r"[0-9]+|[^0-9]+", name.casefold())
-    return tuple((0, int(part)) if part[0] in "0123456789" else (1, part) for part in parts), name
 
 
 def _frame_number(option: str, value: Position) -> int | None:
@@ -109,11 +99,6 @@ def _frame_number(option: str, value: Position) -> int | None:
     if isinstance(chosen, float):
         raise UsageError(f"{option} {value}: images have no timestamps; give a frame number, counted from 0")
     return chosen
-
-
-def _pictures(folder: Path) -> list[Path]:
-    pictures = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    return sorted((p for p in pictures if p.is_file()), key=lambda path: natural_order(path.name))
 
 
 def _check(folder: Path, frames: list[Path]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import DataError, UsageError
 from ..flowio.depth import Values, read_depth_npy, read_depth_pfm, read_depth_png
-from ..images.io import IMAGE_SUFFIXES
+from ..images.folder import IMAGE_SUFFIXES
 from ..layout import user_path
 from ..sample import Camera, Sample, SceneDepth
 from .base import Dataset

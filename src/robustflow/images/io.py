@@ -22,9 +22,6 @@ from ..errors import DataError, first_line
 from ..sample import Frame
 from .intact import check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
-"""Extensions of the files that are treated as images when a folder is listed."""
-
 MAX_PIXELS = 2**27
 """Largest supported image, 134 megapixels; larger images are rejected before their pixels are allocated."""
 

@@ -12,6 +12,7 @@ from ..atomic import make_folder, write_json
 from ..cache import cache_folder
 from ..digest import sha256_of_file
 from ..errors import DataError, UsageError
+from ..images.folder import images_in
 from ..layout import folders
 from ..safe_path import safe_path
 from ..sealed import sealed, unsealed
@@ -25,7 +26,7 @@ from .prepared import (
     PreparedClip,
     read_folder,
 )
-from .source import PictureFolder, Source, VideoFile, pictures_in
+from .source import PictureFolder, Source, VideoFile
 
 SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
 """The five GoPro sequences used in the paper (appendix, "GoPro-FC")."""
@@ -59,9 +60,9 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
         if missing:
             raise DataError(f"{data}: missing GoPro sequences: {', '.join(missing)}; add them or specify one folder")
         return [_camera(sequences[name], name) for name in SEQUENCES]
-    if pictures_in(data):
+    if images_in(data):
         return [PictureFolder(data)]
-    inner = [folder for folder in folders(data) if pictures_in(folder)]
+    inner = [folder for folder in folders(data) if images_in(folder)]
     if not inner:
         raise DataError(
             f"{data}: contains neither GoPro sequences ({SEQUENCES[0]}, ...) nor images nor folders of images"
@@ -157,7 +158,7 @@ def _sequence(data: Path, name: str) -> Path | None:
 
 
 def _camera(folder: Path, name: str) -> PictureFolder:
-    if not pictures_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
+    if not images_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
         raise DataError(
             f"{folder}: this is GoPro_Large, which does not contain all frames; GoPro-FC requires the camera's 240 "
             "frames per second: use GoPro_Large_all"

@@ -12,7 +12,8 @@ from typing import Any, Protocol
 import av
 
 from ..errors import DataError
-from ..images.io import IMAGE_SUFFIXES, image_size, read_image
+from ..images.folder import images_in
+from ..images.io import image_size, read_image
 from ..sample import Frame
 from .container import open_video, reason
 from .upright import upright
@@ -35,14 +36,14 @@ class Source(Protocol):
 
 
 class PictureFolder:
-    """A clip that consists of all images in a folder, sorted by name."""
+    """A clip that consists of all images in a folder, in natural order."""
 
     fps: Fraction | None = None
 
     def __init__(self, folder: Path, name: str = "") -> None:
         self.folder = folder
         self.name = name or folder.resolve().name.lstrip(".") or "clip"
-        self.paths = pictures_in(folder)
+        self.paths = images_in(folder)
         if not self.paths:
             raise DataError(f"{folder}: contains no images; specify the folder with the frames of a clip")
         self.count = len(self.paths)
@@ -162,11 +163,6 @@ def resample_command(path: Path, fps: Fraction | None) -> str:
     output = path.with_name(f"{path.stem}_constant.mkv")
     vf = f"-vf fps={fps or 30} -c:v libx264 -crf 0 -an"
     return f"ffmpeg -i {shlex.quote(str(path))} {vf} {shlex.quote(str(output))}"
-
-
-def pictures_in(folder: Path) -> list[Path]:
-    """Return the images directly inside a folder, sorted by name."""
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
 
 
 def _variable(times: list[int], tick: Fraction) -> tuple[float, float] | None:

@@ -17,7 +17,8 @@ import numpy as np
 import skimage
 
 from ...errors import DataError, UsageError
-from ...images.io import IMAGE_SUFFIXES, read_image
+from ...images.folder import IMAGE_SUFFIXES, images_in
+from ...images.io import read_image
 from ...sample import Frame
 from ..api import stream_for
 from ..base import Corruption
@@ -58,7 +59,7 @@ def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
         return {name: read_image(home / name) for name in PHOTOGRAPHS}
     if not folder.is_dir():
         raise DataError(f"{folder}: no such folder; --data must be a folder with images")
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES)
+    files = images_in(folder)
     if not files:
         raise DataError(
             f"{folder}: contains no images ({', '.join(IMAGE_SUFFIXES)}); --data must be a folder with images"

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from ...compiled import njit
 from ...errors import UsageError
-from ...images.io import IMAGE_SUFFIXES, read_image
+from ...images.folder import images_in
+from ...images.io import read_image
 from ...layout import user_path
 from ...random.rng import Rng
 
@@ -53,11 +54,11 @@ def picture_textures(folder: str) -> TextureArray:
 
 
 def texture_files(folder: str) -> list[Path]:
-    """Return the images that `picture_textures` reads, sorted."""
+    """Return the images that `picture_textures` reads, in natural order."""
     root = user_path(folder)
     if not root.is_dir():
         raise UsageError(f"textures={folder}: no such folder; give a folder of images")
-    files = sorted(path for path in root.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    files = images_in(root)
     if not 1 <= len(files) <= _MOST_PICTURES:
         raise UsageError(f"textures={folder}: contains {len(files)} images; give 1 to {_MOST_PICTURES}")
     return files
