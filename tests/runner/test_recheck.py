@@ -81,6 +81,9 @@ def test_own_frames_and_others_of_the_same_name(tmp_path):
         recheck(identity, found.rows, tmp_path / "other")
     with pytest.raises(RunError, match="use the data"):
         recheck(identity, found.rows, tmp_path / "mine", options={"step": 2})
+    independent = found.rows.with_columns(group=pl.col("sample"))  # would narrow every confidence interval
+    with pytest.raises(RunError, match=r"6 of 6 rows do not match .*: different group"):
+        recheck(identity, independent, tmp_path / "mine")
 
 
 def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
