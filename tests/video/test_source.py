@@ -22,7 +22,6 @@ def test_an_ordinary_video_with_sound(tmp_path):
     assert len(read) == 12
     distances = [[np.abs(one.astype(int) - other).mean() for other in frames] for one in read]
     assert [int(np.argmin(row)) for row in distances] == list(range(12))
-    assert all((a == b).all() for a, b in zip(source.frames(5), read[5:], strict=True))
 
 
 @pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])

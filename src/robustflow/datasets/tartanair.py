@@ -14,13 +14,12 @@ Wang et al., IROS 2020.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import DataError
-from ..flowio.depth import read_depth_npy
+from ..flowio.depth import read_depth_npy, read_npy
 from ..layout import choice, folders, following, locate, numbered, partner
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import relative_motion
@@ -72,10 +71,9 @@ class TartanAir(PairDataset):
         """Read flow and mask; occluded pixels have true flow, as in KITTI."""
         if pair.flow is None or pair.occlusion is None:
             return None
-        flow = _array(pair.flow)
-        mask = _array(pair.occlusion)
-        if flow.ndim != 3 or flow.shape[2] != 2 or mask.shape != flow.shape[:2]:
-            raise DataError(f"{pair.flow}: {flow.shape} with a mask of {mask.shape}; expected (H, W, 2) and (H, W)")
+        flow, mask = read_npy(pair.flow, "a flow", (2,)), read_npy(pair.occlusion, "a mask")
+        if mask.shape != flow.shape[:2]:
+            raise DataError(f"{pair.flow}: {flow.shape} with a mask of {mask.shape}; the files do not match")
         valid = np.isfinite(flow).all(axis=2)
         flow = np.where(valid[..., None], flow, 0).astype(np.float32)
         return Truth(flow, valid, mask != 0)
@@ -140,13 +138,3 @@ def _world_to_camera(pose: list[float], path: Path) -> npt.NDArray[np.float64]:
     down = (s * (x * z + y * w), s * (y * z - x * w), 1 - s * (x * x + y * y))
     forward = (1 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w))
     return np.array([[*axis, -(axis[0] * tx + axis[1] * ty + axis[2] * tz)] for axis in (right, down, forward)])
-
-
-def _array(path: Path) -> npt.NDArray[Any]:
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{path}: not a NumPy array that can be read ({error}); restore the file") from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub":
-        raise DataError(f"{path}: not an array of numbers; restore the file")
-    return array

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,15 @@ def read_depth_npy(path: Path) -> Values:
     Raises:
         DataError: the file contains a different kind of array, or its length does not match the header.
     """
+    return _as_float(read_npy(path, "a depth map"))
+
+
+def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArray[Any]:
+    """Read an .npy file with an array of real numbers, (H, W, *channels); `what` names the expected content in errors.
+
+    Raises:
+        DataError: the file contains a different kind of array, or its length does not match the header.
+    """
     with _readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)
         readers: dict[tuple[int, int], Callable[..., Any]] = {
@@ -71,12 +81,12 @@ def read_depth_npy(path: Path) -> Values:
                 f"{path}: .npy version {'.'.join(map(str, version))} is not supported; save the array with numpy.save"
             )
         shape, fortran, dtype = readers[version](file)
-        if len(shape) != 2 or dtype.kind not in "fiu":
-            raise DataError(f"{path}: {dtype} {shape} is not a depth map; expected real numbers of shape (H, W)")
+        if len(shape) != 2 + len(channels) or shape[2:] != channels or dtype.kind not in "fiu":
+            wanted = ", ".join(("H", "W", *map(str, channels)))
+            raise DataError(f"{path}: {dtype} {shape} is not {what}; expected real numbers of shape ({wanted})")
         claimed_size(path, shape[1], shape[0])
-        exact_size(path, file.tell() + dtype.itemsize * shape[0] * shape[1], path.stat().st_size, shape[1], shape[0])
-        values = np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")
-    return _as_float(values)
+        exact_size(path, file.tell() + dtype.itemsize * prod(shape), path.stat().st_size, shape[1], shape[0])
+        return np.fromfile(file, dtype).reshape(shape, order="F" if fortran else "C")
 
 
 def read_depth_pfm(path: Path) -> Values:

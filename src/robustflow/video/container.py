@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import av
+import numpy as np
 
 from ..errors import DataError
+from ..sample import Frame
 
 CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
 """Allowed demuxers; playlists are excluded because they can refer to other files or URLs."""
@@ -50,6 +52,19 @@ def open_video(path: Path) -> Any:
         container.close()
         raise
     return container
+
+
+def upright(picture: Any, path: Path) -> Frame:
+    """Convert a decoded frame to RGB uint8 (H, W, 3), rotated as in video players: phones store a display matrix
+    instead of rotating the frames.
+
+    Raises:
+        DataError: the rotation is not a multiple of 90 degrees.
+    """
+    quarter, rest = divmod(int(picture.rotation), 90)
+    if rest:
+        raise DataError(f"{path}: rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
+    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), quarter % 4))
 
 
 def check_stated_length(path: Path, kind: str) -> None:

@@ -18,8 +18,7 @@ from av.error import FFmpegError
 
 from ..errors import DataError
 from ..sample import Frame
-from .container import open_video, reason
-from .upright import upright
+from .container import open_video, reason, upright
 
 _NEAR = 48
 """Maximum distance in frames for which decoding forward is preferred to seeking."""

@@ -15,8 +15,7 @@ from ..errors import DataError
 from ..images.folder import images_in
 from ..images.io import image_size, read_image
 from ..sample import Frame
-from .container import open_video, reason
-from .upright import upright
+from .container import open_video, reason, upright
 
 
 class Source(Protocol):
@@ -28,8 +27,8 @@ class Source(Protocol):
     fps: Fraction | None
     """Frames per second; None if the source does not declare a rate (images)."""
 
-    def frames(self, start: int = 0) -> Iterator[Frame]:
-        """Yield the frames starting at index `start`, RGB uint8 (H, W, 3)."""
+    def frames(self) -> Iterator[Frame]:
+        """Yield all frames, RGB uint8 (H, W, 3)."""
 
     def describe(self) -> dict[str, Any]:
         """Return a description of the source for the manifest."""
@@ -49,9 +48,9 @@ class PictureFolder:
         self.count = len(self.paths)
         self.size = image_size(self.paths[0])
 
-    def frames(self, start: int = 0) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Frame]:
         """Yield RGB uint8 (H, W, 3) frames; raise a DataError if an image differs in size from the first one."""
-        for path in self.paths[start:]:
+        for path in self.paths:
             frame = read_image(path)
             if frame.shape[:2] != self.size:
                 raise DataError(
@@ -75,9 +74,9 @@ class VideoFile:
         DataError: the file does not exist, is not a video, is truncated, or has a variable frame rate without `evenly`.
     """
 
-    def __init__(self, path: Path, name: str = "", evenly: bool = False) -> None:
+    def __init__(self, path: Path, evenly: bool = False) -> None:
         self.path = path
-        self.name = name or path.stem.lstrip(".") or "clip"
+        self.name = path.stem.lstrip(".") or "clip"
         with open_video(self.path) as container:
             stream = container.streams.video[0]
             declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
@@ -100,7 +99,7 @@ class VideoFile:
             raise DataError(f"{path}: no frame can be decoded; is it a video?")
         self.size = (first.shape[0], first.shape[1])
 
-    def frames(self, start: int = 0) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Frame]:
         """Yield frames as RGB uint8 (H, W, 3), rotated as specified by the file's metadata.
 
         Raises:
@@ -112,8 +111,6 @@ class VideoFile:
             stream = container.streams.video[0]
             try:
                 for read, picture in enumerate(container.decode(stream), start=1):
-                    if read <= start:
-                        continue
                     if picture.is_corrupt:
                         raise DataError(f"{self.path}: frame {read - 1} is damaged; copy or convert it again")
                     frame = upright(picture, self.path)
