@@ -19,7 +19,7 @@ from robustflow.datasets.base import CorruptedClips
 from robustflow.datasets.gopro_fc_prepared import GoProFCPrepared
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image
-from robustflow.video.clip import read_pictures
+from robustflow.video.clip import ClipReader, read_pictures
 from robustflow.video.colour import i420_to_rgb
 from robustflow.video.open_clip import check_master
 from robustflow.video.prepare import Preparation
@@ -98,6 +98,17 @@ def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
         blurred = dataset.corrupted("scene/000064", "object_motion_blur", severity)
         for made, centre in zip(blurred, (64, 96), strict=True):
             assert (made == np.rint(frames[centre - reach : centre + reach + 1].mean(0))).all()
+
+
+def test_a_key_frame_of_two_pairs_at_five_severities_is_computed_once(prepared, monkeypatch):
+    read = []
+    picture = ClipReader.picture
+    monkeypatch.setattr(ClipReader, "picture", lambda self, index: (read.append(index), picture(self, index))[1])
+    dataset = GoProFCPrepared(prepared)
+    for key in ("scene/000032", "scene/000064"):
+        for severity in range(1, 6):
+            dataset.corrupted(key, "object_motion_blur", severity)
+    assert len(read) == 3 * 31
 
 
 def test_rolling_shutter_takes_its_rows_from_master_frames(prepared):

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import load_corruption
 from robustflow.errors import UsageError
-from robustflow.video.around_key_frames import AroundKeyFrames
 from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
 from robustflow.video.object_motion import mean_of_windows
@@ -36,18 +35,6 @@ def test_white_does_not_overflow():
 def test_no_window():
     with pytest.raises(UsageError):
         mean_of_windows(lambda index: np.zeros((1, 1, 3), np.uint8), 0, [])
-
-
-def test_a_key_frame_of_two_pairs_is_made_once():
-    asked = []
-    around = AroundKeyFrames(
-        mean_of_windows, lambda index: (asked.append(index), np.zeros((2, 2, 3), np.uint8))[1], REACHES
-    )
-    for pair in ((32, 64), (64, 96)):
-        for reach in REACHES:
-            for centre in pair:
-                around.frame(centre, reach)
-    assert len(asked) == 3 * 31
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +9,8 @@ from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 
-from PIL import Image
-
 from ..errors import DataError
+from ..images.io import png_bytes
 from .codec import Encoder, lossless
 from .colour import even_size, rgb_to_i420
 from .flow_interpolator import FlowInterpolator
@@ -91,9 +89,7 @@ def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:
     encoder = Encoder(height, width, Fraction(240), lossless("ultrafast"))
     packets = encoder.encode((index, rgb_to_i420(frame)) for index, frame in enumerate(frames))
     coded = sum(len(packet.data) for packet in packets) // len(frames)
-    buffer = io.BytesIO()
-    Image.fromarray(probe[0]).save(buffer, "PNG", compress_level=3)
-    return coded, len(buffer.getvalue())
+    return coded, len(png_bytes(probe[0]))
 
 
 def _free(output: Path) -> int:

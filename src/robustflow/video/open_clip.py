@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
-from functools import cache, partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from ..digest import sha256_of_file
 from ..errors import DataError
 from ..sample import Frame
 from ..sealed import sealed, unsealed
-from .around_key_frames import AroundKeyFrames, Make
 from .cache import FolderCache
 from .clip import ClipFile, ClipReader
 from .colour import i420_to_rgb
@@ -29,8 +28,10 @@ from .variants import FRAMES_FILE, make_variant
 
 RECORDS_FOLDER = ".records"
 
-_AROUND: dict[str, Make] = {"object_motion_blur": mean_of_windows, "rolling_shutter": rolling_frames}
-"""Functions that compute key frames from the surrounding master frames."""
+_Make = Callable[[Callable[[int], Frame], int, Sequence[int]], dict[int, Frame]]
+
+_AROUND: dict[str, _Make] = {"object_motion_blur": mean_of_windows, "rolling_shutter": rolling_frames}
+"""Functions that compute a key frame, at all parameters at once, from the surrounding master frames."""
 
 
 class OpenClip:
@@ -46,9 +47,7 @@ class OpenClip:
         self.clip = clip
         self._cache = cache
         self._master = ClipReader(clip.master)
-        self._around = {
-            name: AroundKeyFrames(make, self._master_frame, parameters[name]) for name, make in _AROUND.items()
-        }
+        self._around = {name: self._key_frames(make, parameters[name]) for name, make in _AROUND.items()}
         self._variants: dict[tuple[str, int], ClipReader] = {}
 
     def corrupted(self, index: int, corruption: str, parameter: int) -> Frame:
@@ -59,7 +58,12 @@ class OpenClip:
         if corruption not in self._around:
             return self._transcoded(index, corruption, parameter)
         check_master(self.clip)
-        return self._around[corruption].frame(index, parameter)
+        return self._around[corruption](index)[parameter]
+
+    def _key_frames(self, make: _Make, parameters: Sequence[int]) -> Callable[[int], dict[int, Frame]]:
+        """Return a function that computes a key frame at all parameters; each key frame belongs to two pairs, so the
+        latest ones are cached."""
+        return lru_cache(maxsize=3)(lambda index: make(self._master_frame, index, parameters))
 
     def _transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
         position = self.clip.manifest.key_frames.index(index)
