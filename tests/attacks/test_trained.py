@@ -22,8 +22,8 @@ from robustflow.report.attack_table import attack_table
 from robustflow.runner.attack_again import with_attack
 from robustflow.runner.attack_training import learned_patterns
 from robustflow.runner.setup import set_up
-from robustflow.runs.clean_flows import write_clean
 from robustflow.runs.plan import Unit
+from robustflow.runs.sealed_array import write_array
 from robustflow.runs.store import RunFolder
 from robustflow.testing import TexturePairs
 
@@ -290,7 +290,7 @@ def test_an_array_that_is_no_perturbation_is_trained_again(tmp_path, shape):
     for name in names:
         path = folder.pattern_path(name, 5)
         path.parent.mkdir(exist_ok=True)
-        write_clean(path, np.zeros(shape, np.float32), f"{plan.digest()} {name} 5")
+        write_array(path, np.zeros(shape, np.float32), f"{plan.digest()} {name} 5")
 
     learned = learned_patterns(folder, plan, TINY.load(), [Unit("0", name, (5,)) for name in names], 1)
 

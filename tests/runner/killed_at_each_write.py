@@ -16,7 +16,7 @@ from pathlib import Path
 import robustflow as rf
 import robustflow.api
 import robustflow.runner.compute_missing
-import robustflow.runs.clean_flows
+import robustflow.runs.sealed_array
 from robustflow.benchmarks import Benchmark
 from robustflow.testing import BrightnessFlow, TexturePairs
 

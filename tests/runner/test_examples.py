@@ -22,6 +22,8 @@ from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
 from robustflow.runner.recheck import recheck
 from robustflow.runner.setup import restore_setup
+from robustflow.runs.example_list import are_current
+from robustflow.runs.run import Run
 from robustflow.runs.source import RunSource
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
@@ -46,6 +48,7 @@ def test_the_record_names_what_is_there(drawn):
     assert record["version"] == 1
     pictures = [picture["file"] for picture in (*record["slider"]["pictures"], *record["panels"])]
     assert {*pictures, record["slider"]["clean"], "examples.json"} == set(_files(drawn))
+    assert are_current(drawn)
     settings = [(picture["corruption"], picture["severity"]) for picture in record["slider"]["pictures"]]
     assert settings == [("contrast", 2), ("contrast", 5), ("over_exposure", 2), ("over_exposure", 5)]
     worst, median = record["panels"]
@@ -192,6 +195,12 @@ def test_a_benchmark_that_a_run_names_is_not_code(drawn):
         restore_setup(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="code named in a run is never loaded"):
         recheck(run.manifest.identity, run.rows)
+
+
+def test_a_list_nested_too_deeply_to_read_is_outdated(drawn, tmp_path):
+    copied = Run(shutil.copytree(drawn.path, tmp_path / "run"))
+    (copied.path / "examples" / "examples.json").write_text("[" * 100_000)
+    assert not are_current(copied)
 
 
 def test_an_incomplete_run_has_no_worst_sample(tmp_path):

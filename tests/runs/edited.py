@@ -10,8 +10,8 @@ from typing import Any
 import polars as pl
 
 from robustflow.digest import digest_of_value
-from robustflow.runs.manifest import manifest_file
 from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
+from robustflow.sealed import sealed
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
 
@@ -37,4 +37,4 @@ def fitting(manifest: Any) -> Any:
         return manifest
     if isinstance(manifest.get("identity_digest"), str) and isinstance(manifest.get("identity"), dict):
         manifest = {**manifest, "identity_digest": digest_of_value(manifest["identity"])}
-    return manifest_file(manifest)
+    return sealed(manifest)

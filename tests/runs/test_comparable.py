@@ -20,8 +20,9 @@ from robustflow.report.comparison import compare
 from robustflow.runner.recheck import recheck
 from robustflow.runs.comparable import common_rows, common_to, differences, recipe_in_words, sample_set
 from robustflow.runs.identity import FrameIdentity, Identity
-from robustflow.runs.manifest import Manifest, manifest_file
+from robustflow.runs.manifest import Manifest
 from robustflow.runs.run import Run
+from robustflow.sealed import sealed
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame
 
@@ -254,7 +255,7 @@ def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_record
     content = dry.manifest.record()
     content["identity"]["frames"]["weather"] = "dry"
     content["identity_digest"] = digest_of_value(content["identity"])
-    write_json(dry.path / "manifest.json", manifest_file(content))
+    write_json(dry.path / "manifest.json", sealed(content))
     dry, wet = Run(dry.path), evaluate(ZeroFlow(), output=tmp_path / "wet", **chosen)
     assert "weather dry" in dict(recipe_in_words(dry)).values()
     with pytest.raises(RunError, match=r"contains a different run \(it differs in: weather\)"):

@@ -6,14 +6,16 @@ import json
 import shutil
 from functools import reduce
 from operator import getitem
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robustflow as rf
 from robustflow.errors import RunError
-from robustflow.runs.manifest import manifest_file
 from robustflow.runs.run import Run
+from robustflow.runs.source import RunSource
+from robustflow.sealed import sealed
 
 from .edited import fitting
 
@@ -110,7 +112,7 @@ def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
 @pytest.mark.parametrize("fits", [False, True])
 def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path, fits):
     manifest = _with(7, "identity", "frames", "seed")(json.loads((whole / "manifest.json").read_text()))
-    refused(*damaged(whole, tmp_path, json.dumps(manifest_file(manifest) if fits else manifest)), "was changed after")
+    refused(*damaged(whole, tmp_path, json.dumps(sealed(manifest) if fits else manifest)), "was changed after")
 
 
 def test_a_flipped_bit_in_a_manifest_is_noticed(whole, tmp_path):
@@ -131,13 +133,17 @@ def test_an_older_schema_is_refused_with_a_sentence(whole, tmp_path):
 
 
 def test_what_is_written_is_read(whole):
-    assert manifest_file(Run(whole).manifest.record()) == json.loads((whole / "manifest.json").read_text())
+    assert sealed(Run(whole).manifest.record()) == json.loads((whole / "manifest.json").read_text())
 
 
 @pytest.mark.parametrize("text", ["[]", "[" * 100_000, '{"model": 3, "data": null, "data_options": {}}'])
 def test_a_source_of_another_shape_is_one_sentence(text, tmp_path):
-    from robustflow.runs.source import RunSource
-
     (tmp_path / "source.json").write_text(text)
     with pytest.raises(RunError, match=r"source\.json is damaged; delete it, and give --model and --data instead"):
         RunSource.read(tmp_path)
+
+
+def test_data_options_that_json_lacks_are_written_as_text_and_none_stays_none(tmp_path):
+    options = {"textures": None, "readout": float("inf"), "root": Path("a"), "step": 2, "motion": 0.5}
+    RunSource(data_options=options).write(tmp_path)
+    assert RunSource.read(tmp_path).data_options == options | {"readout": "inf", "root": "a"}

@@ -11,8 +11,8 @@ import pytest
 from robustflow.errors import RunError
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
-from robustflow.runs.clean_flows import read_clean, write_clean
 from robustflow.runs.plan import Unit
+from robustflow.runs.sealed_array import read_array, write_array
 from robustflow.runs.shards import list_shards, read_shard, shard_name
 from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
@@ -53,11 +53,11 @@ def test_a_folder_whose_lock_cannot_be_written_says_why(tmp_path):
 def test_dropped_samples_lose_rows_and_clean_flow_and_no_other_does(folder):
     for key in ("a", "b", "c"):
         _write(folder, key, CLEAN, (0,))
-        write_clean(folder.clean_path(key), np.zeros((2, 2, 2), np.float32), key)
+        write_array(folder.clean_path(key), np.zeros((2, 2, 2), np.float32), key)
     folder.pack()
     _write(folder, "a", "fog", (1,))
     folder.drop_samples(["a", "b"])
-    assert folder.cells() == {("c", CLEAN, 0)}
+    assert folder.tidy() == {("c", CLEAN, 0)}
     assert list((folder.path / "clean").iterdir()) == [folder.clean_path("c")]
 
 
@@ -87,7 +87,7 @@ def test_merging_keeps_every_row_once(folder):
     folder.finish_sample("a")
     folder.finish_sample("a")
     assert len(list(folder.rows_folder.iterdir())) == 3
-    assert set(folder.cells()) == {*before.select("sample", "corruption", "severity").iter_rows(), ("a", "snow", 3)}
+    assert folder.tidy() == {*before.select("sample", "corruption", "severity").iter_rows(), ("a", "snow", 3)}
 
 
 def test_a_reader_beside_a_writer_never_fails(folder):
@@ -137,7 +137,7 @@ def test_every_flipped_bit_of_a_shard_is_an_error(folder):
         with pytest.raises(RunError, match=f"{path.name} is damaged"):
             folder.rows()
         with pytest.raises(RunError, match=f"{path.name} is damaged"):
-            folder.cells()
+            folder.tidy()
 
 
 def test_a_shard_without_a_digest_is_refused(folder):
@@ -180,7 +180,7 @@ def test_what_a_killed_run_left_is_cleared_on_the_next_start(folder):
     for key in ("done", "not merged", "begun", "predicted"):
         if key != "predicted":
             _write(folder, key, CLEAN, (0,))
-        write_clean(folder.clean_path(key), np.zeros((4, 6, 2), np.float32), key)
+        write_array(folder.clean_path(key), np.zeros((4, 6, 2), np.float32), key)
     for key in ("done", "not merged"):
         _write(folder, key, "fog", (1,))
     left = {path: path.read_bytes() for path in list_shards(folder.rows_folder) if path.name.startswith("done")}
@@ -201,6 +201,8 @@ def test_temporary_files_of_a_killed_run_are_cleared_and_never_read(tmp_path):
     folder = RunFolder(tmp_path / "run")
     folder.lock()
     (folder.rows_folder / ".partial-1234-x.parquet").write_bytes(b"half")
+    (folder.path / "attacks").mkdir()
+    (folder.path / "attacks" / ".partial-1234-x.npy").write_bytes(b"half")
     assert folder.rows().height == 0
     folder.unlock()
     folder.lock()
@@ -210,27 +212,27 @@ def test_temporary_files_of_a_killed_run_are_cleared_and_never_read(tmp_path):
 
 def test_clean_flows_come_back_bit_for_bit(tmp_path):
     flow = np.random.default_rng(0).normal(size=(5, 7, 2)).astype(np.float32)
-    assert read_clean(tmp_path / "a.npy", "a") is None
-    write_clean(tmp_path / "a.npy", flow, "a")
-    np.testing.assert_array_equal(read_clean(tmp_path / "a.npy", "a"), flow)
+    assert read_array(tmp_path / "a.npy", "a") is None
+    write_array(tmp_path / "a.npy", flow, "a")
+    np.testing.assert_array_equal(read_array(tmp_path / "a.npy", "a"), flow)
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), flow)
-    assert read_clean(tmp_path / "a.npy", "b") is None, "it was computed from different inputs"
+    assert read_array(tmp_path / "a.npy", "b") is None, "it was computed from different inputs"
 
 
 def test_a_clean_flow_that_is_not_whole_counts_as_missing(tmp_path):
     path, flow = tmp_path / "a.npy", np.ones((1, 1, 2), np.float32)
-    write_clean(path, flow, "a")
+    write_array(path, flow, "a")
     whole = path.read_bytes()
     for length in range(len(whole)):
         path.write_bytes(whole[:length])
-        assert read_clean(path, "a") is None
+        assert read_array(path, "a") is None
     for flip in range(8 * len(whole)):
         damaged = bytearray(whole)
         damaged[flip // 8] ^= 1 << flip % 8
         path.write_bytes(damaged)
-        assert read_clean(path, "a") is None
+        assert read_array(path, "a") is None
     np.save(path, flow)
-    assert read_clean(path, "a") is None, "its integrity cannot be checked"
+    assert read_array(path, "a") is None, "its integrity cannot be checked"
 
 
 @pytest.mark.parametrize(
@@ -240,7 +242,7 @@ def test_bytes_that_are_no_array_count_as_missing_whatever_their_digest(tmp_path
     path = tmp_path / "a.npy"
     path.write_bytes(sealed_bytes(content, "a"))
 
-    assert read_clean(path, "a") is None
+    assert read_array(path, "a") is None
 
 
 @pytest.mark.parametrize(
@@ -295,6 +297,6 @@ def test_a_link_put_in_place_of_a_shard_after_it_was_listed_is_not_followed(fold
 def test_other_files_beside_clean_flows_are_not_removed(folder):
     (folder.path / "clean" / "notes.txt").write_text("mine")
     (folder.path / "clean" / "flow.npy").write_text("mine, too")
-    write_clean(folder.clean_path("a"), np.zeros((2, 2, 2), np.float32), "a")
+    write_array(folder.clean_path("a"), np.zeros((2, 2, 2), np.float32), "a")
     folder.keep_clean(())
     assert sorted(path.name for path in (folder.path / "clean").iterdir()) == ["flow.npy", "notes.txt"]

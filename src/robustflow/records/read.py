@@ -13,8 +13,9 @@ from ..errors import DataError
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION, SIGNED
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import IDENTITY_VERSION
-from ..runs.manifest import MANIFEST_SCHEMA, Manifest, manifest_file
+from ..runs.manifest import MANIFEST_SCHEMA, Manifest
 from ..runs.shards import PACK, write_shard
+from ..sealed import sealed
 from ..text import plain
 from .container import LIMITS, read_container
 from .contents import Record, check_version, parsed
@@ -173,7 +174,7 @@ class Reader:
             DataError: the folder cannot be written.
         """
         make_folder(folder / "rows")
-        write_json(folder / "manifest.json", manifest_file(self.plan.record()))
+        write_json(folder / "manifest.json", sealed(self.plan.record()))
         for name in ("summary.json", PROFILE):
             if name in self.entries:
                 write_bytes(folder / name, self.entries[name])

@@ -17,9 +17,9 @@ from ..digest import digest_of_value
 from ..errors import UsageError
 from ..models.base import AnyModel, predict_checked
 from ..random.rng import Rng, key_of
-from ..runs.clean_flows import read_clean, write_clean
 from ..runs.file_digests import file_digests
 from ..runs.plan import Plan, Unit
+from ..runs.sealed_array import read_array, write_array
 from ..runs.store import RunFolder
 
 
@@ -82,7 +82,7 @@ def learned_patterns(folder: RunFolder, plan: Plan, model: AnyModel, units: Sequ
                 pattern = _trained(attack, plan, on, severity, batch_size)
                 path = folder.pattern_path(label, severity)
                 path.parent.mkdir(exist_ok=True)
-                write_clean(path, pattern, _made_of(plan, label, severity))
+                write_array(path, pattern, _made_of(plan, label, severity))
             learned.setdefault(label, {})[severity] = pattern
     return learned
 
@@ -91,7 +91,7 @@ def learned_pattern(folder: RunFolder, plan: Plan, label: str, severity: int, at
     """Return a trained perturbation by its label in `Attack.training`; None if it is damaged or missing from the run
     folder."""
     assert isinstance(attack, Trained)
-    pattern = read_clean(folder.pattern_path(label, severity), _made_of(plan, label, severity))
+    pattern = read_array(folder.pattern_path(label, severity), _made_of(plan, label, severity))
     return pattern if pattern is not None and attack.fits(pattern) and np.isfinite(pattern).all() else None
 
 

@@ -13,8 +13,8 @@ from ..metrics.error_maps import error_sum
 from ..metrics.rows import CLEAN, measure
 from ..models.base import describe_cell
 from ..models.confidence import Answer, flow_of
-from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import Cell, RunOptions
+from ..runs.sealed_array import read_array, write_array
 from ..sample import Flow, Mask
 from .clean_row_check import check_same_data, check_same_model
 from .confidence_columns import confidence_columns
@@ -52,7 +52,7 @@ class MeasureStage:
         Raises:
             RunError: see `keep_clean`.
         """
-        clean = read_clean(self._clean_path(loaded.sample.key), loaded.clean_flow_key)
+        clean = read_array(self._clean_path(loaded.sample.key), loaded.clean_flow_key)
         if clean is not None:
             self._check(loaded, clean)
         return clean
@@ -64,7 +64,7 @@ class MeasureStage:
             RunError: the run's clean row of the sample was measured with different frames, ground truth or a different
                 model.
         """
-        write_clean(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
+        write_array(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
         self._check(loaded, clean)
 
     def row(self, loaded: Loaded, clean: Answer, answer: Answer, digest: str, cell: Cell) -> dict[str, Any]:

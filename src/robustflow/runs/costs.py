@@ -25,6 +25,12 @@ COUNTED_SIZE = (432, 720)
 _LARGEST = 1 << 16
 _COMMAND = "profile MODEL --into RUN"
 
+_NOT_COMPARED = {
+    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
+    *("tile", "overlap", "sigma"),
+}
+"""Parts of a model's identity that do not affect its cost, or that follow from its name."""
+
 _Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
@@ -90,20 +96,13 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
         UsageError: the model or its settings differ.
     """
     ran = run.manifest.identity.model.settings
-    for key in sorted((ran.keys() | model.keys()) - _FREE):
+    for key in sorted((ran.keys() | model.keys()) - _NOT_COMPARED):
         before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
         if before != here:
             raise UsageError(
                 f"{run.path} has a different model: its {key} is {plain(before)}, "
                 f"but the given model has {plain(here)}; profile the run's model with the run's options"
             )
-
-
-_FREE = {
-    *("checkpoint", "options", "runtime", "input", "device", "precision", "compile", "threads", "torch"),
-    *("tile", "overlap", "sigma"),
-}
-"""Parts of a model's identity that do not affect its cost, or that follow from its name."""
 
 
 def write_cost(run: Run, cost: RunCost) -> Path:

@@ -1,6 +1,6 @@
 """Read and write `examples.json`: which example pictures a run's folder contains and what they show.
 
-RUN/examples/examples.json   the list, with numbers from the run's rows
+    RUN/examples/examples.json   the list, with numbers from the run's rows
     RUN/examples/*.jpg           the pictures
 
 The folder RUN/examples is complete or absent.
@@ -68,20 +68,19 @@ def _plain_name(corruption: str, index: int) -> str:
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
-def example_files(listed: dict[str, Any]) -> list[str]:
-    slider = listed["slider"]
-    return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *listed["panels"]))]
-
-
 def are_current(result: Run) -> bool:
     """Return whether the pictures in a run's folder match its rows."""
     listed = example_list(result.rows)
     home = result.path / FOLDER
     try:
         on_disk = json.loads((home / EXAMPLES_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
-    return listed is not None and on_disk == listed and all((home / name).is_file() for name in example_files(listed))
+    if listed is None or on_disk != listed:
+        return False
+    slider = listed["slider"]
+    names = [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *listed["panels"]))]
+    return all((home / name).is_file() for name in names)
 
 
 def drop_examples(run: Path) -> None:

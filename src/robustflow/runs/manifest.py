@@ -96,10 +96,9 @@ class Manifest(Untrusted):
         return cls.model_validate_json(json.dumps(body))
 
     def record(self) -> dict[str, Any]:
-        """Return the content of the file, without the digest that `manifest_file` adds and without fields that have
-        their default values."""
-        written = self.model_dump(mode="json", exclude_defaults=True)
-        return {**written, "schema": MANIFEST_SCHEMA}
+        """Return the content of the file, without its digest (`sealed`) and without fields that have their default
+        values."""
+        return {**self.model_dump(mode="json", exclude_defaults=True), "schema": MANIFEST_SCHEMA}
 
     def shareable(self) -> Manifest:
         """Return the manifest for a record: without the user's attacks, the command line, the machines of a cluster,
@@ -128,15 +127,6 @@ class Manifest(Untrusted):
 def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
     """Return the records of a dataset about its clips (`robustflow.datasets.base.FromClips.clip_records`)."""
     return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)
-
-
-def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of the manifest file, with the schema and a digest of both.
-
-    >>> manifest_file({"seed": 1}) == manifest_file(manifest_file({"seed": 1}))
-    True
-    """
-    return sealed({**content, "schema": MANIFEST_SCHEMA})
 
 
 def read_manifest(path: Path) -> Manifest | None:
@@ -199,11 +189,8 @@ def _too_deep(value: Any) -> bool:
     """Return whether lists and objects are nested more deeply than in any manifest that a run writes."""
     level = [value]
     for _ in range(_DEEPEST):
-        level = [part for each in level if isinstance(each, dict | list) for part in _parts(each)]
+        values = [list(each.values()) if isinstance(each, dict) else each for each in level]
+        level = [part for each in values if isinstance(each, list) for part in each]
         if not level:
             return False
     return True
-
-
-def _parts(value: dict[str, Any] | list[Any]) -> list[Any]:
-    return list(value.values()) if isinstance(value, dict) else value

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -99,11 +99,14 @@ class Plan:
 
     def count(self) -> int:
         """Return the number of units in a complete run."""
-        return len(self.benchmark.keys) * (1 + sum(1 for levels in self._levels().values() if levels))
+        return len(self.benchmark.keys) * len(self._conditions())
 
     def _each(self) -> Iterator[Unit]:
-        conditions = [(CLEAN, (0,)), *((name, levels) for name, levels in self._levels().items() if levels)]
+        conditions = self._conditions()
         return (Unit(key, name, levels) for key in self.benchmark.keys for name, levels in conditions)
+
+    def _conditions(self) -> list[tuple[str, tuple[int, ...]]]:
+        return [(CLEAN, (0,)), *((name, levels) for name, levels in self._levels().items() if levels)]
 
     def left_out(self) -> dict[str, list[int]]:
         """Return the requested severities that do not exist on the severity scale, by corruption."""
@@ -117,14 +120,13 @@ class Plan:
         corruptions = {name: levels_of(name, severities, scale) for name in self.benchmark.corruptions}
         return corruptions | dict.fromkeys(self.benchmark.attacks, severities)
 
-    def missing(self, existing: Iterable[Cell]) -> list[Unit]:
+    def missing(self, existing: AbstractSet[Cell]) -> list[Unit]:
         """Return the planned units that are not done yet."""
-        done = existing if isinstance(existing, AbstractSet) else set(existing)
         left = []
         for unit in self._each():
-            severities = tuple(s for s in unit.severities if (unit.key, unit.corruption, s) not in done)
+            severities = tuple(cell[2] for cell in unit.cells if cell not in existing)
             if severities:
-                left.append(Unit(unit.key, unit.corruption, severities))
+                left.append(replace(unit, severities=severities))
         return left
 
     def identity(self) -> Identity:

@@ -54,4 +54,4 @@ class Provenance(Untrusted):
 
 
 UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
-"""Return the provenance of a model with unknown training data."""
+"""The provenance of a model with unknown training data."""

@@ -68,9 +68,7 @@ class Run:
         return list(self.manifest.selection.attacks)
 
     def _every_row(self) -> pl.DataFrame:
-        _ = (
-            self.rows_digest
-        )  # computed before the rows are read, so that rows written in between do not match the digest
+        _ = self.rows_digest  # computed first, so that rows written in between do not match the digest
         return self._folder.rows()
 
     @cached_property

@@ -46,9 +46,7 @@ class RunSource:
         """Write the source into a run's folder."""
         model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
         data = None if self.data is None else str(self.data.expanduser().absolute())
-        options = {
-            key: value if isinstance(value, int | float) else str(value) for key, value in self.data_options.items()
-        }
+        options = _plain(self.data_options.items())
         write_json(folder / FILE, {"schema": 1, "model": model, "data": data, "data_options": options})
 
     @classmethod
@@ -92,7 +90,7 @@ class RunSource:
         return ModelSpec(self.model.name, tuple((kept | dict(given)).items()))
 
 
-_OF_FILES = ("precomputed", "onnx", "torchscript", "torch_export")
+_OF_FILES = ("precomputed", "onnx")
 """Registered models that consist entirely of the user's files."""
 _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
 

@@ -2,8 +2,8 @@
 
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
-clean/*.npy        clean flows of samples that are not finished yet (`clean_flows`)
-attacks/*.npy      perturbations that attacks were trained to make, stored like clean flows
+clean/*.npy        clean flows of samples that are not finished yet (`sealed_array`)
+attacks/*.npy      perturbations that attacks were trained to make (`sealed_array`)
 summary.json, report.html
 examples/           pictures of the worst and the median sample
 source.json        where model and data were on this machine
@@ -25,8 +25,9 @@ from ..atomic import TEMPORARY, make_folder, write_json
 from ..digest import digest_of_bytes
 from ..errors import RunError
 from ..links import refuse_links
-from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
-from .manifest import Manifest, manifest_file, read_manifest
+from ..metrics.rows import CLEAN, rows_frame
+from ..sealed import sealed
+from .manifest import Manifest, read_manifest
 from .plan import Cell, Unit
 from .shards import (
     PACK,
@@ -45,7 +46,7 @@ _MANY_SHARDS = 64
 """Number of small shards to merge into one."""
 _SMALL_SHARD = 2**20
 """Size in bytes below which shards are merged: about 10,000 rows."""
-_INSIDE = ("rows", "clean", "examples")
+_INSIDE = ("rows", "clean", "attacks", "examples")
 """Subfolders of a run's folder."""
 _CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
 _RETRIES = 1000
@@ -92,7 +93,7 @@ class RunFolder:
                 f"cannot write {self.path}: {error.strerror or error}; choose another folder with --output"
             ) from error
         self._lock = lock
-        for folder in (self.path, self.rows_folder, self.path / "clean"):
+        for folder in (self.path, *(self.path / name for name in _INSIDE)):
             for path in folder.glob(f"{TEMPORARY}*"):
                 if path.is_dir():
                     shutil.rmtree(path, ignore_errors=True)
@@ -118,7 +119,7 @@ class RunFolder:
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest atomically."""
-        write_json(self.manifest_path, manifest_file(manifest.record()))
+        write_json(self.manifest_path, sealed(manifest.record()))
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard."""
@@ -230,10 +231,6 @@ class RunFolder:
         raise RunError(
             f"{gone} is listed but missing; run the command again when no other process is writing to its folder"
         )
-
-    def cells(self) -> set[Cell]:
-        """Return the cells whose rows exist."""
-        return set(self.rows(ROW_KEY).iter_rows())
 
     def clean_path(self, key: str) -> Path:
         """Return the path at which the clean flow of a sample is stored until the sample is finished."""
