@@ -32,8 +32,11 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
         RunError: the attack names code or a file that the user did not name, its code or settings have changed, or its
             trained perturbation is missing.
     """
-    if name not in named:
-        _refuse_code_and_files(name)
+    if name not in named and _names_code_or_a_file(name):
+        raise RunError(
+            f"the run's attack '{plain(name)}' refers to code or a file, and code named in a run folder is never "
+            f"loaded: pass --own-attack '{plain(name)}' yourself if you trust it"
+        )
     plan, options = setup.plan, setup.options
     try:
         attack = load_attack(name).with_variant(options.variant)
@@ -55,16 +58,12 @@ def with_attack(setup: Setup, run: Run, name: str, severity: int, named: Contain
     return replace(setup, plan=replace(plan, options=options))
 
 
-def _refuse_code_and_files(name: str) -> None:
+def _names_code_or_a_file(name: str) -> bool:
     head, argument, options = split_name(name)
     on = options.pop("on", argument if head == "transfer" else "tiny") or "tiny"
     options.pop("train", None)  # the trained perturbation is in the run folder
     try:
-        if "file" in options:
-            raise RunError("a file")
         RunSource(ModelSpec(on, tuple(options.items()))).model_to_reuse({})
     except RunError:
-        raise RunError(
-            f"the run's attack '{plain(name)}' refers to code or a file, and code named in a run folder is never "
-            f"loaded: pass --own-attack '{plain(name)}' yourself if you trust it"
-        ) from None
+        return True
+    return "file" in options

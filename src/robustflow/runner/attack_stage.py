@@ -36,7 +36,7 @@ class AttackStage:
         model: AnyModel,
         options: RunOptions,
         seconds: Seconds,
-        on_predict: Callable[[str | None], None] = lambda what: None,
+        on_predict: Callable[[str | None], None],
     ) -> None:
         self.names = options.attacks
         for made in options.own_attacks:

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..models import ModelSpec
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, given_name, model_identity
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowLookup, given_name, model_identity
 from ..models.construct import as_model
 from ..models.provenance import DECLARED
 
@@ -23,6 +23,7 @@ class NamedModel:
         model: loaded model.
         identity: the model's part of a run's identity.
         declared: training sets declared by the user; None if they are not declared.
+        name: name that a user's model defines for itself; None for registered models.
     """
 
     spec: ModelSpec | None
@@ -30,7 +31,6 @@ class NamedModel:
     identity: dict[str, Any]
     declared: str | None
     name: str | None = None
-    """Return the name that a user's model defines for itself; None for registered models."""
 
     def check_batch_size(self, size: int) -> None:
         """Raise if the model does not support a batch size.
@@ -64,3 +64,15 @@ def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) ->
         return NamedModel(model, loaded, model.identity(loaded), declared, own_name)
     given = as_model(model, f"the model {model!r}")
     return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None), given_name(given))
+
+
+def load_predictor(model: str | Path | ModelSpec | AnyModel) -> NamedModel:
+    """Load a model as `name_model` does, and check that it can predict the flow of new frames.
+
+    Raises:
+        UsageError, ModelError: see `name_model`; or the model is a folder of flow files.
+    """
+    named = name_model(model)
+    if isinstance(named.model, FlowLookup):
+        raise UsageError("flow files cannot be used to predict new frames; specify a model")
+    return named

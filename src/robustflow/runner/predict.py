@@ -21,14 +21,14 @@ from ..flowio import read_flow, write_flow
 from ..images.flow_colours import flow_colours, flow_radius
 from ..images.io import image_size, write_image
 from ..models import ModelSpec
-from ..models.base import AnyModel, FlowLookup
+from ..models.base import AnyModel
 from ..runs.plan import RunOptions
-from ..sample import Flow, Frame
+from ..sample import Flow
 from ..threads import one_opencv_thread
 from ..video.clip import write_clip
 from ..video.codec import crf
 from ..video.colour import I420, rgb_to_i420
-from .named_model import name_model
+from .named_model import load_predictor
 from .worker import Worker
 
 FLOW_FORMATS = ("flo", "png", "pfm", "flo5")
@@ -99,10 +99,7 @@ def predict_flows(
     there = [path for path in targets.values() if path.exists()]
     if there and not overwrite:
         raise UsageError(f"{there[0]} already exists; choose a different folder with -o, or use --overwrite")
-    named = name_model(model)
-    if isinstance(named.model, FlowLookup):
-        raise UsageError("flow files cannot be used to predict new frames; specify a model")
-    for key, flow in flows_of(named.model, dataset, keys):
+    for key, flow in flows_of(load_predictor(model).model, dataset, keys):
         make_folder(targets[key].parent)
         write_flow(targets[key], flow)
         yield Predicted(key, targets[key], flow_radius(flow))
@@ -150,14 +147,10 @@ def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius
                     "size"
                 )
             flow, valid = read_flow(one.flow)
-            yield rgb_to_i420(_stacked(frame, flow_colours(flow, radius, valid)))
+            yield rgb_to_i420(np.concatenate((frame, flow_colours(flow, radius, valid))))
 
     make_folder(path.parent)
     write_clip(path, pictures(), (2 * height, width), Fraction(fps).limit_denominator(1001), crf(18))
-
-
-def _stacked(frame: Frame, below: Frame) -> Frame:
-    return np.ascontiguousarray(np.concatenate((frame, below)))
 
 
 def _is_picture(path: Path) -> bool:

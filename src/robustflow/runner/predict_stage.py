@@ -70,7 +70,7 @@ class PredictStage:
         model: AnyModel,
         confidence: str | None,
         seconds: Seconds,
-        on_predict: Callable[[str | None], None] = lambda what: None,
+        on_predict: Callable[[str | None], None],
     ) -> None:
         self._model = model
         self._confidence = confidence

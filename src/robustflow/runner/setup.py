@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,19 +11,18 @@ from ..attacks.own import own_attacks_among
 from ..benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..benchmarks.facts import check_still, is_still, moving_name
 from ..corruptions import load_corruption
-from ..corruptions.base import BGR, VARIANTS, Corruption
+from ..corruptions.base import BGR, VARIANTS
 from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.sources import user_sources
 from ..datasets import DATASETS
-from ..datasets.base import Dataset, Depths, FromClips
+from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..models.confidence import check_confidence
 from ..models.provenance import training_of
-from ..models.window import Window
 from ..random.rng import check_seed
 from ..runs.identity import FrameIdentity, Identity, checked_name, differing_fields
 from ..runs.plan import Plan, RunOptions, left_out_sentence
@@ -99,19 +98,14 @@ def set_up(
             "3D corruptions need depth, which is available only for the two frames of a pair, but this model needs "
             f"{window.before + 2 + window.after}: choose a two-frame model, or different corruptions"
         )
-    options = _options(
-        seed,
-        variant,
-        severity_scale,
-        allow_invalid,
-        window,
-        benchmark.corruptions,
-        common_draws,
-        benchmark.classes,
-        benchmark.depths,
-    )
-    options = replace(
-        options,
+    options = RunOptions(
+        seed=seed,
+        variant=variant,
+        allow_invalid=allow_invalid,
+        severity_scale=severity_scale,
+        window=window,
+        common_draws=common_draws,
+        **_of_benchmark(benchmark, benchmark.corruptions, variant),
         attacks=benchmark.attacks,
         own_attacks=own_attacks_among(benchmark.attacks),
         attack_sources=attack_sources,
@@ -155,7 +149,8 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
     except RobustFlowError as error:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
     options = replace(
-        _options_of(identity, benchmark, window_on(named.model, benchmark.dataset)),
+        _options_of(identity, benchmark),
+        window=window_on(named.model, benchmark.dataset),
         confidence=identity.measuring.confidence,
         draws=identity.measuring.draws,
     )
@@ -179,9 +174,8 @@ def set_up_frames(
         UsageError, DataError: the dataset is missing.
     """
     benchmark = _benchmark_of(identity.frames, data, data_options)
-    options = replace(
-        _options_of(identity, benchmark), allow_invalid=True
-    )  # invalid pixels depend on a model, which is not used here
+    # invalid pixels depend on a model, which is not used here
+    options = replace(_options_of(identity, benchmark), allow_invalid=True)
     made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
     if made != recorded:
         differing = differing_fields(made, recorded)
@@ -236,7 +230,8 @@ def open_benchmark(
     return chosen.still() if still else chosen
 
 
-def _options_of(identity: Identity, benchmark: Benchmark, window: Window | None = None) -> RunOptions:
+def _options_of(identity: Identity, benchmark: Benchmark) -> RunOptions:
+    """Return the options recorded in an identity, without its attacks, which are not repeated."""
     frames = identity.frames
     for name in frames.corruptions:
         if not is_known(name):
@@ -244,33 +239,24 @@ def _options_of(identity: Identity, benchmark: Benchmark, window: Window | None 
                 f"the run's corruption '{plain(name)}' is unknown and not part of this package: specify it with "
                 "--own-corruption MODULE:ATTRIBUTE, or install its package"
             )
-    options = _options(
-        frames.seed,
-        frames.variant,
-        frames.scale,
-        identity.measuring.allow_invalid,
-        window,
-        list(frames.corruptions),
-        frames.common_draws,
-        benchmark.classes,
-        benchmark.depths,
-    )
-    return replace(options, attack_sources=frames.attack_sources)  # attacks are not repeated
-
-
-def _options(
-    seed: int,
-    variant: str,
-    scale: str,
-    allow_invalid: bool,
-    window: Window | None,
-    corruptions: Sequence[str],
-    common_draws: bool,
-    classes: Mapping[str, type[Corruption]],
-    depth: Depths | None,
-) -> RunOptions:
-    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # the run may contain only attacks
-    sources = user_sources(of_corruptions, corruptions)
     return RunOptions(
-        seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), classes, depth=depth
+        seed=frames.seed,
+        variant=frames.variant,
+        allow_invalid=identity.measuring.allow_invalid,
+        severity_scale=frames.scale,
+        common_draws=frames.common_draws,
+        attack_sources=frames.attack_sources,
+        **_of_benchmark(benchmark, frames.corruptions, frames.variant),
     )
+
+
+def _of_benchmark(benchmark: Benchmark, corruptions: Iterable[str], variant: str) -> dict[str, Any]:
+    """Return the options that follow from a benchmark and the names of the corruptions."""
+    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # the run may contain only attacks
+    names = tuple(corruptions)
+    return {
+        "sources": user_sources(of_corruptions, names),
+        "own": own_among(names),
+        "classes": benchmark.classes,
+        "depth": benchmark.depths,
+    }

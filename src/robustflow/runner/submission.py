@@ -17,12 +17,12 @@ from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
 from ..metrics.outliers import FL_PIXELS, FL_SHARE
 from ..models import ModelSpec
-from ..models.base import AnyModel, FlowLookup
+from ..models.base import AnyModel
 from ..runs.file_digests import file_digests
 from ..runs.identity import differing_fields
 from ..runs.run import Run
 from ..sample import Flow
-from .named_model import name_model
+from .named_model import load_predictor
 from .predict import flows_of
 
 
@@ -85,9 +85,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     """
     if spec is None:
         raise RunError(f"{run.path} does not record how to load its model; specify --model NAME and its options")
-    named = name_model(spec)
-    if isinstance(named.model, FlowLookup):
-        raise UsageError("flow files cannot be used to predict new frames; specify a model")
+    named = load_predictor(spec)
     recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
         raise RunError(

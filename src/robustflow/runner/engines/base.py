@@ -9,10 +9,9 @@ from typing import Any
 
 from ...datasets.base import Dataset
 from ...models import ModelSpec
-from ...models.base import AnyModel
+from ...models.base import AnyModel, model_identity
 from ...runs.plan import RunOptions, Unit
 from ...runs.store import RunFolder
-from ..seconds import pop_timings
 from ..worker import Worker
 
 
@@ -39,6 +38,10 @@ class Job:
         if self.loaded is not None:
             return self.loaded
         return self.model.load() if isinstance(self.model, ModelSpec) else self.model
+
+    def model_identity(self, loaded: AnyModel) -> dict[str, Any]:
+        """Return the identity of the loaded model, including its name if it was loaded by name."""
+        return self.model.identity(loaded) if isinstance(self.model, ModelSpec) else model_identity(loaded)
 
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
         """Create a worker with the model that `load_model` returns."""
@@ -69,8 +72,3 @@ class Engine:
 
     describe: Callable[[Sequence[Unit]], str]
     compute: Callable[[Job, Sequence[Unit]], Iterator[FinishedUnit]]
-
-
-def take_seconds(worker: Worker) -> dict[str, float]:
-    """Return the seconds since the last call."""
-    return pop_timings(worker.seconds)

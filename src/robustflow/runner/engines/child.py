@@ -163,9 +163,8 @@ def _no_interrupt() -> Iterator[None]:
     """Ignore Ctrl-C while a process starts, so that the process inherits the setting. The resource tracker must already
     be running, because starting it would enable Ctrl-C again."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    came: list[
-        int
-    ] = []  # any other thread of this process may still receive the signal, and the main thread would then raise
+    # any other thread of this process may still receive the signal, and the main thread would then raise
+    came: list[int] = []
     in_charge = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
     try:

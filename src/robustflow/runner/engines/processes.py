@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 
 from ...runs.plan import Unit
-from .base import FinishedUnit, Job, take_seconds
+from ..seconds import pop_timings
+from .base import FinishedUnit, Job
 from .child import Child, check_picklable
 from .prediction_timeout import PredictionTimeout
 from .schedule import Schedule
@@ -55,7 +56,7 @@ def compute_units(pipe: Connection) -> None:
     worker = pipe.recv().worker(lambda what: pipe.send(("predicting", what)))
     while True:
         rows = worker.run(pipe.recv())
-        pipe.send(("rows", (rows, take_seconds(worker))))
+        pipe.send(("rows", (rows, pop_timings(worker.seconds))))
 
 
 class _WorkerHandle:

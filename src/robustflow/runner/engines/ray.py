@@ -21,7 +21,7 @@ from .base import FinishedUnit, Job
 from .child import rebuilt
 from .ray_actor import Answer, check_installed, installed
 from .ray_cluster import connected
-from .ray_job import files_of, model_identity_of, needs_gpu, pickled, variables
+from .ray_job import files_of, needs_gpu, pickled, variables
 from .ray_member import Member
 from .schedule import Schedule
 
@@ -84,24 +84,18 @@ class _Crew:
         gpu: bool,
         local: bool,
     ) -> None:
-        self._ray, self._job, self._workers, self._timeout, self._gpu, self._local = (
-            ray,
-            job,
-            workers,
-            timeout,
-            gpu,
-            local,
-        )
+        self._ray, self._job = ray, job
+        self._workers, self._timeout, self._gpu, self._local = workers, timeout, gpu, local
         self._schedule, self._left = Schedule(units), len(units)
         self._first_files = files_of(job, units[0]) if units else ()
         self._sent = ray.put(sent)
-        self._identity = model_identity_of(job)
+        self._identity = job.model_identity(job.load_model())
         self._installed = installed()
         self._members: list[Member] = []
         self._losses: dict[Unit, list[str]] = {}
         self._failed_starts = 0
         self._most = 0
-        """Return the largest number of GPUs or CPUs that the cluster has had; those of a lost node may come back."""
+        """Largest number of GPUs or CPUs that the cluster has had; those of a lost node may come back."""
         self._heard = time.monotonic()
         self._looked = self._heard - _LOOK_S
         self._warned = False

@@ -42,10 +42,8 @@ def installed() -> dict[str, str]:
     from ...runs.environment import environment
 
     package = Path(__file__).parents[2]
-    paths = sorted(path for path in package.rglob("*.py"))
-    code = digest_of_bytes(
-        *(b"%b\0%b" % (str(path.relative_to(package)).encode(), path.read_bytes()) for path in paths)
-    )
+    files = {str(path.relative_to(package)): path.read_bytes() for path in sorted(package.rglob("*.py"))}
+    code = digest_of_bytes(*(b"%b\0%b" % (name.encode(), content) for name, content in files.items()))
     here = environment()
     return {"robustflow": f"{VERSION} (code {code[:8]})", "python": here.python} | {
         name: version for name, version in here.packages.items() if name != "robustflow"
@@ -116,8 +114,6 @@ class UnitActor:
     def _begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> str:
         import cv2
 
-        from ...models import ModelSpec
-        from ...models.base import model_identity
         from ...runs.identity import differing_fields
         from .base import Job
 
@@ -131,7 +127,7 @@ class UnitActor:
             ) from error
         self._check_files(files)
         model = job.load_model()
-        loaded = job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
+        loaded = job.model_identity(model)
         if loaded != identity:
             raise RunError(
                 f"node {self._host} has a different model of the same name (it differs in: "
@@ -142,7 +138,7 @@ class UnitActor:
 
     def _run(self, unit: Unit, files: Files) -> tuple[list[dict[str, Any]], dict[str, float]]:
         from ...runs.store import RunFolder
-        from .base import take_seconds
+        from ..seconds import pop_timings
 
         assert self._worker is not None
         self._check_files(files)
@@ -151,7 +147,7 @@ class UnitActor:
             rows = self._worker.run(unit)
         finally:
             shutil.rmtree(self._scratch)  # the worker already has the sample's clean flow in memory
-        return rows, take_seconds(self._worker)
+        return rows, pop_timings(self._worker.seconds)
 
     def _note(self, what: str | None) -> None:
         self._predicting = None if what is None else (what, time.monotonic())

@@ -188,7 +188,7 @@ def _new_folder() -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Return options that disable Ray's start and end messages and its usage statistics."""
+    """Disable Ray's start and end messages and its usage statistics within the block."""
     logger = logging.getLogger("ray")
     level, before = logger.level, os.environ.get("RAY_USAGE_STATS_ENABLED")
     logger.setLevel(logging.ERROR)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 from ...corruptions.stack import needs_depth
 from ...errors import UsageError
 from ...models import ModelSpec
-from ...models.base import model_identity
 from ...models.devices import device_of, is_accelerator
 from ...runs.plan import Unit
 from ...runs.sample_files import files_of_sample
@@ -46,12 +44,6 @@ def needs_gpu(job: Job) -> bool:
             "worker its own GPU"
         )
     return is_accelerator(listed[0] if listed and listed[0] != "auto" else device_of(job.load_model()))
-
-
-def model_identity_of(job: Job) -> dict[str, Any]:
-    """Return the identity that the model on a node must have."""
-    model = job.load_model()
-    return job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
 
 
 def files_of(job: Job, unit: Unit) -> tuple[tuple[str, int], ...]:

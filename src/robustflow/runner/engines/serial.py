@@ -6,7 +6,8 @@ from collections.abc import Container, Iterable, Iterator
 
 from ...runs.plan import Unit
 from ...threads import one_opencv_thread
-from .base import Engine, FinishedUnit, Job, take_seconds
+from ..seconds import pop_timings
+from .base import Engine, FinishedUnit, Job
 
 
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
@@ -17,7 +18,7 @@ def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
         for group in _grouped(units, attacks, job.batch_size):
             rows = worker.run_attack(group) if len(group) > 1 else [worker.run(group[0])]
             for unit, of_unit in zip(group, rows, strict=True):
-                yield FinishedUnit(unit, of_unit, take_seconds(worker))
+                yield FinishedUnit(unit, of_unit, pop_timings(worker.seconds))
 
 
 def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iterator[list[Unit]]:
@@ -41,4 +42,3 @@ def _grouped(units: Iterable[Unit], attacks: Container[str], cells: int) -> Iter
 
 
 SERIAL = Engine(lambda units: "serial", serial)
-"""Return the serial engine."""
