@@ -68,8 +68,8 @@ def test_margins_cover_the_truth_and_exclude_its_other_side_as_rarely_as_they_sa
         values, others = rng.normal(0, 1, 9), rng.normal(0, 3, 5)
         made = {
             "mean": of_mean(list(values), "family"),
-            "difference": of_difference(list(values), list(others), "family"),
-            "correlation": of_correlation(list(values), list(rng.normal(size=9)), "family"),
+            "difference": of_difference(list(values), list(others)),
+            "correlation": of_correlation(list(values), list(rng.normal(size=9))),
             "majority": of_majority(int(rng.binomial(15, 0.5)), 15, "family"),
         }
         for name, margin in made.items():

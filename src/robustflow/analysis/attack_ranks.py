@@ -15,12 +15,8 @@ from ..runs.comparable import common_to
 from ..runs.run import Run
 from .attacks import attack_scores
 from .exclusion import exclusions
-from .ranking import spearman, spearman_interval
+from .ranking import rank_correlation
 from .run_names import run_names
-
-LEAST_MODELS = 5
-"""Minimum number of models for a rank correlation: with four models, one in twelve random orders has a correlation of 1
-or -1."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +30,8 @@ class Prediction:
         models: names of the compared models.
         left_out: model name -> reason for leaving the model out.
         lower_bounds: models for which the attack has a warning in `LOWER_BOUND`.
-        rho: Spearman's rank correlation; None with fewer than `LEAST_MODELS` models or if one variable is constant.
+        rho: Spearman's rank correlation; None with fewer than `ranking.LEAST_MODELS` models or if one variable is
+            constant.
         interval: 95 % confidence interval of `rho`.
     """
 
@@ -86,10 +83,7 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
             for name, rows in attacked.items()
             if name not in left_out
         }
-        rho = None
-        if len(after) >= LEAST_MODELS:
-            rho = spearman([increase[name] for name in after], list(after.values()))
-        ends = None if rho is None else spearman_interval(rho, len(after))
+        rho, ends = rank_correlation([increase[name] for name in after], list(after.values()))
         lower = tuple(name for name in after if warnings[name])
         predicted.append(Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends))
     return predicted

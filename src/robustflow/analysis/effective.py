@@ -16,9 +16,8 @@ import numpy as np
 
 from ..errors import UsageError
 from .model_result import ModelResult
+from .ranking import LEAST_MODELS
 from .results import AVERAGE, CLEAN
-
-LEAST_MODELS = 5
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ import polars as pl
 
 from ..runs.comparable import common_to
 from ..runs.run import Run
-from .attack_ranks import LEAST_MODELS
 from .exclusion import exclusions
-from .ranking import spearman, spearman_interval
+from .ranking import rank_correlation
 from .run_names import run_names
 from .uncertainty.bootstrap import bootstrap
 from .uncertainty.sums import ClusterSums
@@ -59,8 +58,8 @@ class TwinComparison:
         metric: "cre", or "rcre" without ground truth.
         models: measurements of each model.
         count: number of models in the correlation.
-        rho: Spearman's rank correlation over models; None with fewer than `LEAST_MODELS` models or if one variable is
-            constant.
+        rho: Spearman's rank correlation over models; None with fewer than `ranking.LEAST_MODELS` models or if one
+            variable is constant.
         interval: 95 % confidence interval of `rho`.
     """
 
@@ -125,8 +124,5 @@ def _compared(
             )
         )
     ranked = [model for model in models if not model.excluded]
-    rho = None
-    if len(ranked) >= LEAST_MODELS:
-        rho = spearman([model.flat for model in ranked], [model.deep for model in ranked])
-    ends = None if rho is None else spearman_interval(rho, len(ranked))
+    rho, ends = rank_correlation([model.flat for model in ranked], [model.deep for model in ranked])
     return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends)

@@ -16,6 +16,10 @@ import numpy as np
 
 Name = TypeVar("Name", bound=Hashable)
 
+LEAST_MODELS = 5
+"""Minimum number of models for a rank correlation or a trend: with four models, one in twelve random orders has a rank
+correlation of 1 or -1."""
+
 _NORMAL = 1.959964
 """Half-width of a 95 % interval, in standard errors."""
 
@@ -79,6 +83,19 @@ def spearman_interval(rho: float, count: int) -> tuple[float, float]:
     reach = _NORMAL * math.sqrt((1 + inside * inside / 2) / (count - 3))
     low, high = (math.tanh(math.atanh(inside) + side * reach) for side in (-1, 1))
     return min(low, rho), max(high, rho)
+
+
+def rank_correlation(
+    first: Sequence[float], second: Sequence[float]
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Compute Spearman's rank correlation over models and its 95 % interval; None with fewer than `LEAST_MODELS` models
+    or if one variable is constant.
+
+    >>> rank_correlation([1, 2, 3, 4], [1, 2, 3, 4])
+    (None, None)
+    """
+    rho = spearman(first, second) if len(first) >= LEAST_MODELS else None
+    return rho, None if rho is None else spearman_interval(rho, len(first))
 
 
 def partial_spearman(first: Sequence[float], second: Sequence[float], given: Sequence[float]) -> float | None:

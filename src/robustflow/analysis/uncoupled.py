@@ -17,11 +17,11 @@ import polars as pl
 from ..corruptions.names import ordered
 from ..errors import unknown_name
 from ..metrics.rows import CLEAN
-from .ranking import partial_spearman, spearman
+from .ranking import LEAST_MODELS, partial_spearman, spearman
 from .results import AVERAGE
 
 LEAST_IMAGES = 5
-"""Smallest number of images or models for which a correlation is computed."""
+"""Minimum number of images for a correlation."""
 
 
 @dataclass(frozen=True)
@@ -157,12 +157,12 @@ class Coupling:
 
 def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[float]) -> Coupling | None:
     """Measure how strongly two robustness metrics correlate with the clean EPE over models; None with fewer than
-    `LEAST_IMAGES` models.
+    `LEAST_MODELS` models.
 
     >>> coupling([1, 2, 3, 4], [2, 4, 6, 8], [1.1, 1.0, 1.2, 0.9]) is None
     True
     """
-    if len(clean) < LEAST_IMAGES:
+    if len(clean) < LEAST_MODELS:
         return None
     return Coupling(len(clean), spearman(clean, cre), spearman(clean, log_ratio))
 

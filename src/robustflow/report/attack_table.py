@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..analysis.attack_ranks import LEAST_MODELS, Prediction, predictions
+from ..analysis.attack_ranks import Prediction, predictions
 from ..analysis.attacks import AttackScore, attack_scores, budget_at_double
 from ..analysis.imported import NOTE
 from ..analysis.imported.flowbench_attacks import FLAGS, StoredAttack
 from ..analysis.labels import METRIC_LABELS
+from ..analysis.ranking import LEAST_MODELS
 from ..analysis.run_names import run_names
 from ..analysis.security_curves import CurvePoint, security_curves
 from ..attacks.result import EXPLAINED

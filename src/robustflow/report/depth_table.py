@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..analysis.attack_ranks import LEAST_MODELS
 from ..analysis.flat_and_depth import TwinComparison, TwinErrors, twin_comparisons
 from ..analysis.labels import METRIC_LABELS
+from ..analysis.ranking import LEAST_MODELS
 from ..errors import RunError, UsageError
 from ..runs.run import Run
 from ..text import counted, plain

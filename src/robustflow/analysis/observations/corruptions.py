@@ -6,7 +6,7 @@ from statistics import fmean
 
 from .evidence import Evidence, ModelInSetting, named
 from .margin import of_majority, of_mean
-from .verdict import UNKNOWN, Observation, Statement, part
+from .verdict import UNKNOWN, Observation, Statement, part, unknown
 
 _LOCAL = ("gaussian_noise", "shot_noise", "impulse_noise", "jpeg_compression", "spatter", "frost", "snow")
 _VISUAL = ("contrast", "saturate", "fog")
@@ -24,7 +24,7 @@ def dark_and_overexposed(evidence: Evidence) -> Observation:
             parts.append(part(f"{claim}, on average over models", UNKNOWN, "no model was measured under both", True))
             continue
         gap = {entry: evidence.epe(entry, worse) - evidence.epe(entry, milder) for entry in every}
-        margin = of_mean(list(evidence.by_family(discussed, gap.__getitem__).values()), "family")
+        margin = of_mean(evidence.by_family(discussed, gap.__getitem__), "family")
         message = f"by {margin.in_px} ({len(discussed)} models)"
         numbers = {"mean_difference": margin.estimate}
         parts.append(part(f"{claim}, on average over models", margin.verdict, message, True, numbers))
@@ -38,7 +38,7 @@ def most_models(evidence: Evidence, claim: str, gap: dict[ModelInSetting, float]
     which it is not."""
     against = [entry for entry, value in gap.items() if value <= 0]
     families = evidence.by_family(gap, gap.__getitem__)
-    margin = of_majority(sum(value > 0 for value in families.values()), len(families), "family")
+    margin = of_majority(sum(value > 0 for value in families), len(families), "family")
     assert margin.low is not None
     assert margin.high is not None
     message = (
@@ -55,13 +55,11 @@ def local_information(evidence: Evidence) -> Observation:
     entries = [e for s in evidence.settings() for e in evidence.discussed(s) if evidence.has(e, *_LOCAL, *_VISUAL)]
     claim = "mean CRE under noise, JPEG, spatter, frost and snow is above that under contrast, saturate and fog"
     if not entries:
-        return Observation(
-            number=8, title=title, parts=[part(claim, UNKNOWN, f"needs {', '.join(_LOCAL + _VISUAL)}", True)]
-        )
+        return unknown(8, title, claim, f"needs {', '.join(_LOCAL + _VISUAL)}")
     local = {e: fmean(evidence.cre(e, name) for name in _LOCAL) for e in entries}
     visual = {e: fmean(evidence.cre(e, name) for name in _VISUAL) for e in entries}
     gap = {e: local[e] - visual[e] for e in entries}
-    margin = of_mean(list(evidence.by_family(entries, gap.__getitem__).values()), "family")
+    margin = of_mean(evidence.by_family(entries, gap.__getitem__), "family")
     mean_local, mean_visual = fmean(local.values()), fmean(visual.values())
     message = f"{mean_local:.2f} px against {mean_visual:.2f} px; by {margin.in_px} ({len(entries)} models)"
     every = [e for e in evidence.entries if evidence.has(e, "saturate", "jpeg_compression")]

@@ -92,14 +92,12 @@ class Evidence:
         method = self.method(name)
         return method.method if method is not None else _SIZE.sub("", name) or name
 
-    def by_family(
-        self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]
-    ) -> dict[str, float]:
-        """Return the mean value over each family's models, by family name."""
+    def by_family(self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]) -> list[float]:
+        """Return the mean value over each family's models, one per family in order of first appearance."""
         members: dict[str, list[float]] = {}
         for entry in entries:
             members.setdefault(self.family(entry), []).append(value(entry))
-        return {family: fmean(values) for family, values in members.items()}
+        return list(map(fmean, members.values()))
 
     def epe(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
         """Return the mean EPE, in pixels."""

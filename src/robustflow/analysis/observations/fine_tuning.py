@@ -8,7 +8,7 @@ from ...corruptions.registry import FAMILIES
 from .corruptions import most_models
 from .evidence import Evidence, ModelInSetting
 from .margin import Margin, all_hold, of_mean
-from .verdict import UNKNOWN, Observation, Statement, Verdict, part
+from .verdict import UNKNOWN, Observation, Statement, Verdict, part, unknown
 
 
 def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
@@ -17,7 +17,7 @@ def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
     title = "The relative robustness of supervised methods drop in ID scenario"
     claim = "CREr rises from OOD to ID"
     if not pairs:
-        return Observation(number=4, title=title, parts=[part(claim, UNKNOWN, "needs models in both settings", True)])
+        return unknown(4, title, claim, "needs models in both settings")
     rise = {entry: evidence.crer(entry) - evidence.crer(ood) for ood, entry in pairs}
     margin = _mean(evidence, rise)
     least = min(pairs, key=lambda pair: rise[pair[1]])
@@ -54,8 +54,7 @@ def weather_is_why(evidence: Evidence) -> Observation:
                 rises.setdefault(entry, {})[family] = after - before
     rises = {entry: families for entry, families in rises.items() if "weather" in families and len(families) > 1}
     if not rises:
-        claim = "the CREr of Weather rises most"
-        return Observation(number=5, title=title, parts=[part(claim, UNKNOWN, "needs models in both settings", True)])
+        return unknown(5, title, "the CREr of Weather rises most", "needs models in both settings")
     others = [name for name in next(iter(rises.values())) if name != "weather"]
     mean = {name: fmean(of_model[name] for of_model in rises.values()) for name in ("weather", *others)}
     ahead = {name: _mean(evidence, {e: r["weather"] - r[name] for e, r in rises.items()}) for name in others}
@@ -84,7 +83,7 @@ def weather_is_why(evidence: Evidence) -> Observation:
 
 
 def _mean(evidence: Evidence, values: dict[ModelInSetting, float]) -> Margin:
-    return of_mean(list(evidence.by_family(values, values.__getitem__).values()), "family")
+    return of_mean(evidence.by_family(values, values.__getitem__), "family")
 
 
 def _csflow_increase(evidence: Evidence) -> list[Statement]:

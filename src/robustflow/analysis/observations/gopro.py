@@ -8,7 +8,7 @@ from statistics import fmean, median
 from ..results import AVERAGE
 from .evidence import Evidence, ModelInSetting
 from .margin import Margin, among, of_majority, of_mean, places
-from .verdict import THIN, UNKNOWN, Observation, Statement, part
+from .verdict import THIN, UNKNOWN, Observation, Statement, part, unknown
 
 _FLOWFORMER: ModelInSetting = ("OOD", "FlowFormer")
 _NEEDS = "needs GoPro-FC results for FlowFormer and other models"
@@ -20,7 +20,7 @@ def flowformer_is_best(evidence: Evidence) -> Observation:
     rcre = {entry: values for entry, values in evidence.rcre.items() if AVERAGE in values}
     claim = "FlowFormer has the lowest average RCRE"
     if _FLOWFORMER not in rcre or len(rcre) < 2:
-        return Observation(number=9, title=title, parts=[part(claim, UNKNOWN, _NEEDS, True)])
+        return unknown(9, title, claim, _NEEDS)
     order = sorted(rcre, key=lambda entry: rcre[entry][AVERAGE])
     names = _common(evidence, order)
     best = [name for name in names if rcre[_FLOWFORMER][name] == min(v[name] for v in rcre.values())]
@@ -74,7 +74,7 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     cnn = _of_encoder(evidence, entries, "CNN")
     claim = "SAMFlow has a higher average RCRE than FlowFormer, which lacks the foundation model"
     if _FLOWFORMER not in entries or not sam or not cnn:
-        return Observation(number=10, title=title, parts=[part(claim, UNKNOWN, _NEEDS, True)])
+        return unknown(10, title, claim, _NEEDS)
     average = {entry: evidence.rcre[entry][AVERAGE] for entry in entries}
     names = _common(evidence, [_FLOWFORMER, *sam, *cnn])
     under = {

@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from ...text import counted
-from ..ranking import spearman, spearman_interval
+from ..ranking import rank_correlation
 from ..uncertainty.bootstrap import LEVEL
 from ..uncertainty.holm import holm
 from ..uncertainty.standings import standings
@@ -86,21 +86,16 @@ def of_mean(values: Sequence[float], over: str) -> Margin:
     return _student(float(np.mean(values)), [values], _units(len(values), over))
 
 
-def of_difference(larger: Sequence[float], smaller: Sequence[float], over: str) -> Margin:
-    """Compute the difference of two means with Welch's interval."""
-    words = f"{len(larger)} and {_units(len(smaller), over)}"
+def of_difference(larger: Sequence[float], smaller: Sequence[float]) -> Margin:
+    """Compute the difference of two means over families with Welch's interval."""
+    words = f"{len(larger)} and {_units(len(smaller), 'family')}"
     return _student(float(np.mean(larger) - np.mean(smaller)), [larger, smaller], words)
 
 
-def of_correlation(first: Sequence[float], second: Sequence[float], over: str) -> Margin | None:
-    """Compute Spearman's rank correlation with the interval of Bonett and Wright (2000); None if one variable is
-    constant."""
-    rho = spearman(first, second)
-    if rho is None:
-        return None
-    count = len(first)
-    low, high = spearman_interval(rho, count) if count > 4 else (None, None)
-    return Margin(rho, low, high, _units(count, over))
+def of_correlation(first: Sequence[float], second: Sequence[float]) -> Margin | None:
+    """Compute a `rank_correlation` over families; None if there is none."""
+    rho, interval = rank_correlation(first, second)
+    return None if rho is None or interval is None else Margin(rho, *interval, _units(len(first), "family"))
 
 
 def of_majority(some: int, count: int, over: str) -> Margin:

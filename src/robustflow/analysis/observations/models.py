@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from statistics import median
 
+from ..ranking import LEAST_MODELS
 from ..uncoupled import coupling
 from .evidence import Evidence, ModelInSetting, named
 from .margin import Margin, all_hold, among, of_correlation, of_difference, of_mean, places
-from .verdict import THIN, UNKNOWN, Observation, Statement, part
-
-_LEAST = 5
-"""Smallest number of families for which a correlation is meaningful."""
+from .verdict import THIN, UNKNOWN, Observation, Statement, part, unknown
 
 
 def accuracy_and_robustness(evidence: Evidence) -> Observation:
@@ -21,12 +19,12 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
     families = {
         setting: evidence.by_family(evidence.discussed(setting), evidence.clean) for setting in evidence.settings()
     }
-    settings = [setting for setting, clean in families.items() if len(clean) >= _LEAST]
+    settings = [setting for setting, clean in families.items() if len(clean) >= LEAST_MODELS]
     for name, value in (("corrupted EPE", evidence.epe), ("CRE", evidence.cre)):
         for setting in settings:
-            entries, clean = evidence.discussed(setting), list(families[setting].values())
+            entries = evidence.discussed(setting)
             claim = f"{name} grows with clean EPE ({setting})"
-            margin = of_correlation(clean, list(evidence.by_family(entries, value).values()), "family")
+            margin = of_correlation(families[setting], evidence.by_family(entries, value))
             if margin is None:
                 message = f"{setting}: all models have the same clean EPE or {name}, so no correlation exists"
                 parts.append(part(claim, UNKNOWN, message, True))
@@ -34,7 +32,7 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
             message = f"{setting}: Spearman {margin} ({len(entries)} models)"
             parts.append(part(claim, margin.verdict, message, True, _ends(margin, "rho")))
     if not parts:
-        message = f"needs at least {_LEAST} families of models"
+        message = f"needs at least {LEAST_MODELS} families of models"
         parts.append(part("corrupted EPE and CRE grow with clean EPE", UNKNOWN, message, True))
     parts += _uncoupled(evidence, settings)
     return Observation(
@@ -49,10 +47,9 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
     for setting in settings:
         entries = [e for e in evidence.discussed(setting) if evidence.clean(e) > 0 < evidence.epe(e)]
         clean, cre, ratio = (
-            list(evidence.by_family(entries, value).values())
-            for value in (evidence.clean, evidence.cre, evidence.log_ratio)
+            evidence.by_family(entries, value) for value in (evidence.clean, evidence.cre, evidence.log_ratio)
         )
-        correlation, margin = coupling(clean, cre, ratio), of_correlation(clean, ratio, "family")
+        correlation, margin = coupling(clean, cre, ratio), of_correlation(clean, ratio)
         if correlation is not None and correlation.cre is not None and margin is not None:
             message = (
                 f"{setting}: Spearman correlation with clean EPE {correlation.cre:+.2f} for CRE; for "
@@ -140,9 +137,7 @@ def unsupervised_are_stable(evidence: Evidence) -> Observation:
     title = "Unsupervised methods are more stable to corruptions"
     claim = "unsupervised models have a lower CREr than supervised ones"
     if not supervised or not unsupervised:
-        return Observation(
-            number=3, title=title, parts=[part(claim, UNKNOWN, "needs both kinds of models in ID", True)]
-        )
+        return unknown(3, title, claim, "needs both kinds of models in ID")
     crer, epe = (_gap(evidence, supervised, unsupervised, value) for value in (evidence.crer, evidence.epe))
     worst, best = max(map(evidence.crer, unsupervised)), min(map(evidence.crer, supervised))
     middle = median(map(evidence.epe, supervised))
@@ -173,8 +168,7 @@ def _gap(
     smaller: list[ModelInSetting],
     value: Callable[[ModelInSetting], float],
 ) -> Margin:
-    one, other = (list(evidence.by_family(entries, value).values()) for entries in (larger, smaller))
-    return of_difference(one, other, "family")
+    return of_difference(evidence.by_family(larger, value), evidence.by_family(smaller, value))
 
 
 def _lowest_of(evidence: Evidence, entries: list[ModelInSetting], name: str) -> Statement:
@@ -202,9 +196,7 @@ def cost_considered(evidence: Evidence) -> Observation:
     }
     claim = "unsupervised models rank ahead of supervised ones (ID)"
     if not all(groups.values()):
-        return Observation(
-            number=6, title=title, parts=[part(claim, UNKNOWN, "needs FLOPs and CREr for both kinds of models", True)]
-        )
+        return unknown(6, title, claim, "needs FLOPs and CREr for both kinds of models")
     supervised, unsupervised = ([("ID", name) for name in groups[kind]] for kind in ("supervised", "unsupervised"))
     gap = _gap(evidence, supervised, unsupervised, lambda entry: float(ranks["average_id"][entry[1]]))
     best = min(groups["supervised"].values())

@@ -64,6 +64,11 @@ def without_verdict(observation: Observation, reason: str) -> Observation:
     return observation.model_copy(update={"parts": parts})
 
 
+def unknown(number: int, title: str, claim: str, reason: str) -> Observation:
+    """Create an observation that these results cannot test."""
+    return Observation(number=number, title=title, parts=[part(claim, UNKNOWN, reason, main=True)])
+
+
 def part(
     claim: str, verdict: Verdict, message: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Statement:

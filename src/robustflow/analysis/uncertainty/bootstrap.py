@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Hashable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -120,15 +120,10 @@ def bootstrap(
     return intervals
 
 
-class _Logarithm(NamedTuple):
-    theta: Array
-    standard_error: Array
-
-
-def _logarithm(values: StatisticValues) -> _Logarithm:
+def _logarithm(values: StatisticValues) -> StatisticValues:
     """Compute ln(1 + statistic) and its standard error to first order; NaN for statistics of at most -1."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return _Logarithm(np.log1p(values.theta), values.standard_error / (1 + values.theta))
+        return StatisticValues(np.log1p(values.theta), values.standard_error / (1 + values.theta))
 
 
 def _jackknife(statistics: Mapping[Key, Statistic], clusters: int) -> dict[Key, Array]:

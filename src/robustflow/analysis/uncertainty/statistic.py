@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,17 +32,9 @@ _COLUMNS = 12
 _ROUNDING = 1e-13
 
 
-class StatisticValues(Protocol):
+class StatisticValues(NamedTuple):
     """The values of a statistic and its standard error in B resamples, float64 (B,) each."""
 
-    @property
-    def theta(self) -> Array: ...
-
-    @property
-    def standard_error(self) -> Array: ...
-
-
-class _ComputedValues(NamedTuple):
     theta: Array
     standard_error: Array
 
@@ -123,7 +115,8 @@ class Statistic:
         count = self._count
         images = products[:, count : 2 * count]
         if not count or not (images > 0).all():
-            return self.estimates(weights)
+            estimates = self.estimates(weights)
+            return StatisticValues(estimates.theta, estimates.standard_error)
         means = products[:, :count] / images  # relative to the centres
         slopes = np.zeros_like(means)
         theta = np.zeros(len(weights))
@@ -149,8 +142,8 @@ class Statistic:
             squares[squares <= _ROUNDING * np.abs(parts).sum(axis=1)] = 0.0  # a single cluster has no spread
         clusters = weights.shape[1]
         if clusters < 2:
-            return _ComputedValues(theta, np.full(len(theta), np.nan))
-        return _ComputedValues(theta, np.sqrt(clusters / (clusters - 1) * squares))
+            return StatisticValues(theta, np.full(len(theta), np.nan))
+        return StatisticValues(theta, np.sqrt(clusters / (clusters - 1) * squares))
 
     def estimates(self, weights: Array) -> Estimates:
         """Compute `values` together with the influence of every cluster, float64 (B, G), which is slower by a factor of

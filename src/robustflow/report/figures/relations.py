@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...analysis.effective import LEAST_MODELS
 from ...analysis.model_result import ModelResult
 from ...analysis.published.tables import not_discussed, of_paper
-from ...analysis.ranking import spearman
+from ...analysis.ranking import LEAST_MODELS, spearman
 from ...analysis.results import AVERAGE, CLEAN
 from ...errors import UsageError
 from ...figure_style import default_style
