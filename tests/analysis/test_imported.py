@@ -145,7 +145,7 @@ def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
         ({"experiments": [_experiment("fog", [3], 1.0)]}, "severity"),
         ({"experiments": [_experiment("fog", 3, math.nan)]}, "experiment 1, epe: nan"),
         ({"experiments": [_experiment("fog", 3, 1.0, metrics=None)]}, "'epe' is missing"),
-        ({"experiments": [_experiment("fog", 3, 1.0, model=7)]}, "the model or the checkpoint is missing"),
+        ({"experiments": [_experiment("fog", 3, 1.0, model=None)]}, "the model or the checkpoint is missing"),
         ({"experiments": [_experiment("fog", 3, 1.0, dataset="kitti-2012")]}, "unknown dataset 'kitti-2012'"),
         ({"experiments": [_experiment("fog", 3, 1.0, dataset={})]}, "unknown dataset"),
         ({"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]}, "no severity in common"),

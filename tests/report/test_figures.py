@@ -30,9 +30,9 @@ from robustflow.report.figures import (
     severity_curves,
     write_figures,
 )
-from robustflow.report.figures.crer_by_family import family_crer
 from robustflow.report.figures.severity_curves import scale_panels
 from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, Looks
+from robustflow.runs.family_means import family_crer
 
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
@@ -90,7 +90,9 @@ def test_labels_do_not_hide_each_other():
 
 def test_families_by_hand():
     """CSFlow under noise, out-of-domain: the mean of 10.82, 9.75 and 10.95, divided by 4.11, minus 1."""
-    families = {(line.setting, line.name): of_line for line, of_line in family_crer(_KITTI).items()}
+    families = {
+        (line.setting, line.name): family_crer(line.numbers("epe"), line.number("epe", "clean")) for line in _KITTI
+    }
     assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
     figure = crer_by_family(_KITTI)
     assert [axes.get_title() for axes in figure.axes] == ["SAMFlow-H", "CSFlow", "ARFlow"]

@@ -7,9 +7,13 @@ from ..corruptions.names import family_of
 from ..corruptions.on_disk import on_disk
 from ..corruptions.registry import FAMILIES
 from ..text import plain
+from .results import AVERAGE, CLEAN
 
 METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr"}
 UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": ""}
+OVERALL = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
+"""The overall means of a model, as (metric, condition)."""
+
 SETTING_LABELS = {
     "knowledge": "Knowledge-driven",
     "OOD": "Out-of-domain (OOD)",
@@ -56,6 +60,15 @@ def metric_label(metric: str) -> str:
     ('CRE (px)', 'CREr')
     """
     return f"{METRIC_LABELS[metric]} ({UNITS[metric]})" if UNITS[metric] else METRIC_LABELS[metric]
+
+
+def mean_label(metric: str, condition: str) -> str:
+    """Return the label of an overall mean.
+
+    >>> mean_label("epe", "clean"), mean_label("epe", "average")
+    ('clean EPE', 'EPE')
+    """
+    return f"{'clean ' if condition == CLEAN else ''}{METRIC_LABELS[metric]}"
 
 
 def benchmark_label(benchmark: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from ..analysis.labels import METRIC_LABELS, long_label, metric_label
+from ..analysis.labels import METRIC_LABELS, long_label, mean_label, metric_label
 from ..analysis.model_result import not_ranked
 from ..analysis.run_names import run_names
 from ..analysis.run_results import run_results
@@ -100,12 +100,7 @@ class Comparison:
         first, second = (plain(name) for name in self.names)
         columns = tuple(map(Column, (first, second, *_DIFFERENCE)))
         overall = [
-            Line(
-                f"clean {METRIC_LABELS[row['metric']]}"
-                if row["corruption"] == CLEAN
-                else f"{METRIC_LABELS[row['metric']]}",
-                _cells(row, level),
-            )
+            Line(mean_label(row["metric"], row["corruption"]), _cells(row, level))
             for row in self.overall.iter_rows(named=True)
         ]
         parts = self.per_corruption(metric).iter_rows(named=True)

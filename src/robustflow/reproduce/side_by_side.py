@@ -8,7 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, family_label, short_label
+from ..analysis.labels import (
+    FAMILY_LABELS,
+    METRIC_LABELS,
+    OVERALL,
+    SETTING_LABELS,
+    family_label,
+    mean_label,
+    short_label,
+)
 from ..analysis.model_result import ModelResult
 from ..analysis.published.tables import published_results
 from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
@@ -16,6 +24,7 @@ from ..analysis.run_results import comparison_note, run_results
 from ..benchmarks import benchmark_facts
 from ..corruptions.registry import FAMILIES
 from ..report.table import Column, Line, Section, Table, TableCell, number_text
+from ..runs.family_means import family_crer
 from ..runs.run import Run
 from ..severity import SEVERITIES
 from ..text import text_cell
@@ -25,8 +34,6 @@ from .variants import Variant
 
 MetricValues = Mapping[tuple[str, str], float]
 """Values of one variant by (metric, corruption)."""
-
-_MEANS = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 
 
 @dataclass(frozen=True)
@@ -109,10 +116,7 @@ def _numbers(line: ModelResult) -> MetricValues:
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:
     """Return the columns of a table or figure for which at least one variant has a value, with their keys."""
     if artefact.columns == "means":
-        every = [
-            (Column(("clean " if name == CLEAN else "") + METRIC_LABELS[metric]), (metric, name))
-            for metric, name in _MEANS
-        ]
+        every = [(Column(mean_label(*key)), key) for key in OVERALL]
     elif artefact.columns == "families":
         every = [(Column(FAMILY_LABELS[family], "CREr"), ("crer", family)) for family in FAMILIES]
     elif artefact.columns == "crer":
@@ -129,12 +133,8 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
 def _with_families(values: MetricValues) -> MetricValues:
     """Return the values with the CREr of each family added as ("crer", FAMILY): the relative increase of the mean EPE
     under the family's corruptions over the clean EPE."""
-    clean, more = values.get(("epe", CLEAN)), {}
-    for family, names in FAMILIES.items():
-        epe = [values["epe", name] for name in names if ("epe", name) in values]
-        if clean and epe:
-            more["crer", family] = (fmean(epe) - clean) / clean
-    return {**values, **more}
+    epe = {name: value for (metric, name), value in values.items() if metric == "epe"}
+    return {**values, **{("crer", family): crer for family, crer in family_crer(epe, epe.get(CLEAN)).items()}}
 
 
 def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:

@@ -18,7 +18,7 @@ from typing import Any
 from ...errors import DataError
 from ...text import plain
 from ..audit.findings import Audit, Finding
-from .flowbench import FLOWBENCH_DATASETS, is_flowbench
+from .flowbench import FLOWBENCH_DATASETS, entries, is_flowbench, model_and_metrics
 from .json_file import finite_number, read_json_file
 
 STORED_ATTACKS = ("fgsm", "bim", "pgd", "cospgd", "pcfa", "weather")
@@ -70,18 +70,14 @@ class StoredAttack:
     flags: tuple[str, ...]
 
     @property
+    def at_budget(self) -> tuple[Any, ...]:
+        """The model, the data and the budget, for which attacks are compared."""
+        return self.model, self.checkpoint, self.dataset, self.norm, self.budget
+
+    @property
     def setting(self) -> tuple[Any, ...]:
         """All fields except the results."""
-        return (
-            self.model,
-            self.checkpoint,
-            self.dataset,
-            self.attack,
-            self.norm,
-            self.budget,
-            self.iterations,
-            self.target,
-        )
+        return (*self.at_budget, self.attack, self.iterations, self.target)
 
 
 def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
@@ -95,12 +91,8 @@ def read_stored_attacks(paths: Sequence[Path]) -> list[StoredAttack]:
         content = read_json_file(path)
         if not is_flowbench(content):
             raise DataError(f"{path} is not a metrics_DATASET.json of FlowBench, which contains a list 'experiments'")
-        for index, entry in enumerate(content["experiments"], 1):
-            where = f"{path}, experiment {index}"
-            if not isinstance(entry, dict):
-                raise DataError(f"{where}: not an object")
-            if entry.get("attack") in STORED_ATTACKS and not _by_iteration(entry):
-                rows.append(_row(entry, where))
+        attacks = entries(content, path, STORED_ATTACKS)
+        rows += [_row(entry, where) for entry, where in attacks if not _by_iteration(entry)]
     if len(rows) > _MOST_ROWS:
         raise DataError(f"{len(rows)} attack rows exceed the limit of {_MOST_ROWS}; give fewer files")
     return _compared(rows)
@@ -137,15 +129,10 @@ def _by_iteration(entry: dict[str, Any]) -> bool:
 
 
 def _row(entry: dict[str, Any], where: str) -> StoredAttack:
-    metrics, dataset = entry.get("metrics"), entry.get("dataset")
-    if not isinstance(metrics, dict) or "epe" not in metrics:
-        raise DataError(f"{where}: 'epe' is missing from its metrics")
+    model, checkpoint, metrics = model_and_metrics(entry, where)
+    dataset = entry.get("dataset")
     if not isinstance(dataset, str) or not dataset:
         raise DataError(f"{where}: the dataset is missing")
-    names = [entry.get(part) for part in ("model", "checkpoint")]
-    if not all(isinstance(name, str | int) and not isinstance(name, bool) and str(name) for name in names):
-        raise DataError(f"{where}: the model or the checkpoint is missing")
-    model, checkpoint = (plain(str(name), 40) for name in names)
     attack, targeted, iterations = entry["attack"], entry.get("targeted"), entry.get("iterations")
     target = entry.get("target") if targeted else "none"
     if not isinstance(targeted, bool) or target not in ("none", "zero", "negative"):
@@ -195,7 +182,7 @@ def _compared(rows: Sequence[StoredAttack]) -> list[StoredAttack]:
         assert score is not None
         repeats.setdefault(row.setting, []).append(score)
         if row.attack == "fgsm" and row.target == "none":
-            single[_place(row)] = max(score, single.get(_place(row), 0.0))
+            single[row.at_budget] = max(score, single.get(row.at_budget, 0.0))
     compared = []
     for row in rows:
         flags = set(row.flags)
@@ -203,11 +190,7 @@ def _compared(rows: Sequence[StoredAttack]) -> list[StoredAttack]:
         if max(scores) > 1.05 * min(scores):
             flags.add("repeats_differ")
         iterative = row.attack in ("bim", "pgd", "cospgd") and row.target == "none"
-        if iterative and row.epe is not None and single.get(_place(row), 0.0) > row.epe:
+        if iterative and row.epe is not None and single.get(row.at_budget, 0.0) > row.epe:
             flags.add("fgsm_above_iterative")
         compared.append(replace(row, flags=tuple(sorted(flags))))
     return compared
-
-
-def _place(row: StoredAttack) -> tuple[Any, ...]:
-    return row.model, row.checkpoint, row.dataset, row.norm, row.budget

@@ -14,7 +14,7 @@ from statistics import fmean
 
 from ...benchmarks import benchmark_facts
 from ...corruptions.registry import PAPER_ORDER
-from ...runs.family_means import family_means
+from ...runs.family_means import family_crer
 from ...text import first_of
 from ..audit.rounding import misfits
 from ..cost_ranks import printed_cost_ranks
@@ -133,7 +133,7 @@ class Evidence:
 
     def family_crer(self, entry: ModelInSetting, family: str) -> float | None:
         """Return the mean CREr over the measured corruptions of a family; None if none was measured."""
-        return family_means({name: self.crer(entry, name) for name in self.corruptions(entry)}).get(family)
+        return family_crer(self._epe[entry], self.clean(entry)).get(family)
 
     def corruptions(self, entry: ModelInSetting) -> list[str]:
         """List the paper's corruptions under which a model was measured."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from statistics import fmean
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +14,7 @@ from ...analysis.results import CLEAN
 from ...corruptions.names import MEMBERS
 from ...errors import UsageError
 from ...figure_style import default_style
+from ...runs.family_means import family_crer
 from ...text import name_text
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure
 from .marks import Mark, MarkedFigure
@@ -23,19 +23,6 @@ from .styles import MODEL_STYLES, OTHER, Looks, Style, distinct_styles
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
 """Minimum upper limit of the CREr axis."""
-
-
-def family_crer(results: Iterable[ModelResult]) -> dict[ModelResult, dict[str, float]]:
-    """Return, for each line and corruption family, the mean CREr over the measured corruptions of the family."""
-    out: dict[ModelResult, dict[str, float]] = {}
-    for line in results:
-        epe = line.numbers("epe")
-        clean = epe.get(CLEAN)
-        for family, names in MEMBERS.items():
-            values = [epe[name] for name in names if name in epe]
-            if clean and values:
-                out.setdefault(line, {})[family] = (fmean(values) - clean) / clean
-    return out
 
 
 @default_style()
@@ -56,8 +43,9 @@ def crer_by_family(
     Raises:
         UsageError: none of the models has a clean EPE, or there is only one bar.
     """
-    looks, crer = looks or Looks(), family_crer(results)
-    published = of_paper(results)
+    looks, published = looks or Looks(), of_paper(results)
+    families_of = {line: family_crer(line.numbers("epe"), line.number("epe", CLEAN)) for line in results}
+    crer = {line: values for line, values in families_of.items() if values}
     if models is None:
         models = REPRESENTATIVE if published else tuple(line.name for line in crer)
     shown = [model for model in dict.fromkeys(models) if any(line.name == model for line in crer)][: len(MODEL_STYLES)]

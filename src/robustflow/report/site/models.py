@@ -7,9 +7,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ...analysis.anatomy import severity_slopes
-from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
+from ...analysis.labels import (
+    METRIC_LABELS,
+    OVERALL,
+    benchmark_label,
+    long_label,
+    mean_label,
+    metric_label,
+    setting_words,
+)
 from ...analysis.model_result import ModelResult, ValueKey
-from ...analysis.results import AVERAGE, CLEAN
+from ...analysis.results import AVERAGE
 from ...corruptions.names import ORDER
 from ...text import plain
 from ..analysis_tables import anatomy_table
@@ -23,7 +31,6 @@ if TYPE_CHECKING:
 
 _METRICS = ("cre", "rcre", "epe")
 Tiles = tuple[tuple[ModelResult, tuple[tuple[str, TableCell], ...]], ...]
-_TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 
 
 @dataclass(frozen=True)
@@ -104,9 +111,7 @@ def _of_results(page: str, lines: list[ModelResult], tiles: Tiles) -> ModelPage:
 
 
 def _tiles(cells: Mapping[ValueKey, TableCell]) -> tuple[tuple[str, TableCell], ...]:
-    return tuple(
-        (f"{'clean ' if key[1] == CLEAN else ''}{METRIC_LABELS[key[0]]}", cells[key]) for key in _TILES if key in cells
-    )
+    return tuple((mean_label(*key), cells[key]) for key in OVERALL if key in cells)
 
 
 def _sentences(line: ModelResult) -> tuple[str, ...]:
