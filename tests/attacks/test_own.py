@@ -122,6 +122,21 @@ def test_a_subclass_of_attack_has_options_as_fields_and_a_source():
     assert load_attack(made.label) == made
 
 
+def test_an_instance_of_a_subclass_of_attack_is_registered_for_a_run():
+    @dataclass(frozen=True, kw_only=True)
+    class Lifted(Attack):
+        name: ClassVar[str] = "lifted"
+        needs_gradients: ClassVar[bool] = False
+        amount: int = 1
+
+        def run(self, problem, rng):
+            return problem.ball.project(problem.ball.clean + np.float32(self.amount / 255))
+
+    made = Lifted(amount=2)
+
+    assert load_attack(load_attack(made).label) == made
+
+
 @pytest.mark.parametrize(
     ("made", "message"),
     [

@@ -137,6 +137,8 @@ def test_what_cannot_be_calibrated_is_refused(tmp_path):
         calibrate(["h264_crf"], SMALL)
     with pytest.raises(UsageError, match="draws"):
         calibrate(["fog"], SMALL, draws=0)
+    with pytest.raises(UsageError, match="no images"):
+        calibrate(["fog"], {})
     with pytest.raises(DataError, match="no such folder"):
         reference_pictures(tmp_path / "nowhere")
     with pytest.raises(DataError, match="no images"):

@@ -108,6 +108,12 @@ def test_reading_a_name_imports_nothing(package, name):
     assert "rain_module" not in sys.modules
 
 
+def test_severities_in_an_array_are_used_as_a_tuple():
+    evenly = type("Evenly", (Veil,), {"severities": np.linspace(1.0, 5.0, 5)})
+
+    assert load_corruption(evenly).severities == (1.0, 2.0, 3.0, 4.0, 5.0)
+
+
 @pytest.mark.parametrize(
     ("spec", "message"),
     [

@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robustflow.cli.main import app
-from robustflow.errors import RunError
+from robustflow.errors import RunError, UsageError
 
 _SMALL = ["--steps", "2", "--shapes", "2", "--size", "64x96", "--seeds", "1", "--loaders", "0"]
 
@@ -14,8 +14,7 @@ _SMALL = ["--steps", "2", "--shapes", "2", "--size", "64x96", "--seeds", "1", "-
 @pytest.mark.training
 def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(tmp_path):
     pytest.importorskip("torch", reason="needs the torch extra")
-    from robustflow.experiments.arms import arms
-    from robustflow.experiments.robust_training import TrainingExperiment, claimed
+    from robustflow.experiments.robust_training import claimed
     from robustflow.training.checkpoint import read_progress
 
     run = CliRunner().invoke
@@ -33,6 +32,14 @@ def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(
     longer = run(app, [*command, *_SMALL, "--steps", "3"])
     assert isinstance(longer.exception, RunError)
     assert "contains an experiment with different --steps" in str(longer.exception)
-    experiment = TrainingExperiment(tmp_path / "out", ())
-    with claimed(experiment, arms()[0], 0) as mine, claimed(experiment, arms()[0], 0) as others:
+    with claimed(folders["plain"]) as mine, claimed(folders["plain"]) as others:
         assert (mine, others) == (True, False)
+
+
+@pytest.mark.torch
+def test_a_dataset_given_twice_is_refused(tmp_path):
+    pytest.importorskip("torch", reason="needs the torch extra")
+    from robustflow.experiments.robust_training import evaluation_sets
+
+    with pytest.raises(UsageError, match="kitti2015 is given twice"):
+        evaluation_sets([f"kitti2015={tmp_path}", f"kitti2015={tmp_path}"], 2, "64x96")

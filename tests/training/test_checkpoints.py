@@ -16,6 +16,7 @@ pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from robustflow.errors import DataError, ModelError, RunError  # noqa: E402
 from robustflow.training.checkpoint import TrainingProgress, read_progress, save_training  # noqa: E402
+from robustflow.training.log import METRICS_FILE, MetricsLog  # noqa: E402
 from robustflow.training.request import Checkpoints  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
@@ -106,6 +107,15 @@ def test_a_link_in_the_folder_of_a_training_is_refused(request_for, tmp_path, na
     for resume in (False, True):
         with pytest.raises(RunError, match=f"{name} is a link"):
             run_training(replace(request, resume=resume))
+
+
+def test_a_damaged_log_is_cut_to_its_readable_lines(tmp_path):
+    (tmp_path / METRICS_FILE).write_bytes(b'{"update": 0}\n\xff\xfe\n{"update": 1}\n')
+
+    with MetricsLog(tmp_path, 1) as log:
+        log.write(1, {"loss": 2.0})
+
+    assert (tmp_path / METRICS_FILE).read_text() == '{"update": 0}\n{"update": 1, "loss": 2.0}\n'
 
 
 def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypatch):

@@ -14,7 +14,7 @@ from ..models.construct import as_model
 from ..models.loading import load_model
 from ..sample import Flow, Frame, Mask, Sample
 from ..severity import check_severity
-from .base import Attack
+from .base import Attack, is_of_package
 from .evaluation import in_lockstep
 from .images import frames_of
 from .loss import Loss
@@ -63,6 +63,8 @@ target, loss, reference, moved, steps, starts
             raise UsageError(
                 f"the attack {name.name} is already built and does not accept options: {', '.join(options)}"
             )
+        if not (isinstance(name, OwnAttack) or is_of_package(type(name))):
+            register_attack(type(name))  # workers build it from its label
         return name
     if not isinstance(name, str):
         return OwnAttack.of(register_attack(name), **options)

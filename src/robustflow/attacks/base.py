@@ -35,9 +35,6 @@ Pattern = npt.NDArray[np.float32]
 Learned = Mapping[str, Mapping[int, Pattern]]
 """Trained arrays by label (see `Attack.training`) and severity."""
 
-FAMILY = "adversarial"
-"""The corruption family to which all attacks belong; the paper's means exclude it."""
-
 VARIANTS = ("default", "flowbench", "original")
 """`default`: as defined in docs/attacks.md; `flowbench`: as in FlowBench's code; `original`: as in the code of the
 attack's authors."""
@@ -163,7 +160,7 @@ class Attack(ABC):
     def source(self) -> str:
         """A digest of everything except the label that affects the frames, such as a second model or the user's source
         code; empty for most attacks."""
-        return "" if type(self).__module__.startswith(_PACKAGE) else source_digest(type(self))
+        return "" if is_of_package(type(self)) else source_digest(type(self))
 
     @property
     def trains(self) -> str:
@@ -239,6 +236,11 @@ class Attack(ABC):
         Returns:
             float32 (2, 3, H, W).
         """
+
+
+def is_of_package(kind: type[Attack]) -> bool:
+    """Whether a class of attacks is part of this package."""
+    return kind.__module__.startswith(_PACKAGE)
 
 
 @dataclass(frozen=True, kw_only=True)

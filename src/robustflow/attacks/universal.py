@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -39,6 +39,18 @@ class Universal(Trained):
     needs_gradients: ClassVar[bool] = False
 
     second: str = ""
+
+    @classmethod
+    def made(cls, **options: Any) -> Self:
+        """See `Trained.made`.
+
+        Raises:
+            UsageError: a file for frame 2 is given without one for frame 1.
+        """
+        attack = super().made(**options)
+        if attack.second and not attack.file:
+            raise UsageError(f"attack universal: second={attack.second} without file=, the perturbation of frame 1")
+        return attack
 
     @property
     def source(self) -> str:
@@ -110,7 +122,7 @@ class Universal(Trained):
                 f"{self.file} is for frames of {shape[1]}x{shape[0]} pixels, but the frames of sample "
                 f"'{problem.pair.key}' are {frames[1]}x{frames[0]}; give a file for this size"
             )
-        return np.concatenate([first, first if second is None else second])[-2:] if len(first) == 1 else first
+        return np.concatenate([first, first if second is None else second]) if len(first) == 1 else first
 
     @staticmethod
     def _frames(array: Pattern, path: str) -> Pattern:

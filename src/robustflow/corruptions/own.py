@@ -53,7 +53,7 @@ class OwnCorruption(Corruption):
         self.family = str(getattr(made, "family", "own"))  # type: ignore[misc]
         self.temporal = bool(getattr(made, "temporal", False))  # type: ignore[misc]
         self.needs_depth = bool(getattr(made, "needs_depth", False))
-        levels = getattr(made, "severities", None) or getattr(made, "paper_severities", None) or SEVERITIES
+        levels = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
         if len(levels) != len(SEVERITIES):
             raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: define five, from mild to severe")
         self.paper_severities = tuple(levels)  # type: ignore[misc]

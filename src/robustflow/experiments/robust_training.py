@@ -88,7 +88,7 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
     """Return the held-out flying shapes, followed by the dataset for each NAME=FOLDER.
 
     Raises:
-        UsageError: an item is not NAME=FOLDER, the dataset is unknown, or it has no ground truth.
+        UsageError: an item is not NAME=FOLDER, or the dataset is unknown, given twice or without ground truth.
         DataError: the layout of a folder is not as expected.
     """
     sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
@@ -96,6 +96,8 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
         name, equals, folder = entry.partition("=")
         if not equals:
             raise UsageError(f"--data {entry}: specify the dataset as NAME=FOLDER, for example kitti2015={entry}")
+        if [other.partition("=")[0] for other in data].count(name) > 1:
+            raise UsageError(f"--data {entry}: {name} is given twice; an experiment evaluates one folder per dataset")
         if not load_dataset(name, folder).has_flow:
             raise UsageError(
                 f"--data {entry}: {dataset_facts(name).title} has no ground truth; choose a dataset with ground truth"

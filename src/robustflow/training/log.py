@@ -27,7 +27,8 @@ class MetricsLog:
     def __init__(self, folder: Path, first: int) -> None:
         self._path = folder / METRICS_FILE
         if self._path.exists():
-            lines = [line for line in self._path.read_text(encoding="utf-8").splitlines() if _update(line) < first]
+            text = self._path.read_text(encoding="utf-8", errors="replace")  # a crash may leave any bytes
+            lines = [line for line in text.splitlines() if _update(line) < first]
             write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())
         try:
             self._file = open(self._path, "a", encoding="utf-8", opener=not_a_link)  # noqa: SIM115  # closed by __exit__

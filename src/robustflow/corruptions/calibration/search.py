@@ -90,10 +90,12 @@ def calibrate(
         report: function called with each corruption's name and calibration as soon as the corruption is calibrated.
 
     Raises:
-        UsageError: a corruption has no path, or `draws` is less than 1.
+        UsageError: a corruption has no path, there are no images, or `draws` is less than 1.
     """
     if draws < 1:
         raise UsageError(f"{draws} is not a valid number of draws: it must be at least 1")
+    if not pictures:
+        raise UsageError("there are no images to calibrate on: pass at least one")
     references = {name: (picture, Ssim(picture)) for name, picture in pictures.items()}
     corruptions = {}
     for name in names:
