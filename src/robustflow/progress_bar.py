@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -18,6 +19,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+T = TypeVar("T")
 
 LINE_EVERY_S = 10.0
 """Seconds between progress lines in a log."""
@@ -78,6 +81,13 @@ class ProgressBar:
             left = (self._last_line - started) / max(done - first, 1) * (total - done)
             parts = (f"{task} {done}/{total} ({100 * done / total:.0f} %)".strip(), f"{left:.0f} s left", what)
             print(", ".join(part for part in parts if part), file=sys.stderr, flush=True)
+
+    def track(self, items: Iterable[T], task: str, total: int) -> Iterator[T]:
+        """Yield the items of a task, and show how many of the `total` items are done."""
+        self.start(task, total)
+        for done, item in enumerate(items, 1):
+            yield item
+            self.update(task, done)
 
     def stage(self, clip: str, stage: str, done: int, total: int) -> None:
         """Show that `done` of `total` frames of a clip are finished in one `stage`, see `video.prepare.Progress`."""

@@ -145,6 +145,9 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (write_frames, "corrupt data/000.png data/none.png -c contrast", 1, "none.png"),
         (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "truncated"),
         (_of_two_sizes, "corrupt data/000.png data/001.png -c contrast", 1, "same size"),
+        (write_frames, "corrupt data/000.png data/001.png -c fog --focal 700", 2, "--focal only applies to your own"),
+        (None, "gallery -c contrast --focal 700 -o made", 2, "--focal only applies to your own depth maps"),
+        (write_frames, "gallery --clip data --focal 700 -o made", 2, "apply to the depth of two frames; omit --clip"),
         (None, "export demo -d x", 1, "x: no such file or folder"),
     ],
 )

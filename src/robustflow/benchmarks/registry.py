@@ -79,12 +79,20 @@ def load_benchmark(
     """
     others = dict(options or {})
     depth, focal = others.pop("depth", None), others.pop("focal", None)
-    benchmark = _loaded(name, data, split, others)
-    if depth is None:
-        if focal is not None:
-            raise UsageError("--focal only applies to your own depth maps: give --depth DIR as well, or leave it out")
-        return benchmark
-    return replace(benchmark, own_depth=OwnDepth(depth, benchmark.dataset, focal))
+    return with_own_depth(_loaded(name, data, split, others), depth, focal)
+
+
+def with_own_depth(benchmark: Benchmark, folder: str | Path | None, focal: float | None) -> Benchmark:
+    """Return a benchmark with the user's depth maps; without a folder, the benchmark itself.
+
+    Raises:
+        UsageError: see `OwnDepth`; or a focal length is given without a folder.
+    """
+    if folder is not None:
+        return replace(benchmark, own_depth=OwnDepth(folder, benchmark.dataset, focal))
+    if focal is not None:
+        raise UsageError("--focal only applies to your own depth maps: give --depth DIR as well, or leave it out")
+    return benchmark
 
 
 def _loaded(name: str, data: str | Path | None, split: str | Path | None, options: dict[str, Any]) -> Benchmark:

@@ -52,9 +52,9 @@ def corrupt(
         return
     from ..atomic import make_folder
     from ..benchmarks import Benchmark
+    from ..benchmarks.registry import with_own_depth
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions import corruption_name, load_corruption
-    from ..datasets.own_depth import OwnDepth
     from ..errors import UsageError
     from ..images.io import read_image, write_image
     from ..runner.predict import frames_of
@@ -73,10 +73,8 @@ def corrupt(
             one.parameter(level)
     sample = Sample(frame1.stem, (read_image(frame1), read_image(frame2)))
     dataset = frames_of([frame1, frame2], {})
-    own = None if depth is None else OwnDepth(depth, dataset, focal)
-    depths = Benchmark(
-        "corrupt", dataset, (sample.key,), tuple(one.name for one in chosen), own_depth=own
-    ).depth_to_read()
+    pair = Benchmark("corrupt", dataset, (sample.key,), tuple(one.name for one in chosen))
+    depths = with_own_depth(pair, depth, focal).depth_to_read()
     scene = None if depths is None else depths.depth(sample)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
     for one in chosen:

@@ -41,13 +41,11 @@ def displacement(
       robustflow displacement gopro-fc --data ~/gopro-fc --model dis
       robustflow displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from ..analysis.displacements import label_of
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
+    from ..progress_bar import ProgressBar
     from ..report.figures import displacement_figure, write_figures
     from ..report.site.write import write_report
     from ..runner.displacement import displacement_histogram
@@ -59,14 +57,13 @@ def displacement(
     folder = output if output is not None or run is not None else Path("displacement")
     if folder is not None:
         make_folder(folder)
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("measuring")
+    with ProgressBar() as progress:
+        progress.start("measuring", len(chosen.keys))
         table = displacement_histogram(
             chosen,
             loaded,
             source=model or "",
-            progress=lambda done, total: progress.update(task, completed=done, total=total),
+            progress=lambda done: progress.update("measuring", done),
             digests=None if run is None else clean_digests(run),
         )
     if folder is not None:

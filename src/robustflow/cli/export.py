@@ -1,8 +1,6 @@
 """`robustflow export`: write a benchmark's corrupted frames in the KITTI-FC layout, or a run's rows, results in
 standard formats, or a submission."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -100,22 +98,19 @@ def export(
         _export_run(Path(benchmark), format, output, hub_dataset)
         return
     output = output or Path("KITTI-FC")
-    from rich.console import Console
-    from rich.progress import track
-
     from ..benchmarks import load_benchmark
     from ..benchmarks.export import export as write
     from ..corruptions.stack import levels_of
+    from ..progress_bar import ProgressBar
 
     use_psf_dir(psf_dir)
     opened = load_benchmark(benchmark, data, split, data_options(None, depth, focal))
     chosen = opened.narrowed(names(corruptions), numbers(severities), limit)
     levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
     total = len(chosen.keys) * (1 + sum(levels))
-    console = Console(stderr=True)
     steps = write(chosen, output, seed, variant, severity_scale, common_draws)
-    shown = track(steps, "exporting", total, console=console, disable=not console.is_terminal)
-    fresh = sum(step.fresh for step in shown)
+    with ProgressBar() as progress:
+        fresh = sum(step.fresh for step in progress.track(steps, f"{output}: exporting", total))
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
     if severity_scale == "calibrated" and fewer:
         typer.echo(
@@ -181,11 +176,9 @@ def _export_submission(
     spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
     conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
     total = sum(len(condition.keys) for condition in conditions)
-    flows = []
     with ProgressBar() as progress:
-        for one in write_submission(model_of(run, spec), conditions, output):
-            flows.append(one)
-            progress.stage(str(output), "predicting", len(flows), total)
+        written = write_submission(model_of(run, spec), conditions, output)
+        flows = list(progress.track(written, f"{output}: predicting", total))
     moved: dict[str, list[Robustness]] = {}
     for one in flows:
         if one.moved is not None:

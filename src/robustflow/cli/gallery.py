@@ -1,5 +1,6 @@
 """`robustflow gallery`: show every corruption of a pair or clip side by side."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ from ..errors import UsageError
 from .options import Attacks, Corruptions, Depth, Focal, PsfDir, Seed, SeverityScale, attack_names, names, use_psf_dir
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from ..corruptions import Corruption
     from ..report.gallery.clip import ClipCell
@@ -69,6 +70,8 @@ def gallery(
 
     if frames is not None and clip is not None:
         raise UsageError("--frames and --clip are both given; choose one")
+    if clip is not None and (depth is not None or focal is not None):
+        raise UsageError("--depth and --focal apply to the depth of two frames; omit --clip, or leave them out")
     if clip is None and not (start is None and stop is None and length is None):
         raise UsageError("--start, --stop and --length require --clip")
     if clip is not None and model is not None:
@@ -84,23 +87,31 @@ def gallery(
         from ..corruptions import corruption_name
 
         wanted = [corruption_name(name) for name in wanted]
+    shown = _Shown(wanted, severity, severity_scale, seed, output)
     if attacks is not None and model is not None:
-        _attacked(frames, severity, attack_names(attacks) or [], seed, output, model)
+        _attacked(shown, _sample_of(frames)[0], attack_names(attacks) or [], model)
         if wanted is None:
             return
     if clip is None:
-        _of_pair(frames, severity, wanted, severity_scale, seed, output, model, depth, focal, still)
+        _of_pair(shown, frames, model, depth, focal, still)
     else:
-        _of_clip(clip, start, stop, length, severity, wanted, severity_scale, seed, output)
+        _of_clip(shown, clip, start, stop, length)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What a gallery shows, and where it is written; `corruptions` is None for all of them."""
+
+    corruptions: list[str] | None
+    severity: int
+    scale: str
+    seed: int
+    output: Path
 
 
 def _of_pair(
+    shown: _Shown,
     frames: tuple[Path, Path] | None,
-    severity: int,
-    wanted: list[str] | None,
-    scale: str,
-    seed: int,
-    output: Path,
     model: str | None,
     depth: Path | None,
     focal: float | None,
@@ -115,19 +126,18 @@ def _of_pair(
     sample, what = _sample_of(frames)
     if still:
         sample, what = still_scene(sample, 0), f"a frame from {what}"
-    key, pair = sample.key, sample.frames
+    first, second = sample.frames
     classes = DEMO_CLASSES if frames is None else {}
-    scene = _depth_of(frames, sample, wanted or [], depth, focal)
-    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, classes, scene))
-    title = f"Corruptions of {what}, {scale} scale"
-    at = [cell for cell in cells if cell.severity == severity]
-    page = render_page(pair[0], cells, severity, title)
-    _write(output, pair[0], at, f"{title}, severity {severity}", page)
+    scene = _depth_of(frames, sample, shown.corruptions or [], depth, focal)
+    cells = list(
+        cells_of(first, second, SEVERITIES, shown.corruptions, shown.seed, sample.key, shown.scale, classes, scene)
+    )
+    title = f"Corruptions of {what}, {shown.scale} scale"
+    at = [cell for cell in cells if cell.severity == shown.severity]
+    _write(shown, first, at, title, render_page(first, cells, shown.severity, title))
     if model is not None:
-        _write_strip(
-            output, sample, model, [c.name for c in at if c.frame is not None and not c.caption], severity, seed, scale,
-            classes, scene,
-        )  # fmt: skip
+        drawn = [cell.name for cell in at if cell.frame is not None and not cell.caption]
+        _write_strip(shown, sample, model, drawn, classes, scene)
 
 
 def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
@@ -147,19 +157,19 @@ def _depth_of(
 ) -> "SceneDepth | None":
     """Return the depth of the pair if a corruption needs it."""
     from ..benchmarks import Benchmark
+    from ..benchmarks.registry import with_own_depth
     from ..datasets import load_dataset
-    from ..datasets.own_depth import OwnDepth
     from ..runner.predict import frames_of
 
     dataset = load_dataset("motorcycle") if frames is None else frames_of(list(frames), {})
-    own = None if depth is None else OwnDepth(depth, dataset, focal)
-    depths = Benchmark("gallery", dataset, (sample.key,), tuple(corruptions), own_depth=own).depth_to_read()
+    pair = Benchmark("gallery", dataset, (sample.key,), tuple(corruptions))
+    depths = with_own_depth(pair, depth, focal).depth_to_read()
     return None if depths is None else depths.depth(sample)
 
 
-def _attacked(
-    frames: tuple[Path, Path] | None, severity: int, attacks: list[str], seed: int, output: Path, model: str
-) -> None:
+def _attacked(shown: _Shown, sample: "Sample", attacks: list[str], model: str) -> None:
+    from functools import partial
+
     from ..atomic import make_folder, write_bytes
     from ..attacks import attack, load_attack
     from ..attacks.api import with_controls
@@ -167,26 +177,28 @@ def _attacked(
     from ..report.gallery.strip import draw_attacks
 
     chosen = [load_attack(name) for name in with_controls(attacks)]
-    sample, _ = _sample_of(frames)
     loaded = load_model(model)
-    first, second = sample.frames[:2]
-    made = [
-        attack(first, second, loaded, each, severity, flow=sample.flow, valid=sample.valid, seed=seed, key=sample.key)
-        for each in chosen
-    ]
-    make_folder(output)
-    write_bytes(output / "attacks.webp", draw_attacks(first, made, model))
-    typer.echo(str(output / "attacks.webp"))
+    first, second = sample.frames
+    attacked = partial(
+        attack,
+        *(first, second, loaded),
+        severity=shown.severity,
+        flow=sample.flow,
+        valid=sample.valid,
+        seed=shown.seed,
+        key=sample.key,
+    )
+    made = [attacked(each) for each in chosen]
+    make_folder(shown.output)
+    write_bytes(shown.output / "attacks.webp", draw_attacks(first, made, model))
+    typer.echo(str(shown.output / "attacks.webp"))
 
 
 def _write_strip(
-    output: Path,
+    shown: _Shown,
     sample: "Sample",
     model: str,
     corruptions: list[str],
-    severity: int,
-    seed: int,
-    scale: str,
     classes: "Mapping[str, type[Corruption]]",
     depth: "SceneDepth | None",
 ) -> None:
@@ -199,70 +211,58 @@ def _write_strip(
     loaded = load_model(model)
     if not isinstance(loaded, FlowModel):
         raise UsageError(f"model '{model}' does not predict from two frames, which the strip requires")
-    chosen = [load_corruption(name, scale=scale, classes=classes) for name in corruptions]
-    columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key, depth)
-    write_bytes(output / "strip.webp", draw_strip(sample, columns, model))
-    typer.echo(str(output / "strip.webp"))
+    chosen = [load_corruption(name, scale=shown.scale, classes=classes) for name in corruptions]
+    columns = strip_columns(sample.frames, loaded.predict, chosen, shown.severity, shown.seed, sample.key, depth)
+    write_bytes(shown.output / "strip.webp", draw_strip(sample, columns, model))
+    typer.echo(str(shown.output / "strip.webp"))
 
 
-def _of_clip(
-    clip: Path,
-    start: str | None,
-    stop: str | None,
-    length: int | None,
-    severity: int,
-    wanted: list[str] | None,
-    scale: str,
-    seed: int,
-    output: Path,
-) -> None:
+def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, length: int | None) -> None:
     from tempfile import TemporaryDirectory
 
-    from rich.console import Console
-    from rich.progress import track
-
+    from ..progress_bar import ProgressBar
     from ..report.gallery.clip import SHOWN, ClipPart, chosen_corruptions, clip_cells
     from ..report.gallery.page import clip_slider, page_of
     from ..report.gallery.pictures import CorruptedPicture
     from ..severity import SEVERITIES
 
-    chosen, remarks = chosen_corruptions(wanted, scale)
+    chosen, remarks = chosen_corruptions(shown.corruptions, shown.scale)
     part = ClipPart(clip, start, stop, SHOWN if length is None else length)
-    shown = list(part.frames(part.shown))
+    frames = list(part.frames(part.shown))
     key = clip.resolve().stem
-    first, last = part.first_number, part.first_number + len(shown) - 1
-    title = f"Corruptions of {clip.name}, frames {first} to {last}, {scale} scale"
+    first, last = part.first_number, part.first_number + len(frames) - 1
+    title = f"Corruptions of {clip.name}, frames {first} to {last}, {shown.scale} scale"
     at: list[CorruptedPicture] = []
 
-    def kept(folder: str) -> "Iterator[ClipCell]":
-        cells = clip_cells(part, shown, SEVERITIES, chosen, Path(folder), seed, key, scale)
-        total = len(chosen) * len(SEVERITIES)
-        console = Console(stderr=True)
-        for cell in track(cells, "corrupting", total, console=console, disable=not console.is_terminal, transient=True):
-            if cell.severity == severity:
-                at.append(CorruptedPicture(cell.name, severity, cell.frames[0] if cell.frames else None, 0, cell.ssim))
+    def kept(cells: "Iterable[ClipCell]") -> "Iterator[ClipCell]":
+        for cell in cells:
+            if cell.severity == shown.severity:
+                frame = cell.frames[0] if cell.frames else None
+                at.append(CorruptedPicture(cell.name, cell.severity, frame, 0, cell.ssim))
             yield cell
 
-    with TemporaryDirectory(prefix="robustflow-gallery-") as folder:
-        slider = clip_slider(shown, kept(folder), SEVERITIES, severity, title, first)
+    with TemporaryDirectory(prefix="robustflow-gallery-") as folder, ProgressBar() as progress:
+        cells = clip_cells(part, frames, SEVERITIES, chosen, Path(folder), shown.seed, key, shown.scale)
+        tracked = progress.track(cells, f"{clip.name}: corrupting", len(chosen) * len(SEVERITIES))
+        slider = clip_slider(frames, kept(tracked), SEVERITIES, shown.severity, title, first)
     which = "middle" if start is None else "first"
     remarks = [
         f"The frames are the {which} of {part.count} frames at {float(part.rate):.4g} frames per second, "
         "corrupted at full size; the SSIM is that of the first frame.",
         *remarks,
     ]
-    _write(output, shown[0], at, f"{title}, severity {severity}", page_of(slider, remarks))
+    _write(shown, frames[0], at, title, page_of(slider, remarks))
     for remark in remarks[1:]:
         typer.echo(remark, err=True)
 
 
-def _write(output: Path, clean: "Frame", at: "Sequence[CorruptedPicture]", title: str, page: str) -> None:
+def _write(shown: _Shown, clean: "Frame", at: "Sequence[CorruptedPicture]", title: str, page: str) -> None:
     from ..atomic import make_folder, write_bytes
     from ..report.gallery.figure import draw_figure
 
-    make_folder(output)
-    for form in ("png", "pdf"):
-        write_bytes(output / f"gallery.{form}", draw_figure(clean, at, title, form))
-    write_bytes(output / "gallery.html", page.encode())
-    for form in ("png", "pdf", "html"):
-        typer.echo(str(output / f"gallery.{form}"))
+    make_folder(shown.output)
+    title = f"{title}, severity {shown.severity}"
+    files = {f"gallery.{form}": draw_figure(clean, at, title, form) for form in ("png", "pdf")}
+    for name, data in (files | {"gallery.html": page.encode()}).items():
+        write_bytes(shown.output / name, data)
+        typer.echo(str(shown.output / name))

@@ -1,7 +1,5 @@
 """`robustflow leaderboard`: publish all results as a web page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -72,15 +72,12 @@ def predict(
     spec = ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision))
     dataset = frames_of(frames, dict(keyword_options(data_option)))
     total = len(dataset.keys())
-    done = []
     with ProgressBar() as progress:
-        for one in predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite):
-            done.append(one)
-            progress.stage(str(output), "predicting", len(done), total)
+        flows = predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite)
+        done = list(progress.track(flows, f"{output}: predicting", total))
         longest = radius if radius is not None else max(one.radius for one in done)
         if pictures:
-            for number, _ in enumerate(write_pictures(done, longest), 1):
-                progress.stage(str(output), "drawing", number, total)
+            list(progress.track(write_pictures(done, longest), f"{output}: drawing", total))
         if video is not None:
             write_video(video, done, dataset, longest, fps)
     typer.echo(str(output))

@@ -113,22 +113,20 @@ def digests(
     Example:
       robustflow prepare digests --data ~/kitti
     """
-    from rich.console import Console
-    from rich.progress import track
-
     from ..errors import DataError
     from ..layout import user_path
-    from ..runs.file_digests import DIGEST_LIST, digests_in, read_list, write_list
+    from ..progress_bar import ProgressBar
+    from ..runs.file_digests import DIGEST_LIST, digests_in, listed_files, read_list, write_list
 
     folder = user_path(data)
     if not folder.is_dir():
         raise DataError(f"{folder}: no such folder; give the folder of the dataset")
     before = read_list(folder) if not overwrite and (folder / DIGEST_LIST).exists() else None
-    console = Console(stderr=True)
-    each = track(digests_in(folder), "reading", console=console, disable=not console.is_terminal, transient=True)
-    found = dict(each)
-    if not found:
+    names = listed_files(folder)
+    if not names:
         raise DataError(f"{folder}: contains no files; give the folder of the dataset")
+    with ProgressBar() as progress:
+        found = dict(progress.track(digests_in(folder, names), f"{folder}: reading", len(names)))
     if before is None:
         path = write_list(folder, found)
         typer.echo(f"{path}: {counted(len(found), 'file')}; 'robustflow run' verifies files against this list")

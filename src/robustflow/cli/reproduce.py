@@ -1,7 +1,5 @@
 """`robustflow reproduce`: reproduce a table or figure of the paper as far as data and weights are available."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -114,12 +112,12 @@ def reproduce(
 
 
 def _measured(
-    artefact: Artefact,
-    choices: list[Runnable | Missing],
+    artefact: "Artefact",
+    choices: "list[Runnable | Missing]",
     output: Path,
     device: str | None,
     options: dict[str, Any],
-) -> list[Measured]:
+) -> "list[Measured]":
     from ..reproduce.measure import measure_variants
     from ..runner.progress import TerminalProgress
 
@@ -135,7 +133,7 @@ def _measured(
     return measured
 
 
-def _show(artefact: Artefact, measured: list[Measured], output: Path, format: str) -> None:
+def _show(artefact: "Artefact", measured: "list[Measured]", output: Path, format: str) -> None:
     """Print the new values next to the published ones, then what was not run. Write everything to a file and, if a
     figure was requested, draw it."""
     from ..atomic import write_bytes
@@ -164,7 +162,7 @@ def _show(artefact: Artefact, measured: list[Measured], output: Path, format: st
             typer.echo(str(path))
 
 
-def _draw(artefact: Artefact, runs: list[Result], output: Path) -> list[Path]:
+def _draw(artefact: "Artefact", runs: "list[Result]", output: Path) -> list[Path]:
     """Draw the figure of the published values and the figure of the runs."""
     from ..report.assemble import figures_of
     from ..report.figures import write_figures
@@ -174,7 +172,7 @@ def _draw(artefact: Artefact, runs: list[Result], output: Path) -> list[Path]:
     return write_figures(mine, output / "figures", ("png", "svg"))
 
 
-def _print(table: Table, format: str) -> None:
+def _print(table: "Table", format: str) -> None:
     from .tables import as_text
 
     typer.echo(as_text(table, format, None), nl=False)

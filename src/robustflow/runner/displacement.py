@@ -26,8 +26,7 @@ def displacement_histogram(
     benchmark: Benchmark,
     model: AnyModel | None = None,
     source: str = "",
-    edges: Sequence[float] = EDGES,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int], None] = lambda done: None,
     digests: Mapping[str, str] | None = None,
 ) -> pl.DataFrame:
     """Count pixels by flow magnitude over all samples of a benchmark, with one sample in memory at a time.
@@ -36,7 +35,7 @@ def displacement_histogram(
         benchmark: benchmark whose clean pairs are measured.
         model: model whose flow is measured; None for the ground truth.
         source: name of the model in the table; by default the name of its class.
-        edges: ascending bin edges in pixels, starting at 0; a bin includes its lower edge.
+        progress: callback that receives the number of measured samples after each one.
         digests: `frames_digest` of each sample's clean row, for a histogram that belongs to a run.
 
     Returns:
@@ -45,7 +44,7 @@ def displacement_histogram(
 
     Raises:
         DataError: ground truth was requested, but the benchmark has none.
-        UsageError: the edges are not ascending or do not start at 0, or the model needs more than two frames.
+        UsageError: the model needs more than two frames.
         ModelError: the model failed, or returned a flow that is not finite.
         RunError: the digest of the frames differs.
     """
@@ -53,13 +52,20 @@ def displacement_histogram(
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow should be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
         raise UsageError("displacement is measured on the flow of pairs; choose a two-frame model")
-    table = histogram(_flows(benchmark, model, progress, digests or {}), edges)
+    table = histogram(_flows(benchmark, model, progress, digests or {}))
     name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
 
 
 def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
     """Return the columns `low`, `high`, `pixels` and `share` for flows with valid masks.
+
+    Args:
+        flows: flow, float32 (H, W, 2), in pixels, and valid mask, bool (H, W), of each sample.
+        edges: ascending bin edges in pixels, starting at 0; a bin includes its lower edge.
+
+    Raises:
+        UsageError: the edges are not ascending or do not start at 0.
 
     >>> flow = np.zeros((1, 4, 2), np.float32)
     >>> flow[0, :, 0] = 0, 1, 3, -9
@@ -111,7 +117,7 @@ def keep_displacement(result: Run, benchmark: Benchmark) -> None:
 def _flows(
     benchmark: Benchmark,
     model: FlowModel | FlowLookup | None,
-    progress: Callable[[int, int], None],
+    progress: Callable[[int], None],
     digests: Mapping[str, str],
 ) -> Iterator[tuple[Flow, Mask]]:
     for number, key in enumerate(benchmark.keys, start=1):
@@ -120,8 +126,8 @@ def _flows(
             raise RunError(
                 f"{benchmark.name}, sample '{key}': these are not the frames of the run; use the --data of the run"
             )
-        progress(number, len(benchmark.keys))
         yield _of_truth(benchmark, sample) if model is None else _of_model(model, sample)
+        progress(number)
 
 
 def _of_truth(benchmark: Benchmark, sample: Sample) -> tuple[Flow, Mask]:

@@ -98,19 +98,27 @@ def is_under_a_list(folder: Path) -> bool:
     return _nearest_list(folder.absolute(), {}) is not None
 
 
-def digests_in(folder: Path) -> Iterator[tuple[str, str]]:
-    """Return the relative name and digest of every file in a folder and its subfolders, sorted by name, without hidden
-    files and the list itself.
+def listed_files(folder: Path) -> list[str]:
+    """Return the relative names of all files in a folder and its subfolders, sorted, without hidden files and the list
+    itself.
+
+    Raises:
+        DataError: a file name contains a line break or a backslash.
+    """
+    names = [path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))]
+    for name in names:
+        if "\n" in name or "\\" in name:
+            raise DataError(f"{folder}: the name {plain(name)} contains a line break or a backslash; rename the file")
+    return names
+
+
+def digests_in(folder: Path, names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield the name and digest of some files of a folder, in order.
 
     Raises:
         RunError: a file cannot be read.
-        DataError: a file name contains a line break or a backslash.
     """
-    names = {path: path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))}
-    for name in names.values():
-        if "\n" in name or "\\" in name:
-            raise DataError(f"{folder}: the name {plain(name)} contains a line break or a backslash; rename the file")
-    return ((names[path], digest) for path, digest in _digests(names))
+    return ((path.relative_to(folder).as_posix(), digest) for path, digest in _digests(map(folder.joinpath, names)))
 
 
 def write_list(folder: Path, digests: Mapping[str, str]) -> Path:
