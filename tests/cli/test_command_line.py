@@ -33,6 +33,22 @@ def test_run_help_shows_the_common_options_first_and_the_others_under_four_headi
     assert options == ["--model", "--benchmark", "--data", "--checkpoint", "--device", "--output", "--help"]
 
 
+@pytest.mark.parametrize("name", ["predict", "export"])
+def test_help_of_other_commands_has_one_list_of_options(name):
+    output = CliRunner().invoke(app, [name, "--help"]).output
+    assert [line.split("─")[1].strip() for line in output.splitlines() if line.startswith("╭")] == [
+        "Arguments",
+        "Options",
+    ]
+
+
+def test_help_is_wrapped_to_the_terminals_width(monkeypatch):
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 300)
+    lines = CliRunner().invoke(app, ["profile", "--help"]).output.splitlines()
+    assert any("MACs are half of PyTorch's FLOPs." in line and "random unless" in line for line in lines)
+    assert any(line.split() == ["robustflow", "profile", "raft"] for line in lines)  # examples keep their lines
+
+
 def test_ctrl_c_while_the_command_line_is_imported_prints_no_traceback():
     script = """
 import os, signal, sys

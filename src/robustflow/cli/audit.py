@@ -13,7 +13,7 @@ def audit(
     source: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[FILE]",
+            metavar="FILE",
             help="A results file (CSV), FlowBench's metrics_*.json, or a run's folder or record; the paper's tables by "
             "default.",
         ),

@@ -10,8 +10,10 @@ from .options import CommonDraws, Depth, Focal, PsfDir, Seed, SeverityScale, Var
 
 
 def corrupt(
-    frame1: Annotated[Path | None, typer.Argument(help="First frame.")] = None,
-    frame2: Annotated[Path | None, typer.Argument(help="Second frame; same size as the first.")] = None,
+    frame1: Annotated[Path | None, typer.Argument(metavar="FRAME1", help="First frame.")] = None,
+    frame2: Annotated[
+        Path | None, typer.Argument(metavar="FRAME2", help="Second frame; same size as the first.")
+    ] = None,
     corruptions: Annotated[
         str | None,
         typer.Option(

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def displacement(
-    benchmark: Annotated[str, typer.Argument(help="kitti-fc, gopro-fc, demo, or any dataset.")],
+    benchmark: Annotated[str, typer.Argument(metavar="BENCHMARK", help="kitti-fc, gopro-fc, demo, or any dataset.")],
     data: Data = None,
     data_option: DataOptions = None,
     model: Annotated[

@@ -26,7 +26,7 @@ from .options import (
 
 
 def examples(
-    run: Annotated[Path, typer.Argument(help="A run's folder.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
     sample: Annotated[str | None, typer.Option("--sample", help="Draw only this sample, as a PNG file.")] = None,
     corruption: Annotated[
         str | None,

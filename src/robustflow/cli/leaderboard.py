@@ -9,7 +9,7 @@ import typer
 def leaderboard(
     sources: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[SOURCE...]", help="Folders or records of runs, and results files (CSV, JSON)."),
+        typer.Argument(metavar="SOURCE", help="Folders or records of runs, and results files (CSV, JSON)."),
     ] = None,
     published: Annotated[bool, typer.Option("--published/--no-published", help="Include the paper's results.")] = True,
     only_own: Annotated[

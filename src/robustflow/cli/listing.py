@@ -25,13 +25,16 @@ def list_things(
     kind: Annotated[
         str,
         typer.Argument(
+            metavar="KIND",
             autocompletion=complete.kinds,
             help="models, corruptions, attacks, benchmarks, datasets or recipes; all by default.",
         ),
     ] = "all",
     search: Annotated[
         str,
-        typer.Argument(help="With models: part of a name; lists every published checkpoint of matching models."),
+        typer.Argument(
+            metavar="SEARCH", help="With models: part of a name; lists every published checkpoint of matching models."
+        ),
     ] = "",
 ) -> None:
     """List models, corruptions, attacks, benchmarks, datasets or training recipes.

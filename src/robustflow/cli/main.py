@@ -1,5 +1,6 @@
 """The `robustflow` command: subcommands and error output."""
 
+import inspect
 import os
 import sys
 import traceback
@@ -89,7 +90,18 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
 
 
 class _Command(TyperCommand):
-    """A command that refuses an option given twice; of `-c fog -c snow`, Typer would silently use only `snow`."""
+    """A command that refuses an option given twice; of `-c fog -c snow`, Typer would silently use only `snow`.
+
+    In its help, paragraphs are wrapped to the terminal's width, and only `run` has enough options for headings.
+    """
+
+    def __init__(self, name: str, *, help: str | None = None, **settings: Any) -> None:
+        paragraphs = inspect.cleandoc(help or "").split("\n\n")
+        wrapped = [one if one.startswith("\b") else one.replace("\n", " ") for one in paragraphs]
+        super().__init__(name, help="\n\n".join(wrapped), **settings)
+        for option in self.params:
+            if name != "run" and isinstance(option, TyperOption):
+                option.rich_help_panel = None
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         _, _, given = self.make_parser(ctx).parse_args(list(args))

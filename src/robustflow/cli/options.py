@@ -179,9 +179,7 @@ SeverityScale = Annotated[
 ]
 
 
-ComparedRuns = Annotated[
-    list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs on the same data.")
-]
+ComparedRuns = Annotated[list[Path], typer.Argument(metavar="RUN", help="Folders or records of runs on the same data.")]
 Format = Annotated[
     str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
 ]

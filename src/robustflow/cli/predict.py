@@ -19,7 +19,7 @@ from .options import (
 
 def predict(
     frames: Annotated[
-        list[Path], typer.Argument(metavar="FRAMES...", help="Two or more images, a folder of images, or a video.")
+        list[Path], typer.Argument(metavar="FRAMES", help="Two or more images, a folder of images, or a video.")
     ],
     model: ModelName = "dis",
     checkpoint: Checkpoint = None,

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 def profile(
     models: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[MODEL...]", autocompletion=complete.models, help="Names of networks; none with --paper."
-        ),
+        typer.Argument(metavar="MODEL", autocompletion=complete.models, help="Names of networks; none with --paper."),
     ] = None,
     size: Annotated[str, typer.Option(help="Frame size, HEIGHTxWIDTH.")] = "432x720",
     iterations: Annotated[int | None, typer.Option(help="Number of iterations, for iterative models [12].")] = None,

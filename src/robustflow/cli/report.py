@@ -17,7 +17,7 @@ def report(
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="RUN...",
+            metavar="RUN",
             help="Folders or records of runs, folders that contain them, or FlowBench's metrics_*.json, for a "
             "table of its attacks.",
         ),

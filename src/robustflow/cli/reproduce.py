@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def reproduce(
     what: Annotated[
-        str | None, typer.Argument(metavar="[TABLE]", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
+        str | None, typer.Argument(metavar="TABLE", help="tab1 to tab8 or fig1 to fig9; by default, list them.")
     ] = None,
     data: Data = None,
     checkpoints: Annotated[

@@ -7,7 +7,7 @@ import typer
 
 
 def show(
-    run: Annotated[Path, typer.Argument(help="A run's folder or record.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or record.")],
     metric: Annotated[
         str,
         typer.Option(

@@ -16,6 +16,7 @@ def train(
     method: Annotated[
         str,
         typer.Argument(
+            metavar="METHOD",
             autocompletion=complete.methods,
             help="Method to train (robustflow list recipes).",
         ),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def verify(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records written by 'robustflow pack'.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Records written by 'robustflow pack'.")],
     data: Annotated[
         Path | None,
         typer.Option("--data", "-d", help="Your copy of the data; corrupted frames are recomputed and compared."),
