@@ -110,16 +110,23 @@ class SceneDepth:
                 raise DataError(f"depth map {number}: every pixel must be positive and finite, in metres")
 
 
+def described_array(value: Any) -> str:
+    """Describe what was passed instead of an array, for error messages.
+
+    >>> described_array(np.zeros((2, 3))), described_array("frame")
+    ('float64 (2, 3)', 'str')
+    """
+    return f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+
+
 def check_frame(frame: Any, first: Frame, what: str) -> None:
     """Check that a frame is RGB uint8 (H, W, 3) and has the size of the first frame; `what` names it in errors.
 
     Raises:
         DataError: it is not, or the sizes differ.
     """
-    if not isinstance(frame, np.ndarray):
-        raise DataError(f"{what}: expected an array, RGB uint8 (H, W, 3), got {type(frame).__name__}")
-    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-        raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {frame.dtype} {frame.shape}")
+    if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+        raise DataError(f"{what}: expected RGB uint8 (H, W, 3), got {described_array(frame)}")
     if frame.shape != first.shape:
         raise DataError(
             f"{what}: frames differ in size, {first.shape[1]}x{first.shape[0]} and {frame.shape[1]}x{frame.shape[0]}; "

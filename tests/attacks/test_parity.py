@@ -13,9 +13,9 @@ pytest.importorskip("torch", reason="needs the torch extra")
 from robustflow import TorchModel, load_model
 from robustflow.attacks import load_attack
 from robustflow.attacks.ball import Ball
-from robustflow.attacks.climb import climb
 from robustflow.attacks.loss import Loss
 from robustflow.attacks.pcfa import _Search
+from robustflow.attacks.pgd import climb
 from robustflow.attacks.problem import Pair, Problem
 from robustflow.random.rng import Rng
 

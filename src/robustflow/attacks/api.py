@@ -12,7 +12,7 @@ from ..errors import DataError, ModelError, UsageError
 from ..models.base import AnyModel, FlowModel, predict_checked
 from ..models.construct import as_model
 from ..models.loading import load_model
-from ..sample import Flow, Frame, Mask, Sample
+from ..sample import Flow, Frame, Mask, Sample, check_frame, described_array
 from ..severity import check_severity
 from .base import Attack, is_of_package
 from .evaluation import in_lockstep
@@ -252,22 +252,18 @@ def _warnings_of_trace(problem: Problem, clean_loss: float, loss: float, float_l
 
 
 def _check(frame1: Frame, frame2: Frame, flow: Flow | None, valid: Mask | None) -> None:
-    for frame in (frame1, frame2):
-        is_frame = isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.ndim == 3
-        if not is_frame or frame.shape[2] != 3 or frame.shape != frame1.shape:
-            raise DataError("an attack needs two RGB uint8 frames (H, W, 3) of equal size")
+    check_frame(frame1, frame1, "frame 1")
+    check_frame(frame2, frame1, "frame 2")
     if valid is not None and flow is None:
         raise UsageError("a mask of valid pixels needs ground truth; pass flow= as well")
     expected = (*frame1.shape[:2], 2)
     if flow is not None and (not isinstance(flow, np.ndarray) or flow.shape != expected or flow.dtype.kind != "f"):
-        raise DataError(f"the ground truth is {_described(flow)}; expected float32 {expected}, the size of the frames")
+        raise DataError(
+            f"the ground truth is {described_array(flow)}; expected float32 {expected}, the size of the frames"
+        )
     if valid is not None and (
         not isinstance(valid, np.ndarray) or valid.shape != frame1.shape[:2] or valid.dtype != bool
     ):
-        raise DataError(f"the mask is {_described(valid)}; expected bool {frame1.shape[:2]}")
+        raise DataError(f"the mask is {described_array(valid)}; expected bool {frame1.shape[:2]}")
     if flow is not None and not np.isfinite(flow if valid is None else flow[valid]).all():
         raise DataError("the ground truth is NaN or infinite at valid pixels; exclude them from the mask")
-
-
-def _described(array: Any) -> str:
-    return f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__

@@ -81,13 +81,13 @@ class Ball:
         return np.float32(self.budget if self.norm == "area" else self.budget / WHITE)
 
     @property
-    def _kept(self) -> slice:
+    def perturbed(self) -> slice:
         """The frames that are perturbed."""
         return {"first": slice(0, 1), "second": slice(1, 2)}.get(self.moved, slice(0, 2))
 
     def size_of(self, change: npt.NDArray[np.float32]) -> float:
         """Compute the norm of a change, float32 (2, 3, H, W), in the units of the change."""
-        moved = change[self._kept].astype(np.float64)
+        moved = change[self.perturbed].astype(np.float64)
         if self.norm == "linf":
             return float(np.abs(moved).max())
         if self.norm == "area":
@@ -105,7 +105,7 @@ class Ball:
     def project(self, images: Images) -> Images:
         """Project images: clip the change to the ball, then the values to 0..1."""
         change = np.zeros_like(images)
-        change[self._kept] = (images - self.clean)[self._kept]
+        change[self.perturbed] = (images - self.clean)[self.perturbed]
         if self.moved == "joint":
             change[:] = change.mean(axis=0)
         change = self._shortened(change)
@@ -119,7 +119,7 @@ class Ball:
         if self.norm == "area":
             return self._largest(change)
         parts = change if self.per_frame else change[None]
-        for part, moved in zip(parts, parts if self.per_frame else [change[self._kept]], strict=True):
+        for part, moved in zip(parts, parts if self.per_frame else [change[self.perturbed]], strict=True):
             size = np.sqrt((moved.astype(np.float64) ** 2).mean())
             if size > self.radius:
                 part *= np.float32(self.radius / size)
@@ -147,11 +147,11 @@ class Ball:
         length = np.float32(size / WHITE)
         if self.norm != "rms":
             return self.project(np.asarray(images + length * np.sign(gradient), np.float32))
-        squares = (gradient[self._kept].astype(np.float64) ** 2).mean(axis=(1, 2, 3), keepdims=True)
+        squares = (gradient[self.perturbed].astype(np.float64) ** 2).mean(axis=(1, 2, 3), keepdims=True)
         squares = squares if self.per_frame else squares.mean(axis=0, keepdims=True)
         norms = np.sqrt(squares)
         direction = np.zeros_like(gradient)
-        np.divide(gradient[self._kept], norms, out=direction[self._kept], where=norms > 0, casting="unsafe")
+        np.divide(gradient[self.perturbed], norms, out=direction[self.perturbed], where=norms > 0, casting="unsafe")
         return self.project(images + length * direction)
 
     def random(self, rng: Rng) -> Images:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..random.rng import Rng
 from .base import Attack
-from .climb import start_of
 from .images import Images
+from .pgd import start_of
 from .problem import Problem
 
 

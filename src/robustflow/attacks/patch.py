@@ -120,8 +120,7 @@ class Disc:
         size = diameter(problem)
         height, width = problem.ball.clean.shape[2:]
         top, left = rng.integer(0, height - size + 1), rng.integer(0, width - size + 1)
-        frames = {"first": slice(0, 1), "second": slice(1, 2)}.get(problem.ball.moved, slice(0, 2))
-        return cls(frames, (slice(top, top + size), slice(left, left + size)), _disc(size), rng)
+        return cls(problem.ball.perturbed, (slice(top, top + size), slice(left, left + size)), _disc(size), rng)
 
     def turned(self) -> Disc:
         """Return the disc with a random rotation and scale."""

@@ -83,7 +83,7 @@ class _Search:
         self._clean = torch.from_numpy(problem.ball.clean)
         self._bound = problem.ball.budget / 255
         self._weight = _WEIGHT / self._bound * (1.0 if attack.target == "zero" else 1.5)
-        self._moved = {"first": [0], "second": [1]}.get(attack.moved, [0, 1])
+        self._moved = range(2)[problem.ball.perturbed]
         frames = [self._clean[place].clone() for place in self._moved]
         if attack.moved == "joint":
             self.variables = [torch.zeros_like(frames[0])]

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import ModelError, UsageError
 from ..models.base import AnyModel, Differentiable, model_identity
 from ..random.rng import Rng
-from ..sample import Flow, Frame, Mask
+from ..sample import Flow, Frame, Mask, described_array
 from .ball import Ball
 from .evaluation import Evaluation, evaluate
 from .images import Images, frames_of, images_of
@@ -149,8 +149,10 @@ class Problem:
         """
         shape = self.ball.clean.shape
         if not isinstance(images, np.ndarray) or images.dtype != np.float32 or images.shape != shape:
-            what = f"{images.dtype} {images.shape}" if isinstance(images, np.ndarray) else type(images).__name__
-            raise UsageError(f"attack '{attack}' returned {what}: run must return a float32 array of shape {shape}")
+            raise UsageError(
+                f"attack '{attack}' returned {described_array(images)}: run must return a float32 array of shape "
+                f"{shape}"
+            )
         if not np.isfinite(images).all():
             raise UsageError(f"attack '{attack}' returned values that are NaN or infinite")
         return images if self.ball.holds(images) else self.ball.project(images)

@@ -41,7 +41,7 @@ class Square(Attack):
         ball = problem.ball
         clean, budget = grey_levels_of(ball.clean), int(ball.budget)
         _, channels, height, width = clean.shape
-        moved = {"first": (0,), "second": (1,)}.get(self.moved, (0, 1))
+        moved = range(2)[ball.perturbed]
         joint = self.moved == "joint"
         signs = np.zeros_like(clean)
         count = len(moved) * channels * width

@@ -59,18 +59,12 @@ class Transfer(Attack):
             raise UsageError(
                 f"attack transfer: '{rest[0][0]}' is not an option of {inner.name}, and the model is already built"
             )
-        shared = {each.name: getattr(inner, each.name) for each in fields(Attack)}
-        return cls(on=on, attack=inner, model_options=rest, **shared)
+        return cls(on=on, attack=inner, model_options=rest, **_options_of_attack(inner))
 
     def with_variant(self, variant: str) -> Self:
         """See `Attack.with_variant`; the variant is that of the inner attack."""
         inner = self.attack.with_variant(variant)
-        return type(self)(
-            on=self.on,
-            attack=inner,
-            model_options=self.model_options,
-            **{each.name: getattr(inner, each.name) for each in fields(Attack)},
-        )
+        return replace(self, attack=inner, **_options_of_attack(inner))
 
     def training(self, model: AnyModel) -> dict[str, tuple[Attack, AnyModel]]:
         """See `Attack.training`; the inner attack is trained on the surrogate."""
@@ -137,3 +131,8 @@ class Transfer(Attack):
         problem.troubles |= inner.troubles
         problem.trace += inner.trace
         return images
+
+
+def _options_of_attack(inner: Attack) -> dict[str, Any]:
+    """Return the options that every attack has; a transfer has the values of its inner attack."""
+    return {each.name: getattr(inner, each.name) for each in fields(Attack)}

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..errors import RobustFlowError, UsageError
 from ..random.rng import Rng
-from ..sample import Frame, SceneDepth
+from ..sample import Frame, SceneDepth, described_array
 from ..severity import SEVERITIES
 from ..source_digest import source_digest
 from ..target import described, import_target, own_name
@@ -99,9 +99,9 @@ class OwnCorruption(Corruption):
         except Exception as error:
             raise self._failed("apply", error) from error
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
-            what = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
             raise UsageError(
-                f"corruption '{self.name}' returned {what}: apply must return a uint8 array of shape {frame.shape}"
+                f"corruption '{self.name}' returned {described_array(out)}: apply must return a uint8 array of shape "
+                f"{frame.shape}"
             )
         return np.array(out) if np.shares_memory(out, given) else out
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..compiled import njit_late, types
 from ..errors import DataError
-from ..sample import Flow, Mask
+from ..sample import Flow, Mask, described_array
 
 Errors = npt.NDArray[np.float64]
 """A map of errors or flow magnitudes, float64 (H, W), in pixels; NaN where undefined."""
@@ -93,8 +93,9 @@ def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
 def flow_array(flow: Flow) -> Flow:
     """Return `flow` as a C-contiguous array; raise a DataError if it is not a float32 array (H, W, 2)."""
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
-        got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
-        raise DataError(f"a flow must be a float32 array of shape (H, W, 2), not {got}; convert it first")
+        raise DataError(
+            f"a flow must be a float32 array of shape (H, W, 2), not {described_array(flow)}; convert it first"
+        )
     return np.require(flow, requirements=["C", "A"])
 
 

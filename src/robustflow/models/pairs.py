@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..errors import UsageError
-from ..sample import Flow, Frame
+from ..sample import Flow, Frame, described_array
 
 
 class PairNetwork(ABC):
@@ -95,7 +95,6 @@ def check_pair(frame1: Frame, frame2: Frame) -> None:
     """
     for frame in (frame1, frame2):
         if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-            what = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
-            raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
+            raise UsageError(f"a frame is {described_array(frame)}; expected RGB uint8 (H, W, 3)")
     if frame1.shape != frame2.shape:
         raise UsageError(f"the frames of a pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")

@@ -9,9 +9,9 @@ import numpy as np
 from ..attacks.api import load_attack
 from ..attacks.images import Images, images_of
 from ..attacks.problem import Pair
-from ..errors import UsageError
 from ..sample import Flow, Frame
 from ..severity import SEVERITIES
+from .contract import frames_of, require
 
 _SHAPES = ((32, 40), (17, 23))
 """An even and an odd frame size."""
@@ -66,38 +66,25 @@ def check_attack(attack: Any, seed: int = 0) -> str:
     for shape in _SHAPES:
         for severity in SEVERITIES:
             where = f"attack '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
-            for frames in _pairs(shape):
+            texture, shifted, black, white = frames_of(shape)
+            for frames in ((texture, shifted), (black, white)):
                 truth = np.zeros((*shape, 2), np.float32) if severity % 2 else None
                 pair = Pair(frames, first.budget(severity), truth, None, "check", seed, severity)
                 before = [frame.copy() for frame in frames]
                 problem = first.problem(model, pair, model.predict(*frames))
                 images = first.run(problem, pair.stream(first.name))
                 inside = problem.checked(images, first.name)
-                _require(inside is images, f"{where} exceeds its budget: end with problem.ball.project(images)")
-                _require(
-                    all(map(np.array_equal, frames, before)), f"{where} modifies its input frames: copy them first"
-                )
+                require(inside is images, f"{where} exceeds its budget: end with problem.ball.project(images)")
+                require(all(map(np.array_equal, frames, before)), f"{where} modifies its input frames: copy them first")
                 found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
-                _require(
+                require(
                     not problem.trace or found >= problem.best_score - 1e-4,
                     f"{where} returns a pair with score {found:.4g} but evaluated one with score "
                     f"{problem.best_score:.4g}: return problem.best",
                 )
                 again = second.problem(model, pair, model.predict(*frames))
-                _require(
+                require(
                     np.array_equal(images, second.run(again, pair.stream(second.name))),
                     f"{where} returns different bytes on the second call: draw all random numbers from `rng`",
                 )
     return first.name
-
-
-def _pairs(shape: tuple[int, int]) -> list[tuple[Frame, Frame]]:
-    """Return test pairs: a texture and the same texture shifted by one pixel; a black and a white frame."""
-    rows, columns = np.indices(shape)
-    texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
-    return [(texture, np.roll(texture, 1, axis=1)), (np.zeros_like(texture), np.full_like(texture, 255))]
-
-
-def _require(holds: Any, message: str) -> None:
-    if not holds:
-        raise UsageError(message)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..corruptions.api import load_corruption, stream_for
-from ..errors import UsageError
 from ..sample import Camera, Frame, SceneDepth
 from ..severity import SEVERITIES
+from .contract import frames_of, require
 
 _SHAPES = ((48, 64), (33, 61))
 """An even and an odd frame size, which reveal bugs in code that halves an image."""
@@ -47,16 +47,16 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
             if first.severities[severity - 1] is None:
                 continue
             where = f"corruption '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
-            frames = _frames(shape)
+            frames = frames_of(shape)
             before = [frame.copy() for frame in frames]
             scene = _scene(shape, severity % 2 == 0) if first.needs_depth else None
             numbers = [place % 2 if first.needs_depth else place for place in range(len(frames))]
             state = first.draw_with_depth(stream_for(first, severity, seed, "check"), severity, shape, scene)
             forth = [first.apply(frame, state, number) for frame, number in zip(frames, numbers, strict=True)]
             for index, (frame, copy) in enumerate(zip(frames, before, strict=True)):
-                _require((frame == copy).all(), f"{where} modifies its input frame: copy it first")
+                require((frame == copy).all(), f"{where} modifies its input frame: copy it first")
                 _check_frame(forth[index], frame, where)
-            _require(
+            require(
                 not any(np.shares_memory(a, b) for i, a in enumerate(forth) for b in forth[:i]),
                 f"{where} returns the same array twice: return a new one",
             )
@@ -64,20 +64,13 @@ def check_corruption(corruption: Any, seed: int = 0) -> str:
             pairs = zip(reversed(frames), reversed(numbers), strict=True)
             back = [second.apply(frame, again, number) for frame, number in pairs][::-1]
             for index, (one, other) in enumerate(zip(forth, back, strict=True)):
-                _require(
+                require(
                     (one == other).all(),
                     f"{where} returns different bytes for frame {index} on the second call or in a different "
                     "order: draw all random numbers from `rng`, and numbers that differ between frames from "
                     "rng.spawn('frame', index)",
                 )
     return first.name
-
-
-def _frames(shape: tuple[int, int]) -> list[Frame]:
-    """Return test frames: a texture, the same texture shifted by one pixel, black, and white."""
-    rows, columns = np.indices(shape)
-    texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
-    return [texture, np.roll(texture, 1, axis=1), np.zeros_like(texture), np.full_like(texture, 255)]
 
 
 def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
@@ -96,10 +89,5 @@ def _scene(shape: tuple[int, int], moves: bool) -> SceneDepth:
 
 def _check_frame(out: Any, frame: Frame, where: str) -> None:
     fits = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == frame.shape
-    _require(fits, f"{where} does not return a uint8 array of shape {frame.shape}")
-    _require(not np.shares_memory(out, frame), f"{where} returns its input frame: return a copy")
-
-
-def _require(holds: Any, message: str) -> None:
-    if not holds:
-        raise UsageError(message)
+    require(fits, f"{where} does not return a uint8 array of shape {frame.shape}")
+    require(not np.shares_memory(out, frame), f"{where} returns its input frame: return a copy")

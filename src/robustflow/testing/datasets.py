@@ -14,6 +14,7 @@ from ..datasets.own import check_members, check_sample
 from ..datasets.samples import Samples
 from ..errors import RobustFlowError, UsageError
 from ..sample import Sample
+from .contract import require
 
 
 class TexturePairs(Samples):
@@ -103,21 +104,21 @@ def check_dataset(dataset: Any, samples: int = 3) -> str:
     what = f"the dataset {type(dataset).__name__}"
     check_members(dataset, what)
     keys = dataset.keys()
-    _require(dataset.keys() == keys, f"{what}: keys() returns different keys on the second call")
+    require(dataset.keys() == keys, f"{what}: keys() returns different keys on the second call")
     try:
         copy = pickle.loads(pickle.dumps(dataset))
     except Exception as error:
         raise UsageError(f"{what} cannot be sent to a worker process ({type(error).__name__}: {error})") from error
-    _require(copy.keys() == keys, f"{what}: a pickled copy has different keys")
+    require(copy.keys() == keys, f"{what}: a pickled copy has different keys")
     places = np.linspace(0, len(keys) - 1, max(1, min(samples, len(keys)))).astype(int)
     for key in dict.fromkeys(keys[place] for place in places):
         first, again = check_sample(dataset, key, what), check_sample(copy, key, what)
-        _require(_equal(first, again), f"{what}: sample '{key}' differs when read a second time")
-        _require(
+        require(_equal(first, again), f"{what}: sample '{key}' differs when read a second time")
+        require(
             first.flow is None or (first.flow.dtype == np.float32 and bool(np.isfinite(first.flow).all())),
             f"{what}: the flow of '{key}' must be float32 and finite; mark unknown pixels in the valid mask",
         )
-        _require(first.valid is None or bool(first.valid.any()), f"{what}: sample '{key}' has no pixel with known flow")
+        require(first.valid is None or bool(first.valid.any()), f"{what}: sample '{key}' has no pixel with known flow")
     try:
         dataset.load("no such key")
     except (RobustFlowError, LookupError):
@@ -131,8 +132,3 @@ def _equal(one: Sample, other: Sample) -> bool:
     pairs = [*zip(one.frames, other.frames, strict=False), (one.flow, other.flow), (one.valid, other.valid)]
     same = all((a is None and b is None) or np.array_equal(np.asarray(a), np.asarray(b)) for a, b in pairs)
     return same and len(one.frames) == len(other.frames) and one.group == other.group
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise UsageError(message)

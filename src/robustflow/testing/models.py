@@ -13,7 +13,7 @@ from ..models.base import AnyModel, BatchedFlowModel, ClipModel, Differentiable,
 from ..models.confidence import ConfidentModel, flow_of, predict_with_confidence_checked
 from ..models.construct import as_model
 from ..models.window import window_of
-from ..sample import Flow, Frame
+from ..sample import Flow, Frame, described_array
 
 _SHAPES = ((128, 160), (121, 147))
 """An even frame size, and one that is not a multiple of any common stride."""
@@ -185,10 +185,9 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
         raise ModelError(f"the model {where} modifies its input frames: copy them first")
     flow = np.array(returned, copy=True) if isinstance(returned, np.ndarray) else returned
     if not isinstance(flow, np.ndarray) or flow.shape != (*clip[0].shape[:2], 2) or flow.dtype.kind != "f":
-        what = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
         raise ModelError(
-            f"the model returned {what} {where}; expected a float array of shape {(*clip[0].shape[:2], 2)}, "
-            "(u right, v down) in pixels"
+            f"the model returned {described_array(flow)} {where}; expected a float array of shape "
+            f"{(*clip[0].shape[:2], 2)}, (u right, v down) in pixels"
         )
     if not np.isfinite(flow).all():
         raise ModelError(
