@@ -30,28 +30,21 @@ _OVERLAP = 10.0
 _Place = tuple[float, float, Literal["left", "center", "right"]]
 
 
-def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[MarkedFigure, list[Axes]]:
-    """Create a figure of `width` x `height` inches with a grid of axes, in row-major order."""
-    figure = MarkedFigure(figsize=(width, height), layout="constrained")
+def new_figure(
+    width: float, height: float, panels: int = 1, columns: int = 3, above: float = 0.0
+) -> tuple[MarkedFigure, list[Axes]]:
+    """Create a figure with panels of `width` x `height` inches, at most `columns` in a row, and `above` inches for a
+    legend."""
+    columns = min(columns, panels)
+    rows = -(-panels // columns)
+    figure = MarkedFigure(figsize=(width * columns, height * rows + above), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = [figure.add_subplot(rows, columns, index + 1) for index in range(rows * columns)]
+    axes = [figure.add_subplot(rows, columns, index + 1) for index in range(panels)]
     for one in axes:
         one.grid(True, color=GRID, linewidth=0.6)
         one.set_axisbelow(True)
         one.spines[["top", "right"]].set_visible(False)
     return figure, axes
-
-
-def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
-    """Create a figure with one panel per setting, three per row."""
-    columns = min(3, count)
-    rows = -(-count // columns)
-    figure, axes = new_figure(4.6 * columns, 4.2 * rows, rows, columns)
-    for extra in axes[count:]:
-        extra.remove()
-    for one in axes[:count]:
-        one.tick_params(labelsize=8)
-    return figure, axes[:count]
 
 
 def fair_limits(

@@ -13,10 +13,10 @@ from ...errors import UsageError
 from ...figure_style import default_style
 from ...text import name_text
 from ..tables import settings_in_order
-from .canvas import WITH_INTERVALS, ends_text, fair_limits, panel_figure, set_heading, spread_labels, whiskers
+from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure, set_heading, spread_labels, whiskers
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
-from .styles import KIND_STYLES, Looks, kind_of
+from .styles import Looks, kind_key
 
 _AREA = 260.0
 """Area of a bubble with CREr 1, in square points, unless the largest bubble would exceed `_LARGEST`."""
@@ -53,7 +53,7 @@ def clean_against_cre(
         panels.pop("knowledge", None)
     if not panels:
         raise UsageError("no model has both a clean and an average EPE: this figure needs runs with ground truth")
-    figure, axes = panel_figure(len(panels))
+    figure, axes = new_figure(4.6, 4.2, len(panels))
     drawn = [one for models in panels.values() for one in models]
     scale = min(_AREA, _LARGEST / max(*(cre / clean for _, clean, cre in drawn), 1.0))
     reached: tuple[list[float], list[float]] = ([], [])
@@ -79,14 +79,14 @@ def clean_against_cre(
             radii.append(math.sqrt(area / math.pi))
             points.append((clean, cre, f"{line.name} {cre / clean:.2f}"))
         panel.set_title(name_text(SETTING_LABELS.get(title, title)))
+        panel.tick_params(labelsize=8)
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")
         names.append((points, radii))
     for panel in axes:
         panel.set_xlim(fair_limits(reached[0], room=0.15))
         panel.set_ylim(fair_limits(reached[1], room=0.15))
-    shown = {kind_of(line.name) for line, _, _ in drawn} if of_paper(results) else set()
-    figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
+    figure.explain(kind_key(line.name for line, _, _ in drawn) if of_paper(results) else [], looks.legend)
     figure.caption = (
         "CRE against clean EPE; the area of a bubble is CREr, which is printed next to the name. A small bubble at "
         "the lower left is best." + (f" {WITH_INTERVALS}" if any_interval else "")

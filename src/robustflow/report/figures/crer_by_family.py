@@ -65,16 +65,12 @@ def crer_by_family(
     by_setting = published or len(lines) > len(shown)
     reached: list[float] = []
     if published:
-        columns = min(3, len(shown))
-        rows = -(-len(shown) // columns)
-        figure, axes = new_figure(3.9 * columns, 3.0 * rows + 0.4, rows, columns)
-        for extra in axes[len(shown) :]:
-            extra.remove()
-        for panel, model in zip(axes, shown, strict=False):
+        figure, axes = new_figure(3.9, 3.0, len(shown), above=0.4)
+        for panel, model in zip(axes, shown, strict=True):
             drawn = [line for line in lines if line.name == model]
             reached += _bars(figure, panel, drawn, families, crer, styles, by_setting)
             panel.set_title(name_text(model), fontsize=10)
-        axes, legend = axes[: len(shown)], []
+        legend = []
         figure.caption = "CREr of each corruption class, with all models on one axis."
         if {"OOD", "ID"} <= {line.setting for line in lines}:
             figure.caption += " The amount by which an outlined bar exceeds the filled one is the cost of fine-tuning."

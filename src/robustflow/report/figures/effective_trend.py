@@ -14,10 +14,10 @@ from ...analysis.published.tables import of_paper
 from ...analysis.results import AVERAGE, CLEAN
 from ...figure_style import default_style
 from ...text import name_text
-from .canvas import WITH_INTERVALS, ends_text, panel_figure, set_heading, spread_labels, whiskers
+from .canvas import WITH_INTERVALS, ends_text, new_figure, set_heading, spread_labels, whiskers
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
-from .styles import KIND_STYLES, Looks, kind_of
+from .styles import Looks, kind_key
 
 
 @default_style()
@@ -35,7 +35,7 @@ def effective_trend(
     looks = looks or Looks()
     panels = effective_robustness(results, by_setting=not together)
     styles = looks.of(results)
-    figure, axes = panel_figure(len(panels))
+    figure, axes = new_figure(4.6, 4.2, len(panels))
     any_interval = False
     reached: tuple[list[float], list[float]] = ([], [])
     for panel, (title, models) in zip(axes, panels.items(), strict=True):
@@ -72,8 +72,8 @@ def effective_trend(
     for panel in axes:
         panel.set_xlim(_log_limits(reached[0]))
         panel.set_ylim(_log_limits(reached[1]))
-    shown = {kind_of(one.line.name) for models in panels.values() for one in models} if of_paper(results) else set()
-    figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
+    names = [one.line.name for models in panels.values() for one in models]
+    figure.explain(kind_key(names) if of_paper(results) else [], looks.legend)
     figure.caption = (
         "Corrupted against clean EPE on logarithmic axes, with the trend through the models. Models below the line "
         "are more robust than their clean error predicts. The printed factor is the EPE divided by the EPE predicted "

@@ -10,7 +10,7 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from .files import figure_bytes
-from .styles import Style, legend_handles
+from .styles import KeyEntry, legend_handles
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class MarkedFigure(Figure):
     Attributes:
         marks: marks of each artist in drawing order, by the artist's id in the SVG.
         caption: description of the figure in sentences.
-        key: legend of the colours and markers, as (label, style, whether the marker is filled).
+        key: legend of the colours and markers.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.marks: dict[str, tuple[Mark, ...]] = {}
         self.caption = ""
-        self.key: tuple[tuple[str, Style, bool], ...] = ()
+        self.key: tuple[KeyEntry, ...] = ()
 
-    def explain(self, key: Sequence[tuple[str, Style, bool]], legend: bool) -> None:
+    def explain(self, key: Sequence[KeyEntry], legend: bool) -> None:
         """Set the key and, if requested, draw it as a legend below the panels."""
         self.key = tuple(key)
         if legend and key:

@@ -15,7 +15,7 @@ from ...figure_style import default_style
 from ...text import name_text
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure, whiskers
 from .marks import Mark, MarkedFigure
-from .styles import KIND_STYLES, OTHER, Looks, kind_of, model_key
+from .styles import OTHER, Looks, kind_key, model_key
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
 _OF = {
@@ -55,7 +55,7 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
             f"the figure of EPE, CRE and RCRE needs at least {LEAST_MODELS} models with ground truth, "
             f"found {len(drawn)}"
         )
-    figure, axes = new_figure(6.6, 6.4, 2, 2)
+    figure, axes = new_figure(3.3, 3.2, 4, columns=2)
     ends = {(line, name): line.intervals.get(key) for line in drawn for name, key in _OF.items()}
     limits = {
         name: fair_limits([value for line in drawn for value in (drawn[line][name], *(ends[line, name] or ()))])
@@ -83,9 +83,7 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
         correlations = [f"{head}{_correlation(group, x, y)}" for head, group in enough.items()]
         panel.set_title(f"({letter}) " + "\n".join(correlations), fontsize=8, loc="left")
     if of_paper(results):
-        kinds = {kind_of(line.name) for line in drawn}
-        key = [(kind, style, True) for kind, style in KIND_STYLES.items() if kind in kinds]
-        key += [(setting, OTHER, setting != "ID") for setting in points]
+        key = kind_key(line.name for line in drawn) + [(setting, OTHER, setting != "ID") for setting in points]
     else:
         key = model_key({line.name: styles[line] for line in drawn})
     figure.explain(key, looks.legend)

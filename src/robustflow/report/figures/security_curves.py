@@ -30,7 +30,7 @@ def security_figure(points: Sequence[CurvePoint]) -> MarkedFigure:
         raise UsageError("this run has no attacks and therefore no security curves; run it again with --attacks")
     styles = model_styles(point.attack for point in points)
     norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
-    figure, axes = new_figure(4.4 * len(norms), 3.4, 1, len(norms))
+    figure, axes = new_figure(4.4, 3.4, len(norms))
     metric = points[0].metric
     reached = [end for point in points for end in (point.error, point.high) if end is not None]
     for panel, norm in zip(axes, norms, strict=True):

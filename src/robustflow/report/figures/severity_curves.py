@@ -58,14 +58,10 @@ def severity_curves(
     if not corruptions:
         raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at any severity")
     shown = ordered(corruptions)
-    columns = min(_COLUMNS, len(shown))
-    rows = -(-len(shown) // columns)
-    figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
+    figure, axes = new_figure(2.3, 1.9, len(shown), _COLUMNS, above=0.5)
     figure.set_layout_engine(None)  # panels of equal size do not need a layout engine, which is slow
-    for extra in axes[len(shown) :]:
-        extra.remove()
     banded = False
-    for panel, corruption in zip(axes, shown, strict=False):
+    for panel, corruption in zip(axes, shown, strict=True):
         for name, curve in curves.items():
             style, line = styles[name], curve.filter(corruption=corruption).sort("severity")
             drawn = panel.plot(

@@ -33,14 +33,10 @@ def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> Mark
     families = list(dict.fromkeys(score.family for score in drawn))
     if not families:
         raise UsageError("there is no sparsification curve: the run has no confidence or no ground truth")
-    columns = min(_COLUMNS, len(families))
-    rows = -(-len(families) // columns)
-    figure, axes = new_figure(2.6 * columns, 2.3 * rows + 0.3, rows, columns)
-    for extra in axes[len(families) :]:
-        extra.remove()
+    figure, axes = new_figure(2.6, 2.3, len(families), _COLUMNS, above=0.3)
     levels = sorted({score.severity for score in drawn if score.severity is not None})
     styles = dict(zip(levels, MODEL_STYLES, strict=False))
-    for panel, family in zip(axes, families, strict=False):
+    for panel, family in zip(axes, families, strict=True):
         for score in (one for one in drawn if one.family == family):
             assert score.severity is not None
             style = styles[score.severity]
@@ -53,7 +49,7 @@ def sparsification_curves(model: str, scores: Sequence[ConfidenceScore]) -> Mark
         panel.set_xlabel("removed (%)", fontsize=8)
         panel.tick_params(labelsize=7.5)
     highest = [value for score in drawn for value in (*score.by_confidence, *score.by_error)]
-    for panel in axes[: len(families)]:
+    for panel in axes:
         panel.set_ylim(fair_limits(highest, LEAST_PX, zero=True))
     axes[0].set_ylabel("EPE of remaining pixels (px)", fontsize=8)
     figure.explain([(f"severity {level}", style, True) for level, style in styles.items()], legend=False)

@@ -34,6 +34,9 @@ class Style:
     marker: str = "o"
 
 
+KeyEntry = tuple[str, Style, bool]
+"""Entry of a legend: (label, style, whether the marker is filled)."""
+
 KIND_STYLES = {
     "CNN-based": Style(PINK),
     "Transformer-based": Style(GREEN),
@@ -112,15 +115,21 @@ def distinct_styles(styles: Mapping[str, Style | None]) -> dict[str, Style]:
     return {**known} if len(set(known.values())) == len(styles) else model_styles(styles)
 
 
-def model_key(styles: Mapping[str, Style]) -> list[tuple[str, Style, bool]]:
+def model_key(styles: Mapping[str, Style]) -> list[KeyEntry]:
     """Build a legend of models; models without a unique style share an entry."""
     key = [(model, style, True) for model, style in styles.items()]
     own = [entry for entry in key if entry[1] != OTHER]
     return [*own, ("other models", OTHER, True)] if len(own) < len(key) else own
 
 
-def legend_handles(key: Sequence[tuple[str, Style, bool]]) -> list[Line2D]:
-    """Make legend handles from (label, style, whether filled) tuples."""
+def kind_key(models: Iterable[str]) -> list[KeyEntry]:
+    """Build a legend of the kinds of published models."""
+    kinds = set(map(kind_of, models))
+    return [(kind, style, True) for kind, style in KIND_STYLES.items() if kind in kinds]
+
+
+def legend_handles(key: Sequence[KeyEntry]) -> list[Line2D]:
+    """Make the handles of a legend."""
     return [
         Line2D(
             [],

@@ -30,7 +30,7 @@ from ..figures.styles import (
     RED,
     SKY,
     VIOLET,
-    Style,
+    KeyEntry,
 )
 
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"
@@ -250,8 +250,8 @@ _SHAPES = {
 _ITEM = Markup('<li><svg class="glyph" viewBox="-6 -6 12 12" aria-hidden="true"><path d="{}" {}></path></svg>{}</li>')
 
 
-def key_markup(key: Sequence[tuple[str, Style, bool]]) -> Markup:
-    """Return a figure's key, given as (label, style, whether the marker is filled), as an HTML list; "" if it is empty.
+def key_markup(key: Sequence[KeyEntry]) -> Markup:
+    """Return a figure's key as an HTML list; "" if it is empty.
 
     >>> print(key_markup([]))
     <BLANKLINE>
