@@ -9,8 +9,9 @@ from skimage import data
 
 from robustflow.images.io import write_image
 from robustflow.report.gallery.clip import ClipPart, clip_cells
-from robustflow.report.gallery.page import clip_slider, page_of, render_page
+from robustflow.report.gallery.page import gallery_slider, page_of
 from robustflow.report.gallery.pictures import gallery
+from robustflow.sample import Sample
 
 pytestmark = pytest.mark.browser
 
@@ -18,7 +19,8 @@ pytestmark = pytest.mark.browser
 def test_slider_changes_the_picture_and_nothing_is_fetched(visit, tmp_path: Path) -> None:
     frame = data.astronaut()[:96, :160].copy()
     page_file = tmp_path / "gallery.html"
-    page_file.write_text(render_page(frame, list(gallery(frame, frame, [1, 5], ["contrast"])), 1, "<b>title</b>"))
+    cells = gallery(Sample("pair", (frame, frame)), [1, 5], ["contrast"])
+    page_file.write_text(page_of(gallery_slider("<b>title</b>", [frame], cells, [1, 5], 1)))
     seen = visit()
     seen.page.goto(page_file.as_uri())
     shown = seen.page.locator("figure img:visible").last
@@ -41,7 +43,7 @@ def clip_page(tmp_path_factory) -> Path:
     shown = list(part.frames(part.shown))
     encoded = tmp_path_factory.mktemp("encoded")
     cells = clip_cells(part, shown, [1, 5], ["snow", "spatter", "h264_crf"], encoded)
-    slider = clip_slider(shown, cells, [1, 5], 5, "Eight frames", part.first_number)
+    slider = gallery_slider("Eight frames", shown, cells, [1, 5], 5, part.first_number)
     page_file = folder / "gallery.html"
     page_file.write_text(page_of(slider, ["a remark"]))
     return page_file

@@ -12,12 +12,13 @@ import robustflow as rf
 from robustflow.cli.gallery import gallery as gallery_command
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
 from robustflow.corruptions.scale import calibrated_levels
-from robustflow.errors import DataError, UsageError
+from robustflow.errors import UsageError
 from robustflow.images.io import write_image
 from robustflow.report.gallery.figure import draw_figure
-from robustflow.report.gallery.page import WIDEST, render_page
-from robustflow.report.gallery.pictures import CorruptedPicture, gallery
+from robustflow.report.gallery.page import WIDEST, gallery_slider, page_of
+from robustflow.report.gallery.pictures import GalleryCell, gallery
 from robustflow.report.gallery.strip import draw_attacks
+from robustflow.sample import Sample
 from robustflow.testing import TexturePairs
 
 from .elements import Elements
@@ -43,46 +44,44 @@ def decoded(uri):
 
 def test_cells_are_the_frames_that_corrupt_makes(pair):
     for seed in (0, 1, 2):
-        for cell in gallery(*pair, [2, 5], SOME, seed, "key"):
+        for cell in gallery(Sample("key", pair), [2, 5], SOME, seed):
             made = rf.corrupt(*pair, cell.name, cell.severity, seed, "key")
-            np.testing.assert_array_equal(cell.frame, made[cell.index])
-            assert cell.index == 0 or np.array_equal(made[0], pair[0])
+            second = cell.remark == "frame 2"
+            np.testing.assert_array_equal(cell.frames, made[second][None])
+            assert np.array_equal(made[0], pair[0]) == second
             assert cell.ssim < 1
-    assert {cell.index for seed in range(8) for cell in gallery(*pair, [3], ["over_exposure"], seed)} == {0, 1}
+    one = Sample("", pair)
+    assert {c.remark for seed in range(8) for c in gallery(one, [3], ["over_exposure"], seed)} == {"", "frame 2"}
 
 
 def test_frames_that_a_corruption_leaves_as_they_are_show_the_first_one():
     grey = np.full((32, 48, 3), 128, np.uint8)
-    (cell,) = gallery(grey, grey, [5], ["contrast"])
-    assert (cell.index, cell.ssim) == (0, 1)
-    np.testing.assert_array_equal(cell.frame, grey)
+    (cell,) = gallery(Sample("grey", (grey, grey)), [5], ["contrast"])
+    assert (cell.remark, cell.ssim) == ("", 1)
+    np.testing.assert_array_equal(cell.frames, [grey])
 
 
 def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
     name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
-    cells = list(gallery(*pair, SEVERITIES, [name], scale="calibrated"))
+    cells = list(gallery(Sample("pair", pair), SEVERITIES, [name], scale="calibrated"))
     assert [cell.severity for cell in cells] == list(SEVERITIES)
-    assert tuple(cell.severity for cell in cells if cell.frame is not None) == calibrated_levels(name)
-    lacking = next(cell.severity for cell in cells if cell.frame is None)
-    page = Elements(render_page(pair[0], cells, lacking, "t"))
+    assert tuple(cell.severity for cell in cells if cell.frames) == calibrated_levels(name)
+    lacking = next(cell.severity for cell in cells if not cell.frames)
+    page = Elements(page_of(gallery_slider("t", pair[:1], cells, SEVERITIES, lacking)))
     assert [attrs.get("alt") for attrs in page.all("img")] == ["The clean frame", ""]
     assert len(_shots(page)[0]) == len(calibrated_levels(name))
-    assert draw_figure(pair[0], [CorruptedPicture(name, lacking)], "t", "png")[:4] == b"\x89PNG"
+    assert draw_figure(pair[0], [GalleryCell(name, lacking)], "t", "png")[:4] == b"\x89PNG"
 
 
-def test_what_is_not_a_pair_or_needs_a_clip_is_refused(pair):
-    with pytest.raises(DataError, match="size"):
-        list(gallery(pair[0], pair[1][:-1], [3]))
+def test_gallery_corruption_of_clips_is_refused(pair):
     with pytest.raises(UsageError, match="clip"):
-        list(gallery(*pair, [3], ["h264_crf"]))
-    with pytest.raises(UsageError, match="severity 4"):
-        render_page(pair[0], list(gallery(*pair, [3], ["contrast"])), 4, "t")
+        list(gallery(Sample("pair", pair), [3], ["h264_crf"]))
 
 
 def test_the_figure_holds_every_picture_in_its_place(pair):
     colours = ((250, 0, 0), (0, 250, 0), (0, 0, 250))
     red, green, blue = (np.full((60, 90, 3), colour, np.uint8) for colour in colours)
-    cells = [CorruptedPicture("a", 1, green), CorruptedPicture("b", 1, blue)]
+    cells = [GalleryCell("a", 1, [green]), GalleryCell("b", 1, [blue])]
     image = np.array(Image.open(io.BytesIO(draw_figure(red, cells, "title", "png"))).convert("RGB")).astype(int)
     centres = [np.argwhere(np.abs(image - np.array(colour)).max(axis=2) < 5) for colour in colours]
     assert all(len(found) > 0.2 * image.shape[0] * image.shape[1] / 3 for found in centres)
@@ -99,14 +98,15 @@ def test_the_figure_holds_every_picture_in_its_place(pair):
 )
 def test_figures_of_any_shape_and_number(width, height, count):
     frame = np.zeros((height, width, 3), np.uint8)
-    cells = [CorruptedPicture(f"c{index}", 1, frame) for index in range(count)]
+    cells = [GalleryCell(f"c{index}", 1, [frame]) for index in range(count)]
     size = Image.open(io.BytesIO(draw_figure(frame, cells, "t", "png"))).size
     assert size[0] == 1920
     assert size[1] > 100
 
 
 def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
-    text = render_page(pair[0], list(gallery(*pair, SEVERITIES, SOME)), 3, "two frames")
+    cells = gallery(Sample("pair", pair), SEVERITIES, SOME)
+    text = page_of(gallery_slider("two frames", pair[:1], cells, SEVERITIES, 3))
     page = Elements(text)
     assert not re.search(r"(https?:|//[a-z]|@import|url\()", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
     assert "default-src 'none'" in next(a["content"] for a in page.all("meta") if "http-equiv" in a)
@@ -124,7 +124,7 @@ def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
 
 def test_pictures_are_bounded_and_keep_their_shape():
     frame = np.random.default_rng(0).integers(0, 256, (375, 1242, 3)).astype(np.uint8)
-    page = Elements(render_page(frame, [CorruptedPicture("a", 3, frame)], 3, "t"))
+    page = Elements(page_of(gallery_slider("t", [frame], [GalleryCell("a", 3, [frame])], [3], 3)))
     for attrs in page.all("img"):
         assert decoded(attrs["src"]).size == (WIDEST, 145)
         assert (attrs["width"], attrs["height"]) == ("480", "145")
@@ -132,7 +132,8 @@ def test_pictures_are_bounded_and_keep_their_shape():
 
 
 def test_titles_and_names_are_text(pair):
-    text = render_page(pair[0], [CorruptedPicture("<b>x</b>", 3, pair[0])], 3, "<script>alert(1)</script>")
+    cells = [GalleryCell("<b>x</b>", 3, [pair[0]])]
+    text = page_of(gallery_slider("<script>alert(1)</script>", pair[:1], cells, [3], 3))
     assert "<b>x</b>" not in text
     assert "alert(1)</script>" not in text
 

@@ -20,7 +20,7 @@ def test_strip_of_a_still_scene_has_the_scale_of_its_phantom_motion(monkeypatch)
     frame = load_dataset("motorcycle").load("motorcycle").frames[0][:60, :80].copy()
     scene = still_scene(Sample("motorcycle", (frame, frame)), 0)
     corruptions = [load_corruption("impulse_noise")]
-    columns = strip_columns(scene.frames, BrightnessFlow().predict, corruptions, 3, 0, "motorcycle")
+    columns = strip_columns(scene, BrightnessFlow().predict, corruptions, 3)
     columns[0] = replace(columns[0], flow=np.zeros_like(columns[0].flow))
     radii, titles = [], []
     monkeypatch.setattr(strip, "flow_colours", lambda flow, radius: radii.append(radius) or flow_colours(flow, radius))
@@ -36,14 +36,15 @@ def test_columns_are_the_frames_that_a_run_corrupts():
     pair = tuple(np.ascontiguousarray(frame[:90, :120]) for frame in sample.frames)
     names = ["over_exposure", "gaussian_noise"]
     predict = BrightnessFlow().predict  # a flow that identifies the frames passed to the model
-    columns = strip_columns(pair, predict, [load_corruption(name) for name in names], 4, 2, "motorcycle")
+    clean = Sample("motorcycle", pair)
+    columns = strip_columns(clean, predict, [load_corruption(name) for name in names], 4, seed=2)
     assert [column.title for column in columns] == ["clean", *names]
     for column in columns[1:]:
         frames = corrupt(*pair, column.title, 4, seed=2, key="motorcycle")
         assert np.array_equal(column.flow, predict(*frames))
         assert not any(np.array_equal(column.frame, frame) for frame in pair)
     with_truth = Sample("motorcycle", pair, sample.flow[:90, :120], sample.valid[:90, :120])
-    for shown in (with_truth, Sample("motorcycle", pair)):
+    for shown in (with_truth, clean):
         drawn = draw_strip(shown, columns, "mine")
         assert drawn == draw_strip(shown, columns, "mine")
         assert Image.open(io.BytesIO(drawn)).size[0] > 3 * 200

@@ -1,6 +1,6 @@
 """`robustflow gallery`: show every corruption of a pair or clip side by side."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from ..corruptions import Corruption
-    from ..report.gallery.clip import ClipCell
-    from ..report.gallery.pictures import CorruptedPicture
+    from ..report.gallery.pictures import GalleryCell
     from ..sample import Frame, Sample, SceneDepth
 
 
@@ -119,25 +118,22 @@ def _of_pair(
 ) -> None:
     from ..benchmarks.demo import DEMO_CLASSES
     from ..datasets.still import still_scene
-    from ..report.gallery.page import render_page
+    from ..report.gallery.page import gallery_slider, page_of
     from ..report.gallery.pictures import gallery as cells_of
     from ..severity import SEVERITIES
 
     sample, what = _sample_of(frames)
     if still:
         sample, what = still_scene(sample, 0), f"a frame from {what}"
-    first, second = sample.frames
     classes = DEMO_CLASSES if frames is None else {}
-    scene = _depth_of(frames, sample, shown.corruptions or [], depth, focal)
-    cells = list(
-        cells_of(first, second, SEVERITIES, shown.corruptions, shown.seed, sample.key, shown.scale, classes, scene)
-    )
+    sample = replace(sample, depth=_depth_of(frames, sample, shown.corruptions or [], depth, focal))
+    cells = list(cells_of(sample, SEVERITIES, shown.corruptions, shown.seed, shown.scale, classes))
     title = f"Corruptions of {what}, {shown.scale} scale"
     at = [cell for cell in cells if cell.severity == shown.severity]
-    _write(shown, first, at, title, render_page(first, cells, shown.severity, title))
+    slider = gallery_slider(title, sample.frames[:1], cells, SEVERITIES, shown.severity)
+    _write(shown, sample.frames[0], at, title, page_of(slider))
     if model is not None:
-        drawn = [cell.name for cell in at if cell.frame is not None and not cell.caption]
-        _write_strip(shown, sample, model, drawn, classes, scene)
+        _write_strip(shown, sample, model, [cell.name for cell in at if cell.ssim is not None], classes)
 
 
 def _sample_of(frames: tuple[Path, Path] | None) -> "tuple[Sample, str]":
@@ -200,7 +196,6 @@ def _write_strip(
     model: str,
     corruptions: list[str],
     classes: "Mapping[str, type[Corruption]]",
-    depth: "SceneDepth | None",
 ) -> None:
     from ..atomic import write_bytes
     from ..corruptions import load_corruption
@@ -212,7 +207,7 @@ def _write_strip(
     if not isinstance(loaded, FlowModel):
         raise UsageError(f"model '{model}' does not predict from two frames, which the strip requires")
     chosen = [load_corruption(name, scale=shown.scale, classes=classes) for name in corruptions]
-    columns = strip_columns(sample.frames, loaded.predict, chosen, shown.severity, shown.seed, sample.key, depth)
+    columns = strip_columns(sample, loaded.predict, chosen, shown.severity, shown.seed)
     write_bytes(shown.output / "strip.webp", draw_strip(sample, columns, model))
     typer.echo(str(shown.output / "strip.webp"))
 
@@ -222,8 +217,7 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
 
     from ..progress_bar import ProgressBar
     from ..report.gallery.clip import SHOWN, ClipPart, chosen_corruptions, clip_cells
-    from ..report.gallery.page import clip_slider, page_of
-    from ..report.gallery.pictures import CorruptedPicture
+    from ..report.gallery.page import gallery_slider, page_of
     from ..severity import SEVERITIES
 
     chosen, remarks = chosen_corruptions(shown.corruptions, shown.scale)
@@ -232,19 +226,18 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
     key = clip.resolve().stem
     first, last = part.first_number, part.first_number + len(frames) - 1
     title = f"Corruptions of {clip.name}, frames {first} to {last}, {shown.scale} scale"
-    at: list[CorruptedPicture] = []
+    at: list[GalleryCell] = []
 
-    def kept(cells: "Iterable[ClipCell]") -> "Iterator[ClipCell]":
+    def kept(cells: "Iterable[GalleryCell]") -> "Iterator[GalleryCell]":
         for cell in cells:
             if cell.severity == shown.severity:
-                frame = cell.frames[0] if cell.frames else None
-                at.append(CorruptedPicture(cell.name, cell.severity, frame, 0, cell.ssim))
+                at.append(cell)
             yield cell
 
     with TemporaryDirectory(prefix="robustflow-gallery-") as folder, ProgressBar() as progress:
         cells = clip_cells(part, frames, SEVERITIES, chosen, Path(folder), shown.seed, key, shown.scale)
         tracked = progress.track(cells, f"{clip.name}: corrupting", len(chosen) * len(SEVERITIES))
-        slider = clip_slider(frames, kept(tracked), SEVERITIES, shown.severity, title, first)
+        slider = gallery_slider(title, frames, kept(tracked), SEVERITIES, shown.severity, first)
     which = "middle" if start is None else "first"
     remarks = [
         f"The frames are the {which} of {part.count} frames at {float(part.rate):.4g} frames per second, "
@@ -256,7 +249,7 @@ def _of_clip(shown: _Shown, clip: Path, start: str | None, stop: str | None, len
         typer.echo(remark, err=True)
 
 
-def _write(shown: _Shown, clean: "Frame", at: "Sequence[CorruptedPicture]", title: str, page: str) -> None:
+def _write(shown: _Shown, clean: "Frame", at: "Sequence[GalleryCell]", title: str, page: str) -> None:
     from ..atomic import make_folder, write_bytes
     from ..report.gallery.figure import draw_figure
 

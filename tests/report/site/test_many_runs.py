@@ -44,9 +44,9 @@ def drawn(tmp_path, monkeypatch):
     """Draw the embedded pair at one severity of two corruptions, with a separate cache; list what was drawn."""
     calls = []
 
-    def few(frame1, frame2, severities, **options):
+    def few(sample, severities, **options):
         calls.append(severities)
-        return gallery(frame1, frame2, severities[:1], corruptions=["contrast", "frost"], **options)
+        return gallery(sample, severities[:1], corruptions=["contrast", "frost"], **options)
 
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr(embedded, "gallery", few)

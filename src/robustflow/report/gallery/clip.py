@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from ...datasets.folder import open_folder
 from ...errors import UsageError
 from ...sample import Frame
 from ...video.short_clip import ShortClip, frame_rate
+from .pictures import GalleryCell
 
 if TYPE_CHECKING:
     from ...datasets.folder import FrameFolder
@@ -33,17 +33,6 @@ _NEEDS_MORE = (
     f"{' and '.join(BETWEEN_FRAMES)} are left out: they need intermediate frames, which a clip has only after "
     "temporal interpolation (robustflow prepare gopro-fc)"
 )
-
-
-@dataclass(frozen=True)
-class ClipCell:
-    """The frames under one corruption at one severity; empty if the scale does not have this severity."""
-
-    name: str
-    severity: int
-    frames: Sequence[Frame] = field(default_factory=list)
-    caption: str = ""
-    ssim: float = 1.0
 
 
 class ClipPart:
@@ -121,7 +110,7 @@ def clip_cells(
     seed: int = 0,
     key: str = "",
     scale: str = "paper",
-) -> Iterator[ClipCell]:
+) -> Iterator[GalleryCell]:
     """Yield the cells, one corruption after another. Only the shown frames and the frames of one cell are kept in
     memory.
 
@@ -139,15 +128,14 @@ def clip_cells(
     for name in corruptions:
         for severity in severities:
             if severity not in levels_of(name, tuple(severities), scale):
-                yield ClipCell(name, severity)
+                yield GalleryCell(name, severity)
                 continue
             remark = ""
             if name in MADE_FROM_CLIP:
                 encoded = encoded or ShortClip(part.frames(), part.rate, folder)
                 parameter = load_corruption(name).parameter(severity)
                 frames, changed = encoded.corrupted(name, parameter, part.shown)
-                remark = "" if changed else ", no bit errors"
+                remark = "" if changed else "no bit errors"
             else:
                 frames = list(corrupt_clip(shown, name, severity, seed, key, scale=scale))
-            ssim = similarity(frames[0])
-            yield ClipCell(name, severity, frames, f"SSIM {ssim:.2f}{remark}", ssim)
+            yield GalleryCell(name, severity, frames, similarity(frames[0]), remark)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ...figure_style import add_picture, default_style
 from ...sample import Frame
-from .pictures import CorruptedPicture
+from .pictures import GalleryCell
 
 _WIDTH_IN = 12.0
 _CAPTION_IN = 0.26
@@ -19,7 +19,7 @@ _DPI = 160
 
 
 @default_style()
-def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, form: str) -> bytes:
+def draw_figure(clean: Frame, cells: Sequence[GalleryCell], title: str, form: str) -> bytes:
     """Draw the clean frame and one picture per cell, with three (for wide frames) to five pictures per row.
 
     Args:
@@ -39,30 +39,16 @@ def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, for
     height = rows * step + _CAPTION_IN + _GAP_IN
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
     figure.text(0.006, 1 - _CAPTION_IN / height, title, va="center", fontsize=11)
-    shown = [("clean", clean), *((caption(cell), cell.frame) for cell in cells)]
-    for index, (words, frame) in enumerate(shown):
+    absent = clean * 0 + 236
+    shown = [("clean", clean)]
+    shown += [(f"{cell.name}  {cell.caption}".rstrip(), cell.frames[0] if cell.frames else absent) for cell in cells]
+    for index, (caption, frame) in enumerate(shown):
         row, column = divmod(index, columns)
         left, top = _GAP_IN + column * (width + _GAP_IN), _CAPTION_IN + row * step + _CAPTION_IN
-        picture = clean * 0 + 236 if frame is None else frame
-        add_picture(figure, left, top, width, width * ratio, picture, words, 8.5)
-        if frame is None:
+        add_picture(figure, left, top, width, width * ratio, frame, caption, 8.5)
+        if frame is absent:
             middle = (left + width / 2) / _WIDTH_IN, 1 - (top + width * ratio / 2) / height
             figure.text(*middle, "not on this scale", ha="center", va="center", fontsize=9)
     file = io.BytesIO()
     figure.savefig(file, format=form, metadata={"CreationDate": None} if form == "pdf" else None)
     return file.getvalue()
-
-
-def caption(cell: CorruptedPicture) -> str:
-    """Return the caption above a picture.
-
-    >>> import numpy as np
-    >>> caption(CorruptedPicture("over_exposure", 2, np.zeros((1, 1, 3), np.uint8), index=1, ssim=0.8231))
-    'over_exposure (frame 2)  SSIM 0.82'
-    """
-    if cell.frame is None:
-        return cell.name
-    if cell.caption:
-        return f"{cell.name}, {cell.caption}"
-    which = " (frame 2)" if cell.index else ""
-    return f"{cell.name}{which}  SSIM {cell.ssim:.2f}"

@@ -12,86 +12,84 @@ from ...corruptions import IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
 from ...corruptions.stack import levels_of
 from ...images.depth_colours import depth_colours
-from ...sample import Frame, Sample, SceneDepth
+from ...sample import Frame, Sample
 
 
 @dataclass(frozen=True)
-class CorruptedPicture:
-    """A picture in the gallery.
+class GalleryCell:
+    """The frames under one corruption at one severity.
 
     Attributes:
         name: name of the corruption.
         severity: severity, 1 to 5.
-        frame: first frame of the pair that the corruption changes, RGB uint8 (H, W, 3); None if the scale does not have
-            this severity.
-        index: index of this frame, 0 or 1.
-        ssim: mean SSIM between this frame and the clean frame.
-        caption: caption shown instead of the SSIM.
+        frames: RGB uint8 (H, W, 3) each; empty if the scale does not have this severity.
+        ssim: mean SSIM between the first of these frames and its clean frame; None for a map of the depth.
+        remark: remark in the caption.
     """
 
     name: str
     severity: int
-    frame: Frame | None = None
-    index: int = 0
-    ssim: float = 1.0
-    caption: str = ""
+    frames: Sequence[Frame] = ()
+    ssim: float | None = None
+    remark: str = ""
+
+    @property
+    def caption(self) -> str:
+        """The SSIM and the remark.
+
+        >>> GalleryCell("over_exposure", 2, ssim=0.8231, remark="frame 2").caption
+        'SSIM 0.82, frame 2'
+        """
+        return ", ".join(filter(None, ("" if self.ssim is None else f"SSIM {self.ssim:.2f}", self.remark)))
 
 
 def gallery(
-    frame1: Frame,
-    frame2: Frame,
+    sample: Sample,
     severities: Sequence[int],
     corruptions: Sequence[str] | None = None,
     seed: int = 0,
-    key: str = "",
     scale: str = "paper",
     classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
-    depth: SceneDepth | None = None,
-) -> Iterator[CorruptedPicture]:
-    """Yield the cells, one corruption after another.
+) -> Iterator[GalleryCell]:
+    """Yield the cells of a pair, one corruption after another; each shows the first frame that the corruption changes.
 
     Args:
-        frame1, frame2: frames of equal size, RGB uint8 (H, W, 3).
+        sample: the pair; its depth, if any, is shown first.
         severities: severities, 1 to 5.
         corruptions: names of corruptions or stacks; all image-pair corruptions by default.
-        seed, key: seed and key of the random draws; the frames are equal to those from `corrupt`.
+        seed: seed of the random draws; the frames are equal to those from `corrupt` with the sample's key.
         scale: severity scale, "paper" or "calibrated".
         classes: user-defined corruption classes, see `load_corruption`.
-        depth: depth of the pair, for corruptions that need it; shown as the first cell.
 
     Raises:
         UsageError: the corruption or scale is unknown, or the corruption needs a clip.
-        DataError: the frames are not a valid pair.
 
     >>> grey = np.full((32, 48, 3), 128, np.uint8)
-    >>> [(cell.name, cell.severity, cell.index) for cell in gallery(grey, grey, [1, 2], ["contrast"])]
-    [('contrast', 1, 0), ('contrast', 2, 0)]
+    >>> [(cell.name, cell.severity) for cell in gallery(Sample("grey", (grey, grey)), [1, 2], ["contrast"])]
+    [('contrast', 1), ('contrast', 2)]
     """
-    pair = Sample(key or "pair", (frame1, frame2)).frames
     wanted = IMAGE_PAIR if corruptions is None else corruptions
     chosen = [load_corruption(name, scale=scale, classes=classes) for name in wanted]
-    similarity = [Ssim(frame) for frame in pair]
-    if depth is not None:
-        near, far = (float(bound) for bound in (depth.maps[0].min(), depth.maps[0].max()))
-        shown = depth_colours(depth.maps[0])
+    similarity = [Ssim(frame) for frame in sample.frames[:2]]
+    if sample.depth is not None:
+        near, far = (float(bound) for bound in (sample.depth.maps[0].min(), sample.depth.maps[0].max()))
+        shown = depth_colours(sample.depth.maps[0])
         for severity in severities:
-            yield CorruptedPicture("depth", severity, shown, caption=f"{near:.3g} m (white) to {far:.3g} m")
+            yield GalleryCell("depth", severity, [shown], remark=f"{near:.3g} m (white) to {far:.3g} m")
     for corruption in chosen:
         for severity in severities:
             if severity in levels_of(corruption.name, tuple(severities), scale):
-                frame, index = _changed(pair, corruption, severity, seed, key, depth)
-                yield CorruptedPicture(corruption.name, severity, frame, index, similarity[index](frame))
+                frame, index = _changed(sample, corruption, severity, seed)
+                remark = "frame 2" if index else ""
+                yield GalleryCell(corruption.name, severity, [frame], similarity[index](frame), remark)
             else:
-                yield CorruptedPicture(corruption.name, severity)
+                yield GalleryCell(corruption.name, severity)
 
 
-def _changed(
-    pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str, depth: SceneDepth | None
-) -> tuple[Frame, int]:
+def _changed(sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, int]:
     """Return the first frame that the corruption changed, because some corruptions change only one of them; frame 1 if
     neither changed."""
-    unchanged = pair[0]
-    for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key, depth=depth)):
-        if not np.array_equal(frame, pair[index]):
-            return frame, index
-    return unchanged, 0
+    clean = sample.frames[:2]
+    frames = corrupt_clip(clean, corruption, severity, seed, sample.key, depth=sample.depth)
+    changed = ((frame, index) for index, frame in enumerate(frames) if not np.array_equal(frame, clean[index]))
+    return next(changed, (clean[0], 0))

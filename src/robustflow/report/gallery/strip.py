@@ -17,7 +17,7 @@ from ...images.flow_colours import flow_colours, flow_radius
 from ...images.io import shrunk
 from ...images.sparse import thickened
 from ...metrics.error_maps import epe_map
-from ...sample import Flow, Frame, Sample, SceneDepth
+from ...sample import Flow, Frame, Sample
 
 _CAPTION_IN = 0.22
 _MARGIN_IN = 0.04
@@ -46,24 +46,27 @@ class StripColumn:
 
 
 def strip_columns(
-    pair: Sequence[Frame], predict: Callable[[Frame, Frame], Flow], corruptions: Sequence[Corruption],
-    severity: int, seed: int = 0, key: str = "", depth: SceneDepth | None = None,
-) -> list[StripColumn]:  # fmt: skip
+    sample: Sample,
+    predict: Callable[[Frame, Frame], Flow],
+    corruptions: Sequence[Corruption],
+    severity: int,
+    seed: int = 0,
+) -> list[StripColumn]:
     """Predict the flow of the clean pair and of each corrupted version of it at one severity.
 
     A column shows the first frame that the corruption changes.
 
     Args:
-        pair: clean frames, RGB uint8 (H, W, 3).
+        sample: clean pair, with depth for corruptions that need it.
         predict: prediction function of the model.
         corruptions: loaded corruptions.
         severity: severity, 1 to 5.
-        seed, key: seed and key of the random draws.
-        depth: depth of the pair, for corruptions that need it.
+        seed: seed of the random draws.
     """
+    pair = sample.frames[:2]
     columns = [StripColumn("clean", pair[0], predict(pair[0], pair[1]))]
     for corruption in corruptions:
-        first, second = corrupt_clip(pair, corruption, severity, seed, key, depth=depth)
+        first, second = corrupt_clip(pair, corruption, severity, seed, sample.key, depth=sample.depth)
         shown = second if np.array_equal(first, pair[0]) else first
         columns.append(StripColumn(corruption.name, shown, predict(first, second)))
     return columns

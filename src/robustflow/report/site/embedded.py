@@ -33,16 +33,14 @@ def embedded_slider() -> Slider | None:
     no download. Return None, with a warning, if scikit-image does not include the pair. Cached pictures from a
     different version of this package, or of different frames, are redrawn."""
     try:
-        frames = load_dataset(_KEY, None).load(_KEY).frames
+        sample = load_dataset(_KEY, None).load(_KEY)
     except AssetError as error:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
         return None
-    source = _source(frames)
+    source = _source(sample.frames)
     kept = _read(source)
     if kept is None:
-        kept = example_slider(
-            frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY, classes=DEMO_CLASSES), _TITLE
-        )
+        kept = example_slider(sample.frames[0], gallery(sample, SEVERITIES, classes=DEMO_CLASSES), _TITLE)
         _write(kept, source)
     return kept
 
