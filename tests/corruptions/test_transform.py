@@ -8,6 +8,7 @@ import pickle
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
 from robustflow.corruptions.scale import calibrated_levels
@@ -168,6 +169,8 @@ def test_processes_with_copies_of_one_transform_draw_apart():
         ([np.zeros((20, 20, 3), np.uint8), np.zeros((20, 21, 3), np.uint8)], "differ"),
         ([], "no image"),
         ("image.png", "numpy"),
+        (None, "numpy"),
+        (Image.new("RGB", (20, 20)), "numpy"),
     ],
 )
 def test_what_has_no_defined_corruption_is_refused(image, says):
@@ -188,6 +191,7 @@ def test_what_has_no_defined_corruption_is_refused(image, says):
         ({"severities": []}, "nothing"),
         ({"probability": 1.5}, "probability"),
         ({"probability": float("nan")}, "probability"),
+        ({"seed": "1"}, "whole number"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(arguments, says):
@@ -195,7 +199,7 @@ def test_what_cannot_be_meant_is_refused(arguments, says):
         CorruptionTransform(**arguments)
 
 
-def test_psf_blur_takes_a_second_and_is_not_a_default():
+def test_psf_blur_is_not_a_default():
     assert set(IMAGE_PAIR) - set(CorruptionTransform().names) == {"psf_blur"}
     assert CorruptionTransform(["psf_blur"]).names == ("psf_blur",)
 

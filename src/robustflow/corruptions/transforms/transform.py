@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import DataError, UsageError
-from ...random.rng import Rng
+from ...random.rng import Rng, check_seed
 from ...sample import Frame
 from ...severity import SEVERITIES, check_severity
 from ..api import load_corruption
@@ -34,8 +34,8 @@ Image = npt.NDArray[Any]
 """An image, uint8 or float32 in [0, 1]; RGB (H, W, 3) or grey (H, W) or (H, W, 1)."""
 
 DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "psf_blur")
-"""Default corruptions; psf_blur is excluded because it is the only one that takes more than a few milliseconds per
-pair.
+"""Default corruptions: all but psf_blur, which takes 0.1 to 0.3 s per pair of KITTI frames; the others take 16 ms at
+most.
 """
 
 _COLOURED = ("saturate", "spatter", "frost", "psf_blur")
@@ -47,9 +47,8 @@ class CorruptionTransform:
 
     Args:
         names: corruptions to choose from, with equal probability. By default, these are all image-pair corruptions
-            except psf_blur, which takes about a second per pair, whereas the others take milliseconds; to include it,
-            add its name. Stacks such as "fog+jpeg_compression" are allowed; corruptions of entire clips (h264_crf, ...)
-            are not.
+            except psf_blur, which takes ten times as long as the others; to include it, add its name. Stacks such as
+            "fog+jpeg_compression" are allowed; corruptions of entire clips (h264_crf, ...) are not.
         severities: severities to choose from, 1 to 5, with equal probability.
         probability: probability of applying a corruption, 0 to 1.
         seed: seed for all random draws.
@@ -57,8 +56,8 @@ class CorruptionTransform:
             a corruption are never chosen for it.
 
     Raises:
-        UsageError: a name is unknown or unsuitable, none of the severities exist for a corruption, or the probability
-            is outside [0, 1].
+        UsageError: a name is unknown or unsuitable, none of the severities exist for a corruption, the probability is
+            outside [0, 1], or the seed is not a whole number.
 
     >>> transform = CorruptionTransform(["gaussian_noise", "contrast"], severities=[1, 2], seed=3)
     >>> image = np.full((24, 32, 3), 0.5, np.float32)
@@ -92,7 +91,7 @@ class CorruptionTransform:
         self.names: tuple[str, ...] = names
         self.severities = levels
         self.probability = probability
-        self.seed = seed
+        self.seed = check_seed(seed)
         self.variant = variant
         self.scale = scale
         self._calls = 0
@@ -117,8 +116,8 @@ class CorruptionTransform:
             DataError: the images have an unsupported dtype (16 bits, float64) or shape, or their sizes differ, or a
                 float image contains NaN or values outside [0, 1].
         """
-        single = isinstance(images, np.ndarray) and images.ndim != 4
-        frames: list[Image] = [images] if single else list(images)  # type: ignore[list-item]
+        several = images.ndim == 4 if isinstance(images, np.ndarray) else isinstance(images, list | tuple)
+        frames: list[Image] = list(images) if several else [images]  # type: ignore[list-item]
         if not frames:
             raise DataError("no image to corrupt: pass at least one")
         for frame in frames:
@@ -127,7 +126,7 @@ class CorruptionTransform:
                 raise DataError(f"the images in a call have different shapes, {frames[0].shape} and {frame.shape}")
         out = self._corrupt(frames, self._stream(key))
         if isinstance(images, np.ndarray):
-            return out[0] if single else np.stack(out)
+            return np.stack(out) if several else out[0]
         return tuple(out) if isinstance(images, tuple) else out
 
     def _stream(self, key: str | int | None) -> Rng:
