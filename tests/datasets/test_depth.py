@@ -257,7 +257,7 @@ NO_MAPS = {
     "channels.npy": (npy(np.ones((40, 56, 3), np.float32)), "not a depth map"),
     "complex.npy": (npy(np.ones((40, 56), np.complex64)), "not a depth map"),
     "empty.npy": (b"", "damaged or truncated"),
-    "colour.pfm": (b"PF\n56 40\n-1.0\n" + b"\0" * 26880, "not a one-channel"),
+    "colour.pfm": (b"PF\n56 40\n-1.0\n" + b"\0" * 26880, "expected one channel"),
     "huge.pfm": (b"Pf\n99999 99999\n-1.0\n", "exceed the limit"),
     "cut.pfm": (b"Pf\n56 40\n-1.0\n" + b"\0" * 100, "truncated"),
     "scaled.pfm": (b"Pf\n56 40\n-2.5\n" + b"\0" * 8960, "scale -2.5"),

@@ -45,6 +45,11 @@ def _run(tmp_path, frames, severities, model=_brightness):
     return rf.evaluate(model, "folder", frames, output, corruptions=["contrast"], severities=severities)
 
 
+def _threads(frame1, frame2):
+    """A flow that shows how many threads OpenCV uses, as the result of some of its methods does."""
+    return np.full((*frame1.shape[:2], 2), cv2.getNumThreads(), np.float32)
+
+
 class Drawn(TexturePairs):
     """Two samples generated from seeds, without files, so that a change is noticed only when they are read again."""
 
@@ -165,3 +170,15 @@ def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames, requ
     alive.append(True)
     assert _run(tmp_path, frames, [1], dies).rows.height == 4
     assert not list((tmp_path / "run/clean").iterdir())
+
+
+def test_a_model_whose_flow_depends_on_opencvs_threads_is_resumed_with_one_thread(tmp_path, frames):
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(4)
+    try:
+        _run(tmp_path, frames, [1], _threads)
+        rows = _run(tmp_path, frames, [2], _threads).rows
+    finally:
+        cv2.setNumThreads(before)
+    assert rows.height == 6
+    np.testing.assert_allclose(rows["pred_magnitude_sum"] / rows["n_all"], np.sqrt(2))

@@ -6,27 +6,24 @@ are checked before memory is allocated, and nothing is unpickled.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import DataError, first_line
-from ..images.intact import check_png, check_png_rows
 from .arrays import claimed_size, exact_size
 from .flo5 import read_dataset
-from .pfm import scale_of
+from .kitti import read_png16
+from .pfm import read_float_map
 
 Values = npt.NDArray[np.float32]
 """A depth or disparity map, float32 (H, W)."""
 
-_PFM = re.compile(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
 _SINTEL = np.float32(202021.25)
 
 
@@ -37,22 +34,7 @@ def read_depth_png(path: Path) -> Values:
         DataError: the file is not a 16-bit greyscale PNG, or is damaged.
     """
     with _readable(path):
-        data = path.read_bytes()
-        header = check_png(path, data)
-        claimed_size(path, header.width, header.height)
-        if header.bits != 16 or header.channels != 1:
-            raise DataError(
-                f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not a depth or disparity map; "
-                "expected a 16-bit greyscale PNG"
-            )
-        try:
-            raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-        except cv2.error:
-            raw = None
-        if raw is None or raw.dtype != np.uint16 or raw.shape != (header.height, header.width):
-            raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
-        check_png_rows(path, data, raw)
-        return raw.astype(np.float32)
+        return read_png16(path, 1, "a depth or disparity map, which is a 16-bit greyscale PNG").astype(np.float32)
 
 
 def read_depth_npy(path: Path) -> Values:
@@ -95,16 +77,8 @@ def read_depth_pfm(path: Path) -> Values:
     Raises:
         DataError: the file has a different format, or is damaged.
     """
-    with _readable(path), open(path, "rb") as file:
-        header = _PFM.match(file.read(128))
-        if header is None:
-            raise DataError(f"{path}: not a one-channel .pfm file ('Pf'), or truncated; check the file")
-        width, height = int(header[1]), int(header[2])
-        claimed_size(path, width, height)
-        order = "<f4" if scale_of(path, header[3]) < 0 else ">f4"
-        exact_size(path, header.end() + 4 * width * height, path.stat().st_size, width, height)
-        file.seek(header.end())
-        return np.fromfile(file, order).reshape(height, width)[::-1].astype(np.float32)
+    with _readable(path):
+        return read_float_map(path, 1)[..., 0].astype(np.float32)
 
 
 def read_dpt(path: Path) -> Values:

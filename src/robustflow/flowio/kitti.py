@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import DataError
 from ..images.intact import check_png, check_png_rows
@@ -21,26 +22,35 @@ LOWEST, HIGHEST = -512.0, 511.984375
 
 def read_kitti(path: Path) -> tuple[Flow, Mask]:
     """Read a 16-bit PNG; see `robustflow.flowio.read_flow`."""
-    data = path.read_bytes()
-    header = check_png(path, data)
-    claimed_size(path, header.width, header.height)
-    if header.bits != 16 or header.channels != 3:
-        raise DataError(
-            f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not KITTI flow, "
-            "which is a 16-bit RGB PNG (u, v, valid)"
-        )
-    # Pillow silently reduces 16-bit RGB to 8 bits; OpenCV keeps 16 bits, in the order valid, v, u.
-    try:
-        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
-    except cv2.error:
-        raw = None
-    if raw is None or raw.dtype != np.uint16 or raw.shape != (header.height, header.width, 3):
-        raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
-    check_png_rows(path, data, raw)
+    raw = read_png16(path, 3, "KITTI flow, which is a 16-bit RGB PNG (u, v, valid)")
     valid = raw[..., 0] > 0
     flow = (raw[..., :0:-1].astype(np.float32) - 32768) / 64
     flow[~valid] = 0
     return np.ascontiguousarray(flow), valid
+
+
+def read_png16(path: Path, channels: int, what: str) -> npt.NDArray[np.uint16]:
+    """Read a 16-bit PNG with one or three channels, uint16 (H, W) or (H, W, 3), in OpenCV's order of channels, blue
+    first. Pillow would silently reduce 16-bit RGB to 8 bits.
+
+    Raises:
+        DataError: the file is a different PNG, which is not `what`, or it is damaged.
+    """
+    data = path.read_bytes()
+    header = check_png(path, data)
+    claimed_size(path, header.width, header.height)
+    if header.bits != 16 or header.channels != channels:
+        raise DataError(f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not {what}")
+    flags = cv2.IMREAD_UNCHANGED if channels == 1 else cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
+    try:
+        raw = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        raw = None
+    shape = (header.height, header.width, *([channels] if channels > 1 else []))
+    if raw is None or raw.dtype != np.uint16 or raw.shape != shape:
+        raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
+    check_png_rows(path, data, raw)
+    return np.asarray(raw)
 
 
 def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import secrets
 import shutil
-from collections.abc import Container, Iterator
-from contextlib import contextmanager
+from collections.abc import Container
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import polars as pl
@@ -17,16 +15,14 @@ from ..errors import DataError, RunError, UsageError, unknown_name
 from ..images.io import jpeg_bytes, shrunk
 from ..metrics.rows import CLEAN
 from ..models.base import describe_cell
-from ..random.rng import key_of
 from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH, are_current, drop_examples, example_list
 from ..runs.plan import Cell
 from ..runs.run import Run
-from ..threads import one_opencv_thread
 from .attack_again import with_attack
 from .setup import Setup
 from .slider_pictures import slider_picture, stored_picture
-from .worker import View, Worker
+from .worker import View, Worker, temporary_worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
 """Tolerances for a repeated prediction: rounding depends on the batch size and the device."""
@@ -57,7 +53,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
     making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
     make_folder(making)
     try:
-        with _worker(setup) as worker:
+        with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
             for panel in listed["panels"]:
                 cell = (panel["key"], panel["corruption"], panel["severity"])
                 write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
@@ -93,17 +89,8 @@ def draw_example(
         rows = run.attack_rows
         _row(rows, cell)
         setup = with_attack(setup, run, corruption, severity, named_attacks)
-    with _worker(setup) as worker:
+    with temporary_worker(setup.dataset, setup.model.model, setup.options) as worker:
         return _picture(rows, worker, cell, "", "png")
-
-
-@contextmanager
-def _worker(setup: Setup) -> Iterator[Worker]:
-    """Create a worker that stores its clean flows outside the run folder."""
-    with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
-        yield Worker(
-            setup.dataset, setup.model.model, setup.options, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
-        )
 
 
 def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures: Path | None) -> None:

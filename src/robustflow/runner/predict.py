@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -24,12 +23,11 @@ from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..runs.plan import RunOptions
 from ..sample import Flow
-from ..threads import one_opencv_thread
 from ..video.clip import write_clip
 from ..video.codec import crf
 from ..video.colour import I420, rgb_to_i420
 from .named_model import load_predictor
-from .worker import Worker
+from .worker import temporary_worker
 
 FLOW_FORMATS = ("flo", "png", "pfm", "flo5")
 """File formats for flow; "png" is KITTI's 16-bit format."""
@@ -113,10 +111,8 @@ def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator
         DataError: a frame cannot be read.
     """
     options = RunOptions(allow_invalid=True, window=window_on(model, dataset))
-    with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
-        worker = Worker(dataset, model, options, lambda key: Path(scratch) / "clean.npy")
+    with temporary_worker(dataset, model, options) as worker:
         for key in keys:
-            Path(scratch, "clean.npy").unlink(missing_ok=True)
             yield key, worker.clean_flow(key)
 
 

@@ -10,7 +10,6 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from ..runs.identity import Identity
 from ..runs.plan import Unit
 from .named_model import name_model
 from .setup import set_up_frames
-from .worker import NoMotion, Worker
+from .worker import NoMotion, temporary_worker
 
 TOLERANCE_PX = 0.01
 """Tolerance for the means of one row, because rounding depends on the processor and the library."""
@@ -80,9 +79,7 @@ def recheck(
     if absent:
         raise RunError(f"this dataset has no sample '{absent[0]}' (it has {len(known)}); use the data of the run")
     problems = []
-    names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
-    with TemporaryDirectory(prefix="robustflow-") as folder:
-        worker = Worker(dataset, predictor, run_options, lambda key: Path(folder) / f"{names[key]}.npy")
+    with temporary_worker(dataset, predictor, run_options) as worker:
         for row in chosen.iter_rows(named=True):
             where = describe_cell(row["sample"], row["corruption"], row["severity"])
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))

@@ -10,8 +10,6 @@ identified by a hash of its content. All other samples are compared in the same 
 from __future__ import annotations
 
 import re
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..metrics.rows import CLEAN
@@ -20,7 +18,7 @@ from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
 from .clean_row_check import check_same_data, check_same_model, stored_clean_rows
 from .engines.base import Job
-from .worker import NoMotion, Worker
+from .worker import NoMotion, temporary_worker
 
 _HASH = re.compile(r"[0-9a-f]{64}")
 
@@ -40,18 +38,13 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
     if not kept:
         return
     before = kept[last_changed(plan, kept)]
-    with TemporaryDirectory(prefix="robustflow-") as elsewhere:
-
-        def measured(model: Any) -> dict[str, Any]:
-            worker = Worker(job.dataset, model, job.options, lambda key: Path(elsewhere) / "clean.npy")
-            return worker.run(Unit(before["sample"], CLEAN, (0,)))[0]
-
-        if job.options.window is None and is_named_by_content(plan.model_identity):
-            check_same_data(before, measured(NoMotion()))
-            return
-        now = measured(job.load_model())
+    only_data = job.options.window is None and is_named_by_content(plan.model_identity)
+    model = NoMotion() if only_data else job.load_model()
+    with temporary_worker(job.dataset, model, job.options) as worker:
+        (now,) = worker.run(Unit(before["sample"], CLEAN, (0,)))
     check_same_data(before, now)
-    check_same_model(before, now)
+    if not only_data:
+        check_same_model(before, now)
 
 
 def is_named_by_content(identity: dict[str, Any]) -> bool:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from ..models.base import AnyModel
 from ..models.confidence import Answer, flow_of
 from ..runs.plan import Cell, RunOptions, Unit
 from ..sample import Flow, Frame, Sample
+from ..threads import one_opencv_thread
 from .attack_stage import AttackStage, attack_columns
 from .frame_stage import FrameStage, Loaded
 from .measure_stage import MeasureStage
@@ -149,6 +152,14 @@ class Worker:
         self, loaded: Loaded, clean: Answer, flow: Answer, frames: tuple[Frame, ...], cell: Cell
     ) -> dict[str, Any]:
         return self._measure.row(loaded, clean, flow, self._measure.digest(frames), cell)
+
+
+@contextmanager
+def temporary_worker(dataset: Dataset, model: AnyModel, options: RunOptions) -> Iterator[Worker]:
+    """Create a worker for a few cells. Its clean flow is stored outside any run folder until the block ends, and OpenCV
+    runs in one thread, as in every engine."""
+    with TemporaryDirectory(prefix="robustflow-") as folder, one_opencv_thread():
+        yield Worker(dataset, model, options, lambda key: Path(folder) / "clean.npy")
 
 
 class NoMotion:

@@ -23,16 +23,13 @@ from ... import errors
 from ...errors import RobustFlowError, RunError, UsageError
 from ...figure_style import ignore_local_settings
 from ...models import ModelSpec
-from ...safe_path import safe_path
+from ...safe_path import environment_variables, safe_path
 from .malloc import keep_freed_memory
 
-ONE_THREAD = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "POLARS_MAX_THREADS",
-)
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")
+ONE_THREAD = dict.fromkeys(_THREADS, "1")
+"""Environment variables with which each library in a new process uses one thread."""
+
 _UNGUARDED = (
     'a script that starts several workers needs its code under `if __name__ == "__main__":`, because each worker '
     "runs the script from the top"
@@ -53,7 +50,7 @@ class Child:
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
         self._process = context.Process(target=child_main, args=(theirs, watched, target, arguments), daemon=True)
-        with one_thread(), safe_path(), _no_interrupt():
+        with environment_variables(ONE_THREAD), safe_path(), _no_interrupt():
             self._process.start()
         theirs.close()
         watched.close()
@@ -141,21 +138,6 @@ def check_picklable(model: Any) -> None:
             f"this model object cannot be sent to worker processes ({type(error).__name__}: {error}); use "
             "engine='serial' without a timeout, or name the model as 'module:attribute'"
         ) from error
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Set environment variables so that each library in a new process uses one thread."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager

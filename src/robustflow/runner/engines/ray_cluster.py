@@ -16,7 +16,7 @@ from typing import Any
 
 from ...errors import RobustFlowError, RunError, UsageError
 from ...extras import require
-from ...safe_path import safe_path
+from ...safe_path import environment_variables, safe_path
 
 REACH_S = 10.0
 """Time limit for the head of a cluster to respond, in seconds."""
@@ -190,17 +190,13 @@ def _new_folder() -> str:
 def _quiet() -> Iterator[None]:
     """Disable Ray's start and end messages and its usage statistics within the block."""
     logger = logging.getLogger("ray")
-    level, before = logger.level, os.environ.get("RAY_USAGE_STATS_ENABLED")
+    level = logger.level
     logger.setLevel(logging.ERROR)
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     try:
-        yield
+        with environment_variables({"RAY_USAGE_STATS_ENABLED": "0"}):
+            yield
     finally:
         logger.setLevel(level)
-        if before is None:
-            os.environ.pop("RAY_USAGE_STATS_ENABLED", None)
-        else:
-            os.environ["RAY_USAGE_STATS_ENABLED"] = before
 
 
 def _show_messages(ray: Any, shown: bool) -> None:
