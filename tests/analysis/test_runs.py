@@ -6,6 +6,7 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.model_result import by_frames, ranked
+from robustflow.analysis.observations.evidence import Evidence
 from robustflow.analysis.run_names import run_names
 from robustflow.analysis.run_results import comparison_note, run_results, run_setting
 from robustflow.api import Result, evaluate
@@ -157,6 +158,35 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
     assert cells["Coverage"] == f"{gaps.summary.coverage:.2f}" == "0.75"
     (cells_of_line,) = whole_content([gaps], published=False).cells.values()
     assert cells_of_line["coverage", ""].text == "0.75"
+
+
+def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(runs):
+    """Under contrast, the prediction lacks three quarters of the pixels, which have most of the error: the EPE is below
+    the clean EPE although the error grew at every pixel that was predicted.
+    """
+
+    def gaps(number):
+        sums = {name: pl.col(name) / 16 for name in ("epe_sum", "clean_epe_sum", "rcre_sum")}
+        some = {"n_valid": pl.col("n_valid") // 4, **{name: value * (1 + number / 10) for name, value in sums.items()}}
+        left_out = {name: pl.when(corruption="contrast").then(value).otherwise(name) for name, value in some.items()}
+        return made_run(runs[0], runs[0].rows.with_columns(**left_out), f"M{number}")
+
+    measured = [gaps(number) for number in range(1, 6)]
+    figures = figures_of(measured, published=False)
+    evidence = Evidence(run_results(measured), None)
+    for run in measured:
+        summary = run.summary
+        assert summary.epe < summary.epe_clean
+        assert summary.cre > 0
+        assert evidence.cre((run_setting(run), run.name)) == summary.cre
+        assert evidence.family_crer((run_setting(run), run.name), "digital") == pytest.approx(summary.crer)
+        for name, values in (
+            ("clean_against_cre_0", {"CRE": f"{summary.cre:.2f} px", "CREr": f"{summary.crer:.2f}"}),
+            ("relations_0", {"CRE": f"{summary.cre:.2f} px"}),
+            ("crer_by_family_0", {"class": "Digital", "CREr": f"{summary.families['digital'].crer:.2f}"}),
+        ):
+            marks = (dict(mark.values) for marks in figures[name].marks.values() for mark in marks if mark.values)
+            assert any(values.items() <= shown.items() for shown in marks), name
 
 
 def test_settings_and_notes(runs):

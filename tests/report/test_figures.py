@@ -32,7 +32,6 @@ from robustflow.report.figures import (
 )
 from robustflow.report.figures.severity_curves import scale_panels
 from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, Looks
-from robustflow.runs.family_means import family_crer
 
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
@@ -90,9 +89,7 @@ def test_labels_do_not_hide_each_other():
 
 def test_families_by_hand():
     """CSFlow under noise, out-of-domain: the mean of 10.82, 9.75 and 10.95, divided by 4.11, minus 1."""
-    families = {
-        (line.setting, line.name): family_crer(line.numbers("epe"), line.number("epe", "clean")) for line in _KITTI
-    }
+    families = {(line.setting, line.name): line.family_crer for line in _KITTI}
     assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
     figure = crer_by_family(_KITTI)
     assert [axes.get_title() for axes in figure.axes] == ["SAMFlow-H", "CSFlow", "ARFlow"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..errors import DataError
 from ..metrics.summary import has_gaps
 from ..runs.costs import RunCost, read_cost
+from ..runs.family_means import family_crer
 from ..text import plain
 from ..validated import Frozen
 from .results import AVERAGE, CLEAN
@@ -135,12 +136,26 @@ class ModelResult:
         return self.run.summary.samples if self.run else None
 
     @cached_property
+    def cre(self) -> Mapping[str, float]:
+        """The CRE by corruption, and "average": as measured, over the pixels that have a flow on both the clean and the
+        corrupted frames. Where only a rounded CRE or none is given, it is EPE - clean EPE, because the published CRE
+        does not match the published EPE (see `robustflow audit`)."""
+        epe = self.numbers("epe")
+        clean = epe.pop(CLEAN, None)
+        made = {} if clean is None else {of: value - clean for of, value in epe.items()}
+        given = {of: value for (metric, of), value in self.values.items() if metric == "cre"}
+        return made | {of: value.number for of, value in given.items() if value.decimals is None}
+
+    @cached_property
+    def family_crer(self) -> Mapping[str, float]:
+        """The CREr of each family, from `cre`; empty without a clean EPE."""
+        return family_crer(self.cre, self.number("epe", CLEAN))
+
+    @cached_property
     def crer(self) -> float | None:
-        """The average CREr, either given or computed from the average and the clean EPE."""
-        given, clean, epe = (self.number(*key) for key in (("crer", AVERAGE), ("epe", CLEAN), ("epe", AVERAGE)))
-        if given is None and epe is not None and clean:
-            given = (epe - clean) / clean
-        return given
+        """The average CREr, either given or computed from the average CRE and the clean EPE."""
+        given, clean, cre = self.number("crer", AVERAGE), self.number("epe", CLEAN), self.cre.get(AVERAGE)
+        return cre / clean if given is None and cre is not None and clean else given
 
     @cached_property
     def intervals(self) -> Mapping[ValueKey, IntervalEnds]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 from ..analysis.labels import (
@@ -24,7 +24,6 @@ from ..analysis.run_results import comparison_note, run_results
 from ..benchmarks import benchmark_facts
 from ..corruptions.registry import FAMILIES
 from ..report.table import Column, Line, Section, Table, TableCell, number_text
-from ..runs.family_means import family_crer
 from ..runs.run import Run
 from ..severity import SEVERITIES
 from ..text import text_cell
@@ -33,7 +32,7 @@ from .plan import Runnable
 from .variants import Variant
 
 MetricValues = Mapping[tuple[str, str], float]
-"""Values of one variant by (metric, corruption)."""
+"""Values of one variant by (metric, corruption), with ("crer", family) for the mean CREr of a family."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class SideBySide:
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """Compare a variant's run with the published values over the same corruptions."""
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
-    here = _over(_numbers(run_results([run], beside_published=True)[0]), measured)
+    here = _over(run_results([run], beside_published=True)[0], measured)
     levels = run.manifest.selection.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
@@ -84,33 +83,30 @@ def _of_paper(artefact: Artefact) -> tuple[str, ...]:
 
 def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> MetricValues:
     of_variant = (artefact.benchmark, variant.setting, variant.method)
-    lines = [line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant]
-    values = {key: number for line in lines for key, number in _numbers(line).items()}
+    line = next(line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant)
+    values = _over(line, measured)
     if len(measured) < len(_of_paper(artefact)):
-        return _over(values, measured)
-    cost = next((line.printed_cost for line in lines if line.printed_cost), None)
-    printed = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting) if cost else None
-    return values | {("crer", AVERAGE): printed} if printed is not None else _with_crer(values)
-
-
-def _over(values: MetricValues, corruptions: Sequence[str]) -> MetricValues:
-    """Return the values on the clean frames and under some corruptions, with the averages over these corruptions."""
-    some = {key: number for key, number in values.items() if key[1] in (CLEAN, *corruptions)}
-    for metric in RESULT_METRICS:
-        if of_these := [some[metric, name] for name in corruptions if (metric, name) in some]:
-            some[metric, AVERAGE] = fmean(of_these)
-    return _with_crer(some)
-
-
-def _with_crer(values: MetricValues) -> MetricValues:
-    """Return the values with the average CREr, CRE / clean EPE, if they contain both."""
-    if ("cre", AVERAGE) not in values or not values.get(("epe", CLEAN)):
         return values
-    return {**values, ("crer", AVERAGE): values["cre", AVERAGE] / values["epe", CLEAN]}
+    printed = {key: value.number for key, value in line.values.items() if key[1] == AVERAGE}
+    if ("cre", AVERAGE) in printed:
+        printed["crer", AVERAGE] = printed["cre", AVERAGE] / values["epe", CLEAN]
+    if (cost := line.printed_cost) is not None:
+        crer = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting)
+        printed |= {} if crer is None else {("crer", AVERAGE): crer}
+    return {**values, **printed}
 
 
-def _numbers(line: ModelResult) -> MetricValues:
-    return {key: value.number for key, value in line.values.items()}
+def _over(line: ModelResult, corruptions: Sequence[str]) -> MetricValues:
+    """Return the values on the clean frames and under some corruptions, with the averages over these corruptions, and
+    the CREr of each family as ("crer", FAMILY)."""
+    some = replace(line, values={key: value for key, value in line.values.items() if key[1] in (CLEAN, *corruptions)})
+    values = {key: value.number for key, value in some.values.items()}
+    for metric in RESULT_METRICS:
+        if of_these := [values[metric, name] for name in corruptions if (metric, name) in values]:
+            values[metric, AVERAGE] = fmean(of_these)
+    if ("cre", AVERAGE) in values and values.get(("epe", CLEAN)):
+        values["crer", AVERAGE] = values["cre", AVERAGE] / values["epe", CLEAN]
+    return values | {("crer", family): crer for family, crer in some.family_crer.items()}
 
 
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:
@@ -126,15 +122,8 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
         every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
         every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _of_paper(artefact)]
         every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
-    shown = [_with_families(one.here or one.published) for one in variants]
+    shown = [one.here or one.published for one in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)]
-
-
-def _with_families(values: MetricValues) -> MetricValues:
-    """Return the values with the CREr of each family added as ("crer", FAMILY): the relative increase of the mean EPE
-    under the family's corruptions over the clean EPE."""
-    epe = {name: value for (metric, name), value in values.items() if metric == "epe"}
-    return {**values, **{("crer", family): crer for family, crer in family_crer(epe, epe.get(CLEAN)).items()}}
 
 
 def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:
@@ -157,7 +146,7 @@ def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Tabl
 
 
 def _lines(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Line]:
-    published, here = _with_families(variant.published), _with_families(variant.here)
+    published, here = variant.published, variant.here
     # Corruptions that were not run are not compared.
     shown = [key for key in keys if not variant.here or key in here]
     lines = [Line(f"{variant.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
@@ -182,7 +171,7 @@ def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])
     for one in variants:
-        published, here = _with_families(one.published), _with_families(one.here)
+        published, here = one.published, one.here
         for _, key in columns_of(artefact, variants):
             both = (published.get(key), here.get(key))
             difference = None if None in both else here[key] - published[key]

@@ -22,14 +22,14 @@ def grouped_by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
     return {family: members for family, members in measured.items() if members}
 
 
-def family_crer(epe: Mapping[str, float], clean: float | None) -> dict[str, float]:
-    """Return the CREr of each family: the increase of its mean EPE over the clean EPE, divided by the clean EPE; empty
-    if the clean EPE is 0 or unknown.
+def family_crer(cre: Mapping[str, float], clean: float | None) -> dict[str, float]:
+    """Return the CREr of each family: the mean CRE of its measured corruptions, divided by the clean EPE; empty if the
+    clean EPE is 0 or unknown.
 
     >>> family_crer({"snow": 2.0, "fog": 1.0}, 0.5)
-    {'weather': 2.0}
+    {'weather': 3.0}
     """
-    return {family: (mean - clean) / clean for family, mean in family_means(epe).items()} if clean else {}
+    return {family: mean / clean for family, mean in family_means(cre).items()} if clean else {}
 
 
 def family_means(values: Mapping[str, float]) -> dict[str, float]:

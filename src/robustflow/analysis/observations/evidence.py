@@ -1,8 +1,7 @@
 """Prepare results for checking the observations.
 
-CRE is computed from the EPE because the published CRE table does not match the EPE table (see `robustflow audit`). As
-in the paper's discussion (Sec. 5.2), the knowledge-driven methods and FlowDiffuser are left out, except in statements
-about all models.
+As in the paper's discussion (Sec. 5.2), the knowledge-driven methods and FlowDiffuser are left out, except in
+statements about all models.
 """
 
 from __future__ import annotations
@@ -47,6 +46,7 @@ class Evidence:
         self._without = not_discussed(results)
         self._epe: dict[ModelInSetting, dict[str, float]] = {}
         self.rcre: dict[ModelInSetting, dict[str, float]] = {}
+        self._cre: dict[ModelInSetting, dict[str, float]] = {}
         self._printed_cre: dict[ModelInSetting, float] = {}
         for line in results:
             model = line.setting, line.name
@@ -55,6 +55,7 @@ class Evidence:
                     self.rcre.setdefault(model, {}).update(rcre)
                 continue
             self._epe.setdefault(model, {}).update(line.numbers("epe"))
+            self._cre.setdefault(model, {}).update(line.cre)
             cre = line.values.get(("cre", AVERAGE))
             if cre is not None and cre.decimals is not None:
                 self._printed_cre[model] = cre.number
@@ -112,8 +113,8 @@ class Evidence:
         return self._epe[entry][CLEAN]
 
     def cre(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
-        """Return EPE - clean EPE, in pixels."""
-        return self.epe(entry, corruption) - self.clean(entry)
+        """Return the CRE, in pixels (`ModelResult.cre`)."""
+        return self._cre[entry][corruption]
 
     def cre_text(self, entry: ModelInSetting) -> str:
         """Format the average CRE computed from the EPE, with the printed one if rounding cannot explain the
@@ -133,7 +134,7 @@ class Evidence:
 
     def family_crer(self, entry: ModelInSetting, family: str) -> float | None:
         """Return the mean CREr over the measured corruptions of a family; None if none was measured."""
-        return family_crer(self._epe[entry], self.clean(entry)).get(family)
+        return family_crer(self._cre[entry], self.clean(entry)).get(family)
 
     def corruptions(self, entry: ModelInSetting) -> list[str]:
         """List the paper's corruptions under which a model was measured."""

@@ -30,11 +30,11 @@ def clean_against_cre(
 ) -> MarkedFigure:
     """Plot CRE (y) against clean EPE (x) with CREr as bubble area, in one panel per setting with the same axes.
 
-    CRE is computed from the EPE. As in the paper, models in `not_discussed` are omitted, and so are knowledge-driven
-    methods unless there are no others.
+    As in the paper, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no
+    others.
 
     Args:
-        results: results with clean and average EPE.
+        results: results with a clean EPE and an average CRE (`ModelResult.cre`).
         looks: styles of the models, and whether to draw the legend.
         together: whether to draw all models in one panel, including knowledge-driven ones.
 
@@ -46,9 +46,9 @@ def clean_against_cre(
     panels: dict[str, list[tuple[ModelResult, float, float]]] = {}
     for setting in settings_in_order(line.setting for line in results):
         for line in results:
-            clean, epe = line.number("epe", CLEAN), line.number("epe", AVERAGE)
-            if line.setting == setting and clean and epe is not None and line.name not in without:
-                panels.setdefault("" if together else setting, []).append((line, clean, epe - clean))
+            clean, cre = line.number("epe", CLEAN), line.cre.get(AVERAGE)
+            if line.setting == setting and clean and cre is not None and line.name not in without:
+                panels.setdefault("" if together else setting, []).append((line, clean, cre))
     if len(panels) > 1:
         panels.pop("knowledge", None)
     if not panels:

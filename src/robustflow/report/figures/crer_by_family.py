@@ -10,11 +10,9 @@ from matplotlib.axes import Axes
 from ...analysis.labels import FAMILY_LABELS
 from ...analysis.model_result import ModelResult
 from ...analysis.published.tables import of_paper
-from ...analysis.results import CLEAN
 from ...corruptions.names import MEMBERS
 from ...errors import UsageError
 from ...figure_style import default_style
-from ...runs.family_means import family_crer
 from ...text import name_text
 from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure
 from .marks import Mark, MarkedFigure
@@ -43,9 +41,8 @@ def crer_by_family(
     Raises:
         UsageError: none of the models has a clean EPE, or there is only one bar.
     """
-    looks, published = looks or Looks(), of_paper(results)
-    families_of = {line: family_crer(line.numbers("epe"), line.number("epe", CLEAN)) for line in results}
-    crer = {line: values for line, values in families_of.items() if values}
+    looks, crer = looks or Looks(), {line: line.family_crer for line in results if line.family_crer}
+    published = of_paper(results)
     if models is None:
         models = REPRESENTATIVE if published else tuple(line.name for line in crer)
     shown = [model for model in dict.fromkeys(models) if any(line.name == model for line in crer)][: len(MODEL_STYLES)]
@@ -97,7 +94,7 @@ def _bars(
     panel: Axes,
     lines: Sequence[ModelResult],
     families: list[str],
-    crer: dict[ModelResult, dict[str, float]],
+    crer: Mapping[ModelResult, Mapping[str, float]],
     styles: Mapping[ModelResult, Style],
     by_setting: bool,
 ) -> list[float]:

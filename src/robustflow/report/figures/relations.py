@@ -32,9 +32,8 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     quantity has the same axis range in every panel.
 
     Pearson's r and Spearman's rho are shown for each setting with at least `LEAST_MODELS` models. As in the paper's
-    discussion, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no others;
-    CRE is computed from the EPE. With `together`, all models are drawn, and the correlations are computed over all of
-    them.
+    discussion, models in `not_discussed` are omitted, and so are knowledge-driven methods unless there are no others.
+    With `together`, all models are drawn, and the correlations are computed over all of them.
 
     Raises:
         UsageError: fewer than `LEAST_MODELS` models have all four metrics.
@@ -43,10 +42,10 @@ def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, tog
     without, styles = not_discussed(results), looks.of(results)
     points: dict[str, dict[ModelResult, dict[str, float]]] = {}
     for line in results:
-        clean, whole, moved = (line.number(*_OF[name]) for name in ("clean EPE", "corrupted EPE", "RCRE"))
-        if clean is not None and whole is not None and moved is not None and line.name not in without:
-            values = {"clean EPE": clean, "corrupted EPE": whole, "CRE": whole - clean, "RCRE": moved}
-            points.setdefault(line.setting, {})[line] = values
+        values = {name: line.cre.get(AVERAGE) if name == "CRE" else line.number(*key) for name, key in _OF.items()}
+        known = {name: value for name, value in values.items() if value is not None}
+        if len(known) == len(_OF) and line.name not in without:
+            points.setdefault(line.setting, {})[line] = known
     if len(points) > 1 and not together:
         points.pop("knowledge", None)
     drawn = {line: values for models in points.values() for line, values in models.items()}
