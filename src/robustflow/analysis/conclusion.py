@@ -13,8 +13,9 @@ from ..text import counted, first_of, plain
 from .labels import long_label
 from .model_result import ModelResult, by_frames, not_ranked, ranked
 from .results import AVERAGE
-from .uncertainty import compare_all, intervals
+from .uncertainty import compare_leaders, intervals
 from .uncertainty.bootstrap import enough_clusters, fewest_clusters
+from .uncertainty.paired import MOST_COMPARED
 from .uncertainty.sentences import p_text
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ CAVEAT = (
     "RCRE measures how much the flow changes, not whether it is wrong: a model that largely ignores its frames has "
     "the lowest RCRE, and only ground truth can distinguish it from a robust model."
 )
-_MOST_COMPARED = 8
 _MOST_NAMED = 3
 
 
@@ -106,15 +106,13 @@ def _of_several(runs: Mapping[str, Run]) -> str:
 
 
 def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
-    """State whether the first model's lead is significant. The test is corrected for all pairs of the best models,
-    because the first two were selected by looking at all of them."""
+    """State whether the first model's lead is significant."""
     best, second = order[0], order[1]
     try:
-        pairs = compare_all({name: runs[name].rows for name in order[:_MOST_COMPARED]}, "rcre")
+        pair = compare_leaders({name: runs[name].rows for name in order[:MOST_COMPARED]}, "rcre")
     except RunError:
         return "it is unknown whether the lead is due to chance, because the runs have no measurements in common"
-    p = next(iter(pairs.filter(first=best, second=second)["p_holm"]), None)
-    if p is None:
+    if pair is None or (p := pair["p_holm"]) is None:
         return _too_few(runs[best])
     if p < 0.05:
         return f"the lead of {best} over {second} is significant (p {p_text(p)}) for scenes like these"

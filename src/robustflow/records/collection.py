@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from ..atomic import make_folder, write_bytes, write_json
-from ..errors import DataError, RunError
+from ..errors import DataError
 from ..runs.run import Run
 from .container import read_file
 from .pack import SUFFIX, record_bytes
 from .read import Reader
-from .verify import verify_read
+from .verify import verified
 
 LIST = "records.json"
 RECORDS = "records"
@@ -60,16 +60,12 @@ def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) 
     entries = {}
     for file in sources:
         data = record_bytes(Run(file)) if file.is_dir() else read_file(file)
-        verification = verify_read(Reader(data, str(file)))
-        if not verification.ok or verification.subject is None:
-            raise RunError(
-                f"{file} does not verify: {verification.first_failure()}; for details run: robustflow verify {file}"
-            )
-        name = f"{RECORDS}/{verification.sha256[:16]}{SUFFIX}"
-        subject = verification.subject
+        reader = Reader(data, str(file))
+        subject = verified(reader)
+        name = f"{RECORDS}/{reader.sha256[:16]}{SUFFIX}"
         entries[name] = {
             "file": name,
-            "sha256": verification.sha256,
+            "sha256": reader.sha256,
             "model": subject.model,
             "benchmark": subject.benchmark,
             "sentence": subject.sentence(),

@@ -73,18 +73,14 @@ def is_record(path: str | Path) -> bool:
 def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     from .container import read_file
     from .read import Reader
-    from .verify import verify_read
+    from .verify import verified
 
     if not is_record(path):
         raise RunError(
             f"{path} is neither a run folder nor a record; give a folder written by 'run' or a file written by 'pack'"
         )
     reader = Reader(read_file(path), str(path))
-    verification = verify_read(reader)
-    if not verification.ok:
-        raise RunError(
-            f"{path} does not verify: {verification.first_failure()}; for details run: robustflow verify {path}"
-        )
+    verified(reader)
     folder = Path(mkdtemp(prefix="robustflow-"))
     try:
         reader.extract(folder)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Literal
 
 from ..analysis.audit.run_folder import audit_run
-from ..errors import RobustFlowError
+from ..errors import RobustFlowError, RunError
 from ..runs.run import Run
 from ..text import plain
 from ..validated import Frozen
@@ -105,23 +106,33 @@ def verify(
     Returns:
         The `Verification`.
     """
-    later = _later(frames, predictions, exported)
+    given = zip(_ON_REQUEST, (frames, predictions, exported), strict=True)
+    later = {name: compare for name, compare in given if compare is not None}
     try:
         data = read_file(Path(path).expanduser())
     except RobustFlowError as error:
         checks = _checks({"container": ("failed", str(error))}, later)
         return Verification(file=str(path), sha256="", facts=None, checks=checks)
-    return verify_read(Reader(data, str(path)), frames=frames, predictions=predictions, exported=exported)
+    return verify_read(Reader(data, str(path)), later)
 
 
-def verify_read(
-    reader: Reader,
-    *,
-    frames: DataCheck | None = None,
-    predictions: DataCheck | None = None,
-    exported: DataCheck | None = None,
-) -> Verification:
-    """Like `verify`, for a record in memory."""
+def verified(reader: Reader) -> Subject:
+    """Verify a record in memory and return its subject.
+
+    Raises:
+        RunError: a check failed.
+    """
+    verification = verify_read(reader)
+    if not verification.ok or verification.subject is None:
+        raise RunError(
+            f"{reader.name} does not verify: {verification.first_failure()}; for details run: robustflow verify "
+            f"{reader.name}"
+        )
+    return verification.subject
+
+
+def verify_read(reader: Reader, later: Mapping[str, DataCheck] = MappingProxyType({})) -> Verification:
+    """Verify a record in memory. If all other checks pass, the comparisons in `later` are made, in order."""
     outcomes: dict[str, _Outcome] = {}
     subject = None
     try:
@@ -133,7 +144,6 @@ def verify_read(
     else:
         claims, subject = _check_claims(reader)
         outcomes |= claims
-    later = _later(frames, predictions, exported)
     for name, compare in later.items():
         if any(status == "failed" for status, _ in outcomes.values()):
             break
@@ -179,12 +189,7 @@ def _outcome(problems: list[str], message: str) -> _Outcome:
     return ("failed", listed) if problems else ("ok", message)
 
 
-def _later(*comparisons: DataCheck | None) -> dict[str, DataCheck]:
-    """Return the requested comparisons by name."""
-    return {name: compare for name, compare in zip(_ON_REQUEST, comparisons, strict=True) if compare is not None}
-
-
-def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple[Check, ...]:
+def _checks(outcomes: dict[str, _Outcome], later: Collection[str]) -> tuple[Check, ...]:
     return tuple(
         Check(name=check, status=outcomes[check][0], message=plain(outcomes[check][1], 600))
         if check in outcomes

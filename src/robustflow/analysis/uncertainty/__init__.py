@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from .intervals import intervals
-from .paired import compare_all, compare_rows
+from .paired import compare_all, compare_leaders, compare_rows
 from .sentences import difference_sentence
 from .standings import rank_stability, standings
 from .variance import variance_split
 
 __all__ = [
     "compare_all",
+    "compare_leaders",
     "compare_rows",
     "difference_sentence",
     "intervals",

@@ -6,8 +6,9 @@ averaging, and the test is based on the spread of these differences.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import combinations
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, groupby
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ from .holm import holm
 from .intervals import MetricKey, statistics_of
 from .sentences import difference_sentence
 from .sums import AVERAGE, CLEAN, ClusterSums
+
+MOST_COMPARED = 8
+"""Number of the best models for which the lead of the first is tested."""
 
 COMPARISON_SCHEMA: dict[str, Any] = {
     "first": pl.String,
@@ -68,18 +72,9 @@ def compare_rows(
     Raises:
         RunError: if the runs have nothing in common on the same frames and ground truth.
     """
-    sums = tuple(ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
-    differences = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
-    gaps = _gaps(sums)
-    by_metric: dict[str, list[MetricKey]] = {}
-    for key in differences:
-        by_metric.setdefault(key[0], []).append(key)
-    records = []
-    for keys in by_metric.values():
-        adjusted = _adjusted([differences[key][0] for key in keys])
-        for key, p_holm in zip(keys, adjusted, strict=True):
-            records.append(_record(names, key, differences[key], p_holm, len(keys), sums[0], level, *gaps))
-    return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
+    one, other = (ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
+    differences = _differences(names, (one, other), statistics_of(one), level, resamples, seed)
+    return _table((list(of_metric) for _, of_metric in groupby(differences, lambda each: each.key[0])), level)
 
 
 def compare_all(
@@ -101,76 +96,87 @@ def compare_all(
     key: MetricKey = (metric, AVERAGE, None)
     common, _ = common_rows(list(runs.values()), list(runs))
     of_run = {name: ClusterSums.of(rows) for name, rows in zip(runs, common, strict=True)}
-    pairs = []
-    for names in combinations(of_run, 2):
-        sums = (of_run[names[0]], of_run[names[1]])
-        if all(one.measured(*key) for one in sums):
-            pairs.append((names, sums, _differences(sums, [key], level, resamples, seed)[key]))
-    adjusted = _adjusted([difference[0] for _, _, difference in pairs])
-    records = [
-        _record(names, key, difference, p_holm, len(pairs), sums[0], level, *_gaps(sums))
-        for (names, sums, difference), p_holm in zip(pairs, adjusted, strict=True)
-    ]
-    return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
+    pairs: list[_Difference] = []
+    for first, second in combinations(of_run, 2):
+        pairs += _differences((first, second), (of_run[first], of_run[second]), [key], level, resamples, seed)
+    return _table([pairs], level)
 
 
-_Difference = tuple[Interval, float, float]
+def compare_leaders(runs: Mapping[str, pl.DataFrame], metric: str) -> dict[str, Any] | None:
+    """Compare the two best of several models on the average of one metric, corrected for all pairs, because the two
+    were selected from these models.
+
+    Args:
+        runs: rows of up to `MOST_COMPARED` models by name, best model first.
+        metric: "epe", "cre", "crer" or "rcre".
+
+    Returns:
+        The columns of `COMPARISON_SCHEMA`; None if one of the two was not measured.
+
+    Raises:
+        RunError: if the runs have nothing in common on the same frames and ground truth.
+    """
+    first, second, *_ = runs
+    return next(compare_all(runs, metric).filter(first=first, second=second).iter_rows(named=True), None)
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """The difference between two models in one mean; `gaps` are the differences in clean EPE and average RCRE."""
+
+    names: tuple[str, str]
+    key: MetricKey
+    interval: Interval
+    values: tuple[float, float]
+    images: int
+    clusters: int
+    gaps: tuple[float | None, float | None]
 
 
 def _differences(
-    sums: tuple[ClusterSums, ...], keys: list[MetricKey], level: float, resamples: int, seed: int
-) -> dict[MetricKey, _Difference]:
+    names: tuple[str, str],
+    sums: tuple[ClusterSums, ClusterSums],
+    keys: Sequence[MetricKey],
+    level: float,
+    resamples: int,
+    seed: int,
+) -> list[_Difference]:
     first, second = sums
     if first.clusters != second.clusters:
         raise RunError("the two runs group their samples differently; compare runs on the same data")
-    keys = [key for key in keys if second.measured(*key)]
-
+    clusters = len(first.clusters)
+    keys = [key for key in keys if first.measured(*key) and second.measured(*key)]
+    if not keys:
+        return []
     statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}
-    intervals = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed, symmetric=True)
-    whole = np.ones((1, len(first.clusters)))
-    return {
-        key: (
-            intervals[key],
-            float(first.statistic(*key)(whole).theta[0]),
-            float(second.statistic(*key)(whole).theta[0]),
-        )
-        for key in keys
-        if np.isfinite(intervals[key].estimate)
-    }
+    intervals = bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed, symmetric=True)
+    gaps = _gap(sums, ("epe", CLEAN, None)), _gap(sums, ("rcre", AVERAGE, None))
+    return [
+        _Difference(names, key, interval, (first.mean(*key), second.mean(*key)), first.images, clusters, gaps)
+        for key, interval in intervals.items()
+        if np.isfinite(interval.estimate)
+    ]
 
 
-def _gaps(sums: tuple[ClusterSums, ...]) -> tuple[float | None, float | None]:
-    """Return the differences (first minus second) in clean EPE and average RCRE, in pixels; None if not measured."""
-    whole = np.ones((1, len(sums[0].clusters)))
-    gaps: list[float | None] = []
-    for key in (("epe", CLEAN, None), ("rcre", AVERAGE, None)):
-        if all(one.measured(*key) for one in sums):
-            first, second = (float(one.statistic(*key)(whole).theta[0]) for one in sums)
-            gaps.append(first - second)
-        else:
-            gaps.append(None)
-    return gaps[0], gaps[1]
+def _gap(sums: tuple[ClusterSums, ClusterSums], key: MetricKey) -> float | None:
+    """Return the difference of two means (first minus second), in pixels; None if not measured."""
+    first, second = sums
+    return first.mean(*key) - second.mean(*key) if first.measured(*key) and second.measured(*key) else None
 
 
-def _adjusted(intervals: list[Interval]) -> list[float | None]:
-    known = [one.p for one in intervals if one.p is not None]
-    corrected = iter(holm(known))
-    return [None if one.p is None else next(corrected) for one in intervals]
-
-
-def _record(
-    names: tuple[str, str],
-    key: MetricKey,
-    difference: _Difference,
-    p_holm: float | None,
-    comparisons: int,
-    sums: ClusterSums,
-    level: float,
-    clean_gap: float | None,
-    flow_gap: float | None,
-) -> tuple[Any, ...]:
-    interval, value_first, value_second = difference
-    numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, comparisons)
-    counts = (sums.images, len(sums.clusters), level)
-    sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts, clean_gap, flow_gap)
-    return (*names, key[0], key[1], value_first, value_second, *numbers, *counts, sentence)
+def _table(groups: Iterable[Sequence[_Difference]], level: float) -> pl.DataFrame:
+    """Tabulate differences, with p-values corrected within each group."""
+    records = []
+    for group in groups:
+        adjusted = iter(holm([one.interval.p for one in group if one.interval.p is not None]))
+        for one in group:
+            metric, corruption, _ = one.key
+            interval = one.interval
+            p_holm = None if interval.p is None else next(adjusted)
+            counts = (one.images, one.clusters, level)
+            sentence = difference_sentence(
+                one.names, metric, corruption, interval, p_holm, len(group), *counts, *one.gaps
+            )
+            numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, len(group))
+            records.append((*one.names, metric, corruption, *one.values, *numbers, *counts, sentence))
+    return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")

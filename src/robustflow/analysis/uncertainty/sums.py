@@ -88,6 +88,10 @@ class ClusterSums:
         mean = Mean(self.sums[stored][:, columns], self.counts[stored][:, columns], share[columns])
         return Statistic([Term(mean, clean if metric == "crer" else None)])
 
+    def mean(self, metric: str, corruption: str, severity: int | None = None) -> float:
+        """Return the value of a `statistic`."""
+        return float(self.statistic(metric, corruption, severity)(np.ones((1, len(self.clusters)))).theta[0])
+
     def measured(self, metric: str, corruption: str, severity: int | None = None) -> bool:
         """Whether any image was measured for this mean."""
         if corruption == CLEAN:

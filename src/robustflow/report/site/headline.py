@@ -13,14 +13,14 @@ from ...analysis.paper_means import paper_rows
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.still import PHANTOM, phantom_motion
-from ...analysis.uncertainty import compare_all
+from ...analysis.uncertainty import compare_leaders
+from ...analysis.uncertainty.paired import MOST_COMPARED
 from ...benchmarks.facts import is_still
 from ...errors import RunError
 from ...text import counted, joined, plain
 from ..table import number_text
 from .content import Content
 
-MOST_COMPARED = 8
 _CLEAN: ValueKey = ("epe", CLEAN)
 _MOVED: ValueKey = ("rcre", AVERAGE)
 _RANKED: tuple[ValueKey, ...] = (("cre", AVERAGE), _MOVED)
@@ -75,9 +75,8 @@ def _best_of_settings(lines: Sequence[ModelResult]) -> str:
     """Name the model with the lowest CRE (RCRE if there is no CRE) for each setting, and explain the result."""
     leaders: dict[str, list[str]] = {}
     for setting in dict.fromkeys(line.setting for line in lines if line.setting != "knowledge"):
-        ranked = _ranked([line for line in lines if line.setting == setting])
-        if ranked is not None:
-            key, order = ranked
+        if (leaders_of := _leaders([line for line in lines if line.setting == setting])) is not None:
+            key, order = leaders_of
             leader = f"{plain(order[0].name)} ({plain(setting, 40)}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})"
             leaders.setdefault(_LEAST[key[0]], []).append(leader)
     return " and ".join(f"{least} under corruption for {joined(models)}" for least, models in leaders.items())
@@ -120,7 +119,7 @@ def _of_own(lines: Sequence[ModelResult], content: Content) -> list[str]:
     reasons = not_ranked(lines)
     left_out = [f"Not ranked: {'; '.join(reasons)}."] if reasons else []
     sound = ranked(lines)
-    leaders = _ranked(sound)
+    leaders = _leaders(sound)
     if leaders is None:
         return [sentence for line in sound for sentence in _alone(line)] + left_out
     key, order = leaders
@@ -156,23 +155,21 @@ def _text(line: ModelResult, key: ValueKey) -> str:
 
 
 def _difference(metric: str, order: Sequence[ModelResult], content: Content) -> tuple[bool, list[str]]:
-    """Return whether the lead of the best model over the second-best is significant, with a sentence about it. The test
-    is corrected for all pairs of the best `MOST_COMPARED` models, because the two were selected from these."""
-    lines = order[:MOST_COMPARED]
+    """Return whether the lead of the best model over the second-best is significant, with a sentence about it."""
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
-    measured = {line.name: rows(line.run) for line in lines if line.run is not None}
-    if len(measured) < len(lines):
+    measured = {line.name: rows(line.run) for line in order[:MOST_COMPARED] if line.run is not None}
+    if len(measured) < min(len(order), MOST_COMPARED):
         return False, []  # results files have no values per image
     try:
-        table = compare_all(measured, metric)
+        pair = compare_leaders(measured, metric)
     except RunError:
         return False, []  # records may group the same samples differently; the leaderboard still shows their values
-    pair = table.filter(first=order[0].name, second=order[1].name)
-    sure = any(p is not None and p < 0.05 for p in pair["p_holm"])
-    return sure, [plain(sentence, None) for sentence in pair["sentence"]]
+    if pair is None:
+        return False, []
+    return pair["p_holm"] is not None and pair["p_holm"] < 0.05, [plain(pair["sentence"], None)]
 
 
-def _ranked(lines: Sequence[ModelResult]) -> tuple[ValueKey, list[ModelResult]] | None:
+def _leaders(lines: Sequence[ModelResult]) -> tuple[ValueKey, list[ModelResult]] | None:
     for key in _RANKED:
         known = [line for line in lines if key in line.values]
         if len(known) > 1:
