@@ -61,7 +61,7 @@ def test_the_census_is_that_of_a_naive_loop(levels, radius):
                         codes.append(difference / np.sqrt(0.81 + difference**2))
                     squared = (codes[0] - codes[1]) ** 2
                     expected[y, x] += squared / (0.1 + squared)
-    found = census_sum(first, second, radius, LUMA, levels)[0, 0].numpy()
+    found = census_sum(levels * first, levels * second, radius, LUMA)[0, 0].numpy()
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
 
 

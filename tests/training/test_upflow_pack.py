@@ -14,10 +14,10 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.models.networks import upflow  # noqa: E402
+from robustflow.models.networks.blocks.warp import leaves  # noqa: E402
 from robustflow.models.networks.upflow import BothFlows, Sampling  # noqa: E402
 from robustflow.models.torch.resize import resize_flow  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
-from robustflow.training.losses.dilated_warp import leaves  # noqa: E402
 from robustflow.training.losses.photometric import census_sum, robust  # noqa: E402
 from robustflow.training.losses.upflow import OneWay, upflow_terms  # noqa: E402
 from robustflow.training.network_with_loss import build_objective  # noqa: E402
@@ -170,7 +170,7 @@ def _all_seen(way: OneWay) -> OneWay:
 
 
 def _leaving_is_hidden(way: OneWay) -> OneWay:
-    return replace(way, seen=way.seen * (1 - leaves(way.flow)))
+    return replace(way, seen=way.seen * (~leaves(way.flow)))
 
 
 def _own_size(way: OneWay) -> list[torch.Tensor]:
@@ -217,7 +217,7 @@ def test_photometric_terms_of_visible_pixels_alone_are_rejected():
     with torch.no_grad():
         for way in made("paper").ways:
             count = way.seen.sum() + 1e-6
-            census = census_sum(way.image, way.warped, settings.radius, levels=1.0)
+            census = census_sum(way.image, way.warped, settings.radius)
             for name, values in (("photometric", way.image - way.warped), ("census", census)):
                 wrong[name] += ((robust(values, settings.exponent) * way.seen).sum() / count).item()
     assert wrong["photometric"] / expected["photometric"] == pytest.approx(3.4, abs=0.05)

@@ -35,11 +35,18 @@ def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[i
     if not recipe.noise:
         return batch
     deviation = Rng.of(seed, "noise", step).uniform(0.0, recipe.noise)
-    images = []
-    for which, image in enumerate((batch.image1, batch.image2)):
-        drawn = [normal(key_of(seed, "noise", position, which), image.shape[1:]) for position in positions]
-        images.append((image + deviation * torch.stack(drawn).to(image.device)).clamp(0.0, 255.0))
-    return replace(batch, image1=images[0], image2=images[1])
+    first, second = (
+        with_noise(image, deviation, [key_of(seed, "noise", position, which) for position in positions], 255.0)
+        for which, image in enumerate((batch.image1, batch.image2))
+    )
+    return replace(batch, image1=first, image2=second)
+
+
+def with_noise(images: Tensor, deviation: float, keys: list[int], white: float) -> Tensor:
+    """Add Gaussian noise of a standard deviation to images (N, 3, H, W), drawn with one key per image, and clip to 0..
+    `white`."""
+    drawn = torch.stack([normal(key, images.shape[1:]) for key in keys]).to(images.device)
+    return (images + deviation * drawn).clamp(0.0, white)
 
 
 def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import torch
 from torch import nn
 
@@ -18,14 +16,11 @@ def build_optimizer(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer
     """
     settings = recipe.optimizer
     learning = [(name, value) for name, value in network.named_parameters() if value.requires_grad]
-    groups: list[dict[str, object]]
-    if settings.decay_biases:
-        groups = [{"params": [value for _, value in learning], "weight_decay": settings.weight_decay}]
-    else:
-        groups = [
-            {"params": list(_ending(learning, bias=False)), "weight_decay": settings.weight_decay},
-            {"params": list(_ending(learning, bias=True)), "weight_decay": 0.0},
-        ]
+    biases = [value for name, value in learning if name.endswith("bias") and not settings.decay_biases]
+    others = [value for name, value in learning if not name.endswith("bias") or settings.decay_biases]
+    groups = [{"params": others, "weight_decay": settings.weight_decay}]
+    if biases:
+        groups.append({"params": biases, "weight_decay": 0.0})
     kind = {"adamw": torch.optim.AdamW, "adam": torch.optim.Adam}[settings.name]
     return kind(groups, lr=recipe.learning_rate, betas=settings.betas, eps=settings.eps, amsgrad=settings.amsgrad)
 
@@ -34,7 +29,3 @@ def set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
     """Set the learning rate of every parameter group."""
     for group in optimizer.param_groups:
         group["lr"] = rate
-
-
-def _ending(named: list[tuple[str, nn.Parameter]], bias: bool) -> Iterable[nn.Parameter]:
-    return (value for name, value in named if name.endswith("bias") == bias)

@@ -10,10 +10,9 @@ from torch.nn import functional as F
 
 from ...errors import ModelError
 from ..torch.resize import resize, resize_flow
-from .blocks.allpairs import pixel_grid
 from .blocks.local_correlation import WINDOW, local_correlation
 from .blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv
-from .blocks.warp import inside_mask, warp
+from .blocks.warp import inside_mask, leaves, warp
 
 
 @dataclass(frozen=True)
@@ -186,7 +185,4 @@ def visible(flow: Tensor, other: Tensor) -> Tensor:
     """
     difference = (flow + warp(other, flow)).abs().sum(dim=1, keepdim=True)
     bound = 0.1 * (flow.abs().sum(dim=1, keepdim=True) + other.abs().sum(dim=1, keepdim=True)) + 0.5
-    height, width = flow.shape[2:]
-    x, y = (pixel_grid(flow) + flow).split(1, dim=1)
-    leaves = (x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)
-    return torch.logical_or(difference < bound, leaves)
+    return torch.logical_or(difference < bound, leaves(flow))

@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -35,8 +36,7 @@ class WholeFrames:
 
     def to(self, device: torch.device) -> WholeFrames:
         """Return a copy on a different device."""
-        parts = (self.image1, self.image2, self.corners, self.sizes)
-        return WholeFrames(*(value.to(device, non_blocking=True) for value in parts))
+        return WholeFrames(*(value.to(device, non_blocking=True) for value in vars(self).values()))
 
     def crops(self, height: int, width: int) -> tuple[Tensor, Tensor]:
         """Return the crops of both frames, (B, 3, height, width)."""
@@ -75,19 +75,14 @@ class Batch:
 
     def to(self, device: torch.device) -> Batch:
         """Return a copy on a different device."""
-        image1, image2, flow, valid = (
-            value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
-        )
-        whole, plain = (None if frames is None else frames.to(device) for frames in (self.whole, self.plain))
-        changed = None
+        moved: dict[str, Any] = {
+            name: value.to(device, non_blocking=True) for name, value in vars(self).items() if isinstance(value, Tensor)
+        }
+        for name, frames in (("whole", self.whole), ("plain", self.plain)):
+            moved[name] = None if frames is None else frames.to(device)
         if self.changed is not None:
-            changed = (
-                self.changed[0].to(device, non_blocking=True),
-                self.changed[1].to(device, non_blocking=True),
-            )
-        return replace(
-            self, image1=image1, image2=image2, flow=flow, valid=valid, whole=whole, plain=plain, changed=changed
-        )
+            moved["changed"] = tuple(value.to(device, non_blocking=True) for value in self.changed)
+        return replace(self, **moved)
 
 
 @dataclass(frozen=True)
@@ -125,8 +120,8 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
         workers: number of processes that read and augment in advance; 0 to do this in the current process.
     """
     loader = DataLoader(
-        _Positions(pairs),
-        batch_sampler=_Steps(share, steps),
+        cast("Dataset[TrainingPair]", pairs),
+        batch_sampler=map(share.positions, steps),
         num_workers=workers,
         collate_fn=_collated,
         multiprocessing_context="spawn" if workers else None,
@@ -165,28 +160,6 @@ def _tells_of_a_worker(error: BaseException | None) -> bool:
             return True
         error = error.__cause__ or error.__context__
     return False
-
-
-class _Positions(Dataset[TrainingPair]):
-    def __init__(self, pairs: TrainingPairs) -> None:
-        self._pairs = pairs
-
-    def __getitem__(self, position: int) -> TrainingPair:
-        return self._pairs[position]
-
-
-class _Steps:
-    """The batch sampler of a `DataLoader`: yields the positions of each step."""
-
-    def __init__(self, share: Share, steps: range) -> None:
-        self._share = share
-        self._steps = steps
-
-    def __iter__(self) -> Iterator[list[int]]:
-        return (self._share.positions(step) for step in self._steps)
-
-    def __len__(self) -> int:
-        return len(self._steps)
 
 
 def _collated(pairs: Sequence[TrainingPair]) -> Batch:

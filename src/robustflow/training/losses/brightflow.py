@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from ...models.networks.blocks.warp import leaves
 from ...models.torch.resize import resize_flow
-from .dilated_warp import inside_frame, leaves
+from .dilated_warp import inside_frame
 from .occlusion import coverage, seen_by_check
 from .photometric import Luma, census_sum, inner, robust
 from .smoothness import charbonnier
@@ -45,7 +46,7 @@ def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
 def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
     """Return the robust census distance of two images (N, 3, H, W), a scalar: the `masked_mean` over the pixels where
     `visible` (N, 1, H, W) is 1 and the window is inside the image."""
-    distance = robust(census_sum(image, warped, RADIUS, LUMA, levels=1.0))
+    distance = robust(census_sum(image, warped, RADIUS, LUMA))
     return masked_mean(distance, visible * inner(visible, RADIUS))
 
 
@@ -62,7 +63,7 @@ def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor
     """
     forward, backward = forward.detach(), backward.detach()
     seen = coverage(backward).clamp(0, 1) if occlusion == "wang" else seen_by_check(forward, backward)
-    return torch.maximum(seen, leaves(forward)) * inside_frame(forward, corners, sizes)
+    return torch.maximum(seen, leaves(forward).float()) * inside_frame(forward, corners, sizes)
 
 
 def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) -> Tensor:

@@ -50,10 +50,3 @@ def _targets(flow: Tensor, corners: Tensor) -> Tensor:
     discontinuous at the pixels of the frame.
     """
     return (pixel_grid(flow) + corners[:, :, None, None]) + flow.float()
-
-
-def leaves(flow: Tensor) -> Tensor:
-    """Return a mask, float (N, 1, H, W), 1 where a flow (N, 2, H, W) points outside the crop."""
-    height, width = flow.shape[2:]
-    x, y = (pixel_grid(flow) + flow).split(1, dim=1)
-    return ((x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)).float()

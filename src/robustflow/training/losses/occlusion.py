@@ -9,26 +9,19 @@ from ...models.networks.blocks.allpairs import pixel_grid
 from ...models.networks.blocks.warp import warp
 
 
-def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: float = 0.5) -> Tensor:
-    """Return 1 where the forward and backward flow are consistent: |f + b|^2 <= scale (|f|^2 + |b|^2) + bias.
-
-    Args:
-        forward, backward: flow in both directions, float (N, 2, H, W), in pixels.
-        scale, bias: parameters of the tolerance (Sundaram et al., ECCV 2010).
-
-    Returns:
-        A mask, float (N, 1, H, W), 0 where the pixel is occluded.
-    """
+def seen_by_check(forward: Tensor, backward: Tensor) -> Tensor:
+    """Return 1 where the flows in both directions, float (N, 2, H, W), in pixels, are consistent: |f + b|^2 <= 0.01
+    (|f|^2 + |b|^2) + 0.5 (Sundaram et al., ECCV 2010); otherwise 0, float (N, 1, H, W)."""
     returned = warp(backward, forward)
     off = (forward + returned).square().sum(dim=1, keepdim=True)
     length = forward.square().sum(dim=1, keepdim=True) + returned.square().sum(dim=1, keepdim=True)
-    return (off <= scale * length + bias).to(forward.dtype)
+    return (off <= 0.01 * length + 0.5).to(forward.dtype)
 
 
-def seen_by_splat(backward: Tensor, threshold: float = 0.2) -> Tensor:
-    """Return 1 where the pixels of the other frame, moved by the backward flow, cover at least a fraction `threshold`
-    of a pixel (Wang et al., CVPR 2018); shape and values as in `seen_by_check`."""
-    return (coverage(backward).clamp(0, 1) >= threshold).to(backward.dtype)
+def seen_by_splat(backward: Tensor) -> Tensor:
+    """Return 1 where the pixels of the other frame, moved by the backward flow, cover at least a fifth of a pixel (Wang
+    et al., CVPR 2018); shape and values as in `seen_by_check`."""
+    return (coverage(backward) >= 0.2).to(backward.dtype)
 
 
 def coverage(flow: Tensor, values: Tensor | None = None) -> Tensor:

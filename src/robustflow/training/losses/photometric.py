@@ -30,36 +30,28 @@ def ssim_distance(first: Tensor, second: Tensor) -> Tensor:
     return ((1 - similar / scale) / 2).clamp(0, 1)
 
 
-def census_distance(first: Tensor, second: Tensor, radius: int = 1) -> Tensor:
+def census_distance(first: Tensor, second: Tensor) -> Tensor:
     """Return the soft Hamming distance of the images' ternary census transforms (Meister et al., AAAI 2018), averaged
-    over the window instead of summed; 0 within `radius` of the border.
-
-    Args:
-        first, second: RGB images, float (N, 3, H, W), 0..1.
-        radius: radius of the window, in pixels.
-
-    Returns:
-        The distance, float (N, 1, H, W), 0..1.
+    over 3x3 windows instead of summed: (N, 1, H, W), 0..1; 0 at the border. Images are RGB, float (N, 3, H, W), 0..1.
     """
-    distance = _differing(first, second, radius, LUMA, 255.0).mean(dim=1, keepdim=True)
-    return distance * inner(distance, radius)
+    distance = _differing(first, second, 1, LUMA, 255.0).mean(dim=1, keepdim=True)
+    return distance * inner(distance, 1)
 
 
-def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA, levels: float = 255.0) -> Tensor:
+def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA) -> Tensor:
     """Return the same distance as `census_distance`, but summed over the window and including borders: (N, 1, H, W),
     from 0 to the number of pixels in the window.
 
     Args:
-        first, second: RGB images, float (N, 3, H, W).
+        first, second: RGB images, float (N, 3, H, W); the census is sensitive to differences of about 1.
         radius: radius of the window, in pixels.
         luma: weights of red, green and blue.
-        levels: factor applied to the values; the census is sensitive to scaled differences of about 1.
 
     >>> image = torch.rand(1, 3, 9, 9)
     >>> census_sum(image, image).max().item()
     0.0
     """
-    return _differing(first, second, radius, luma, levels).sum(dim=1, keepdim=True)
+    return _differing(first, second, radius, luma, 1.0).sum(dim=1, keepdim=True)
 
 
 def inner(maps: Tensor, border: int) -> Tensor:

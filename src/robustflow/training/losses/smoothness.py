@@ -14,10 +14,10 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
         alpha: edge sensitivity; an edge of height g has the weight exp(-alpha g).
         second_order: whether to use second differences, which are zero for affine motion.
     """
-    weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in _steps(image))
-    x, y = _steps(flow)
+    weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in steps(image))
+    x, y = steps(flow)
     if second_order:
-        x, y = _steps(x)[0], _steps(y)[1]
+        x, y = steps(x)[0], steps(y)[1]
         weight_x, weight_y = weight_x[:, :, :, 1:], weight_y[:, :, 1:]
     else:
         x, y = x / 2, y / 2
@@ -30,12 +30,12 @@ def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: b
     Second differences are weighted by the edge between the outer two of their three pixels. Arguments as for
     `smoothness`, with the flow in pixels and the image in the range for which alpha is defined.
     """
-    x, y = _steps(flow)
+    x, y = steps(flow)
     if second_order:
-        x, y = _steps(x)[0], _steps(y)[1]
+        x, y = steps(x)[0], steps(y)[1]
         edges = image[:, :, :, 2:] - image[:, :, :, :-2], image[:, :, 2:] - image[:, :, :-2]
     else:
-        edges = _steps(image)
+        edges = steps(image)
     weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in edges)
     along_x, along_y = (weight_x * charbonnier(x)).sum(dim=1).mean(), (weight_y * charbonnier(y)).sum(dim=1).mean()
     return (along_x + along_y) / 2
@@ -46,6 +46,6 @@ def charbonnier(differences: Tensor) -> Tensor:
     return (differences.square() + 1e-6).sqrt()
 
 
-def _steps(maps: Tensor) -> tuple[Tensor, Tensor]:
+def steps(maps: Tensor) -> tuple[Tensor, Tensor]:
     """Return the differences of neighbours along x and along y."""
     return maps[:, :, :, 1:] - maps[:, :, :, :-1], maps[:, :, 1:] - maps[:, :, :-1]

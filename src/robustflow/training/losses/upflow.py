@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
+import torch
 from torch import Tensor
 
 from ...models.torch.resize import resize_flow
 from ..objectives import UpflowObjective
 from .photometric import census_sum, robust
+from .smoothness import steps
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,7 @@ def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str,
     return {
         "photometric": _sum(settings.photometric * robust(way.image - way.warped, q).mean() for way in ways),
         "census": _sum(
-            settings.census * robust(census_sum(way.image, way.warped, settings.radius, levels=1.0), q).mean()
-            for way in ways
+            settings.census * robust(census_sum(way.image, way.warped, settings.radius), q).mean() for way in ways
         ),
         "smoothness": _sum(settings.smooth * edge_aware(way.flow, way.image) for way in ways),
         "distillation": _sum(settings.distillation * distillation(way, q) for way in ways),
@@ -67,15 +69,10 @@ def edge_aware(flow: Tensor, image: Tensor) -> Tensor:
         flow: flow, float (N, 2, H, W), in pixels.
         image: image, float (N, C, H, W).
     """
-    weight_x = (-(image[..., 1:] - image[..., :-1]).abs().mean(dim=1, keepdim=True)).exp()
-    weight_y = (-(image[..., 1:, :] - image[..., :-1, :]).abs().mean(dim=1, keepdim=True)).exp()
-    along_x = (flow[..., 1:] - flow[..., :-1]).abs() * weight_x
-    along_y = (flow[..., 1:, :] - flow[..., :-1, :]).abs() * weight_y
+    edges = ((-step.abs().mean(dim=1, keepdim=True)).exp() for step in steps(image))
+    along_x, along_y = (step.abs() * weight for step, weight in zip(steps(flow), edges, strict=True))
     return along_x.mean() + along_y.mean()
 
 
 def _sum(terms: Iterable[Tensor]) -> Tensor:
-    first, *others = terms
-    for other in others:
-        first = first + other
-    return first
+    return reduce(torch.add, terms)

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import torch
 from torch import Tensor
 
 from ...random.rng import Rng, key_of
 from ..augmentation.affine import draw_moves, moved, moved_flow
 from ..data.loader import Batch
-from ..draws import normal
+from ..draws import with_noise
 from ..losses.unsupervised import UnsupervisedLoss, unsupervised_loss
 from ..networks import TrainedNetwork
 from ..objectives import ArflowObjective
@@ -60,13 +59,10 @@ class Arflow(LabelFree):
         first, second = moved(images[0], [one.first for one in moves]), moved(images[1], [one.second for one in moves])
         wanted, mask = moved_flow(flow, moves), moved(seen, [one.first for one in moves])
         deviation = Rng.of(step.seed, "second pass noise", step.number).uniform(0.0, settings.noise)
-        first, second = (_noisy(image, deviation, step, which) for which, image in enumerate((first, second)))
+        first, second = (
+            with_noise(image, deviation, [key_of(step.seed, "second pass", at, which) for at in step.positions], 1.0)
+            for which, image in enumerate((first, second))
+        )
         with self.autocast(first):
             flows = self.network.net(first, second)
         return ((flows.float() - wanted).abs() * mask).mean() / (mask.mean() + 1e-7)
-
-
-def _noisy(images: Tensor, deviation: float, step: TrainingStep, which: int) -> Tensor:
-    shape = images.shape[1:]
-    drawn = [normal(key_of(step.seed, "second pass", position, which), shape) for position in step.positions]
-    return (images + deviation * torch.stack(drawn).to(images.device)).clamp(0.0, 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ..data.loader import Batch, WholeFrames
+from ..data.loader import Batch
 from ..losses.dilated_warp import dilated_warp
 from ..losses.upflow import OneWay, upflow_terms
 from ..networks import TrainedNetwork
@@ -24,28 +24,18 @@ class Upflow(LabelFree):
         """Compute the loss, see `LabelFree.forward`."""
         assert batch.whole is not None, "the loader must provide the uncropped frames"
         first, second = self.images(batch.image1), self.images(batch.image2)
-        flows = self.both(first, second)
-        seen_first, seen_second = flows.visible()
-        forward, backward = flows.forward.float(), flows.backward.float()
-        ways = [
-            OneWay(
-                forward,
-                [level[0].float() for level in flows.levels],
-                first,
-                self._fetched(batch.whole, batch.whole.image2, forward),
-                seen_first.float(),
-            ),
-            OneWay(
-                backward,
-                [level[1].float() for level in flows.levels],
-                second,
-                self._fetched(batch.whole, batch.whole.image1, backward),
-                seen_second.float(),
-            ),
-        ]
+        flows, whole = self.both(first, second), batch.whole
+        ways = []
+        for flow, levels, image, target, seen in zip(
+            (flows.forward.float(), flows.backward.float()),
+            zip(*flows.levels, strict=True),
+            (first, second),
+            (whole.image2, whole.image1),
+            flows.visible(),
+            strict=True,
+        ):
+            warped, _ = dilated_warp(self.images(target), flow, whole.corners, whole.sizes)
+            ways.append(OneWay(flow, [level.float() for level in levels], image, warped, seen.float()))
         terms = upflow_terms(ways, self._settings)
         loss = terms["photometric"] + terms["census"] + terms["smoothness"] + terms["distillation"]
-        return loss, {"flow": forward, **terms}
-
-    def _fetched(self, whole: WholeFrames, values: Tensor, flow: Tensor) -> Tensor:
-        return dilated_warp(self.images(values), flow, whole.corners, whole.sizes)[0]
+        return loss, {"flow": ways[0].flow, **terms}

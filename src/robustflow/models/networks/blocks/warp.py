@@ -50,3 +50,10 @@ def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> T
     """
     ones = torch.ones_like(flow[:, :1], dtype=torch.float32)
     return (warp(ones, flow, align_corners=align_corners) >= threshold).float()
+
+
+def leaves(flow: Tensor) -> Tensor:
+    """Return a mask of the pixels whose flow (N, 2, H, W), in pixels, points outside the map, bool (N, 1, H, W)."""
+    height, width = flow.shape[2:]
+    x, y = (pixel_grid(flow) + flow).split(1, dim=1)
+    return (x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)
