@@ -13,9 +13,8 @@ from scipy.stats import false_discovery_control
 
 from robustflow.analysis.uncertainty import compare_all, compare_rows, intervals
 from robustflow.analysis.uncertainty.bootstrap import FEW, _resamples, bootstrap
-from robustflow.analysis.uncertainty.estimates import weighted_means
 from robustflow.analysis.uncertainty.holm import holm
-from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
+from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term, weighted_means
 from robustflow.errors import RunError, UsageError
 from robustflow.runs.aggregate import summarize
 

@@ -73,12 +73,10 @@ class Orders:
 
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     """Group runs of one model whose frames differ only in the seed; None if the runs differ in anything else."""
-    recipes = [run.manifest.identity.frames.record() for run in runs]
-    seeds = [int(recipe.pop("seed")) for recipe in recipes]
+    seeds = [run.manifest.identity.frames.seed for run in runs]
     rows, remark = _in_all(runs)
     clean = [sample_set_of("", measured_cells(one.filter(corruption=CLEAN))) for one in rows]
-    one_of_each = (list(map(_model, runs)), list(map(digest_of_value, recipes)), clean)
-    if any(len(set(each)) > 1 for each in one_of_each) or len(set(seeds)) < len(runs):
+    if any(len(set(each)) > 1 for each in (list(map(_but_seed, runs)), clean)) or len(set(seeds)) < len(runs):
         return None
     return BySeed(dict(zip(seeds, rows, strict=True)), remark)
 
@@ -87,9 +85,7 @@ def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
     """Find the groups of runs that differ only in the seed and have all rows in common."""
     alike: dict[tuple[str, str], list[int]] = {}
     for index, run in enumerate(runs):
-        recipe = run.manifest.identity.frames.record()
-        recipe.pop("seed")
-        alike.setdefault((_model(run), digest_of_value(recipe)), []).append(index)
+        alike.setdefault(_but_seed(run), []).append(index)
     members = list(alike.values())
     known = [seeds_of([runs[index] for index in one]) if len(one) > 1 else None for one in members]
     names, models = run_names(runs), run_names([runs[one[0]] for one in members])
@@ -149,6 +145,13 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     if others := sorted({name for one in scores.values() for name in one} - everywhere):
         remark = " ".join(filter(None, (remark, f"Left out (not run under every condition): {joined(others)}.")))
     return Orders(scores, remark)
+
+
+def _but_seed(run: Run) -> tuple[str, str]:
+    """Identify the model and everything except the seed that affects the frames."""
+    recipe = run.manifest.identity.frames.record()
+    del recipe["seed"]
+    return _model(run), digest_of_value(recipe)
 
 
 def _model(run: Run) -> str:

@@ -96,11 +96,11 @@ class _Server(uvicorn.Server):
 
     def __init__(self, config: uvicorn.Config, queue: PredictionQueue) -> None:
         super().__init__(config)
-        self._desk = queue
+        self._queue = queue
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """See uvicorn."""
-        self._desk.close()
+        self._queue.close()
         super().handle_exit(sig, frame)
 
 

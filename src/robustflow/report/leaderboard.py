@@ -87,7 +87,7 @@ class Board(Table):
 
     @property
     def shown(self) -> list[BoardColumn]:
-        """Return the columns of a view."""
+        """The columns that belong to a view."""
         return [column for column in self.columns if column.views]
 
     def cells_of(self, line: Line) -> dict[ValueKey, TableCell]:

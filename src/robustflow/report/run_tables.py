@@ -69,6 +69,6 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
 
 
 def _by_family(lines: Iterable[Line]) -> Iterable[Section]:
-    """Return one row per corruption, in the given order."""
+    """Group the lines of corruptions, which are in the paper's order, by family."""
     for family, of_family in groupby(lines, lambda line: family_label(line.label) or "Others"):
         yield Section(family, tuple(of_family))

@@ -26,8 +26,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...random.rng import Rng
-from .estimates import Array
-from .statistic import Statistic, StatisticValues
+from .statistic import Array, Statistic, StatisticValues
 
 FEW = 12
 RESAMPLES = 4999

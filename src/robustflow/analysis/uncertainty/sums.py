@@ -11,8 +11,7 @@ from ...corruptions.names import MEMBERS, ordered
 from ...errors import UsageError, unknown_name
 from ...metrics.rows import CLEAN
 from ..results import AVERAGE
-from .estimates import Array
-from .statistic import Mean, Statistic, Term
+from .statistic import Array, Mean, Statistic, Term
 
 INTERVAL_METRICS = ("epe", "cre", "crer", "rcre")
 Column = tuple[str, int]

@@ -150,7 +150,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
 
 
 def _places(radius: float) -> list[_Place]:
-    """Yield candidate positions of a name around a marker, best first: offset (right, up) in points, and the
+    """List candidate positions of a name around a marker, best first: offset (right, up) in points, and the
     alignment."""
     places: list[_Place] = []
     for reach in (radius + 3, radius + 11, radius + 20):

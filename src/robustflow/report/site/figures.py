@@ -162,7 +162,7 @@ def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
-    """Return whether the histogram has more than one non-empty bin."""
+    """Whether a figure compares models, or shows one model in several classes."""
     return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -69,45 +69,37 @@ def model_pages(content: Content, panels: Mapping[ModelResult, Sequence[PanelPic
     by_page: dict[str, list[ModelResult]] = {}
     for line, page in content.pages.items():
         by_page.setdefault(page, []).append(line)
-    pages = []
-    for page, lines in by_page.items():
-        tiles = tuple((line, _tiles(content.cells[line])) for line in lines)
-        line = lines[0]
-        if line.run is None:
-            pages.append(_of_results(page, lines, tiles))
-        else:
-            pages.append(_of_run(page, line, line.run, tiles, tuple(panels.get(line, ()))))
-    return pages
+    return [
+        ModelPage(
+            id=page,
+            name=plain(lines[0].name),
+            tiles=tuple((line, _tiles(content.cells[line])) for line in lines),
+            sentences=tuple(sentence for line in lines for sentence in _sentences(line)),
+            tables=tuple(_tables(lines)),
+            facts=_facts(lines),
+            anatomy=_anatomy(lines[0].run) if lines[0].run else None,
+            panels=tuple(panels.get(lines[0], ())),
+        )
+        for page, lines in by_page.items()
+    ]
 
 
-def _of_run(page: str, line: ModelResult, run: Run, tiles: Tiles, panels: tuple[PanelPicture, ...]) -> ModelPage:
-    return ModelPage(
-        id=page,
-        name=plain(line.name),
-        tiles=tiles,
-        sentences=_sentences(line),
-        tables=tuple(_severity_table(line, run, metric) for metric in (*_METRICS, "spread") if _has(line, run, metric)),
-        facts=run_facts(run),
-        anatomy=_anatomy(run),
-        panels=panels,
-    )
-
-
-def _of_results(page: str, lines: list[ModelResult], tiles: Tiles) -> ModelPage:
-    sources = dict.fromkeys(value.source for line in lines for value in line.values.values())
-    tables = []
+def _tables(lines: Sequence[ModelResult]) -> Iterator[Table]:
+    """Yield a table per metric of a run, or a table per benchmark of other results."""
+    if (run := lines[0].run) is not None:
+        for metric in (*_METRICS, "spread"):
+            if _has(lines[0], run, metric):
+                yield _severity_table(lines[0], run, metric)
+        return
     for benchmark in dict.fromkeys(line.benchmark for line in lines):
-        shown = [line for line in lines if line.benchmark == benchmark]
-        tables.append(_settings_table(benchmark_label(benchmark), shown))
-    return ModelPage(
-        id=page,
-        name=plain(lines[0].name),
-        tiles=tiles,
-        sentences=tuple(sentence for line in lines for sentence in _sentences(line)),
-        tables=tuple(tables),
-        facts=published_facts(lines[0].name, list(sources)),
-        anatomy=None,
-    )
+        yield _settings_table(benchmark_label(benchmark), [line for line in lines if line.benchmark == benchmark])
+
+
+def _facts(lines: Sequence[ModelResult]) -> Facts:
+    if (run := lines[0].run) is not None:
+        return run_facts(run)
+    sources = dict.fromkeys(value.source for line in lines for value in line.values.values())
+    return published_facts(lines[0].name, list(sources))
 
 
 def _tiles(cells: Mapping[ValueKey, TableCell]) -> tuple[tuple[str, TableCell], ...]:

@@ -16,14 +16,13 @@ from ...errors import RunError
 from ...runs.run import Run
 from ...text import plain
 from ...version import VERSION
+from .. import slider
 from ..attack_table import attack_table, prediction_table
 from ..confidence_table import confidence_table
-from ..embed import json_block, templates
+from ..embed import asset, content_policy, json_block, templates
 from ..leaderboard import Board
 from ..render.html import render as render_table
-from ..slider import Slider, slider_markup
 from ..table import Table
-from . import assets
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
@@ -32,8 +31,11 @@ from .findings import VERDICT_CLASSES, Checked, audits, by_check, checked_observ
 from .headline import headline
 from .models import model_pages
 
+_PACKAGE = "robustflow.report.site"
+_SCRIPTS = ("elements.js", "models.js", "state.js", "board.js", "figures.js", "findings.js", "downloads.js")
 
-def render_site(content: Content, gallery: Slider | None = None) -> str:
+
+def render_site(content: Content, gallery: slider.Slider | None = None) -> str:
     """Render the page as one self-contained HTML file.
 
     Args:
@@ -64,11 +66,11 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             primary=pages[0].id if content.of_one_run else "",
             examples=examples,
             pictured=None if pictured is None else order.index(pictured),
-            slider=slider_markup(examples.slider) if examples else None,
+            slider=slider.slider_markup(examples.slider) if examples else None,
             data=json_block(page_data(content, pages)),
-            style=assets.style(),
-            script=assets.script(),
-            policy=assets.policy(),
+            style=_style(),
+            script=_script(),
+            policy=content_policy(_script()),
             version=VERSION,
         )
     )
@@ -119,8 +121,21 @@ def _sections_of(content: Content, figures: Sequence[FigureGroup]) -> list[Bench
 
 
 @cache
+def _style() -> Markup:
+    """Return the style sheet. It ships with the package, so it is not escaped."""
+    return Markup(asset(_PACKAGE, "site.css")) + slider.style()
+
+
+@cache
+def _script() -> Markup:
+    """Concatenate all scripts, each in a separate scope."""
+    scripts = (*(asset(_PACKAGE, name) for name in _SCRIPTS), slider.script())
+    return Markup("".join(f"(() => {{\n{text}}})();\n" for text in scripts))
+
+
+@cache
 def _environment() -> Environment:
-    environment = templates("robustflow.report.site")
+    environment = templates(_PACKAGE)
     environment.globals.update(
         by_check=by_check,
         paper=PAPER,

@@ -153,8 +153,8 @@ def mark_text(mark: Mark) -> str:
 
 
 def _name_marks(group: ElementTree.Element, marks: Sequence[Mark], page_of: Callable[[str], str | None]) -> None:
-    """Return the mark elements of a group: its `use` elements for collections and lines, or the group itself for bars
-    and texts."""
+    """Label the marks of a group: its `use` elements for collections and lines, or the group itself for bars and
+    texts."""
     points = list(group.iter(f"{{{_SVG}}}use"))
     pairs = zip(points, marks, strict=True) if len(points) == len(marks) else ((group, mark) for mark in marks[:1])
     for element, mark in pairs:
@@ -209,7 +209,7 @@ def _share_styles(root: ElementTree.Element) -> None:
 
 
 def _rename_ids(root: ElementTree.Element, prefix: str) -> None:
-    """Remove unreferenced ids."""
+    """Prefix the ids that are referenced, and remove the others."""
     used: set[str] = set()
     for element in root.iter():
         target = element.attrib.pop(_XLINK, None)
