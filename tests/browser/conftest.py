@@ -38,6 +38,13 @@ class Visit:
     requests: list[str] = field(default_factory=list)
     complaints: list[str] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        self.listeners = {
+            "request": lambda request: self.requests.append(request.url),
+            "pageerror": lambda error: self.complaints.append(str(error)),
+            "console": lambda line: self.complaints.append(line.text) if line.type in ("error", "warning") else None,
+        }
+
     def outside(self, *allowed: str) -> list[str]:
         """Requests to anything outside the file: those whose URL does not start with `file:`, `data:`, `blob:` or
         one of the prefixes `allowed`.
@@ -58,26 +65,56 @@ def browser() -> Iterator[Browser]:
         chromium.close()
 
 
-@pytest.fixture
-def visit(browser: Browser) -> Iterator[Callable[..., Visit]]:
-    """Make a page with `visit(width=390, height=844, color_scheme="dark")`; it is closed after the test."""
-    contexts = []
+@pytest.fixture(scope="session")
+def tabs() -> dict[bool, Page]:
+    """The pages that tests share: a new one costs Chromium as much as most tests. The key is `bypass_csp`."""
+    return {}
 
-    def make(width: int = 1440, height: int = 900, **options: object) -> Visit:
-        context = browser.new_context(viewport={"width": width, "height": height}, **options)  # type: ignore[arg-type]
-        contexts.append(context)
-        made = Visit(context.new_page())
-        made.page.on("request", lambda request: made.requests.append(request.url))
-        made.page.on("pageerror", lambda error: made.complaints.append(str(error)))
-        made.page.on(
-            "console",
-            lambda message: made.complaints.append(message.text) if message.type in ("error", "warning") else None,
-        )
+
+@pytest.fixture
+def visit(browser: Browser, tabs: dict[bool, Page]) -> Iterator[Callable[..., Visit]]:
+    """Make a page with `visit(width=390, height=844, color_scheme="dark")`, without any state of the tests before."""
+    listening = []
+
+    def make(width: int = 1440, height: int = 900, bypass_csp: bool = False, **media: str) -> Visit:
+        if bypass_csp not in tabs:
+            tabs[bypass_csp] = browser.new_context(bypass_csp=bypass_csp).new_page()
+        page = tabs[bypass_csp]
+        page.set_viewport_size({"width": width, "height": height})
+        page.emulate_media(**{"media": "screen", "color_scheme": "light", "reduced_motion": "no-preference", **media})
+        made = Visit(page)
+        for event, listener in made.listeners.items():
+            page.on(event, listener)
+        listening.append(made)
         return made
 
     yield make
-    for context in contexts:
-        context.close()
+    for made in listening:
+        for event, listener in made.listeners.items():
+            made.page.remove_listener(event, listener)
+        made.page.evaluate("localStorage.clear()")
+        made.page.context.clear_cookies()
+        made.page.goto("about:blank")
+
+
+@pytest.fixture
+def serious_violations() -> Callable[..., list[tuple[str, str]]]:
+    """Return axe-core's serious and critical findings on a page: of all its rules, or only of the colours."""
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (dev extra)"
+    )
+
+    def run(page: Page, colours_alone: bool = False) -> list[tuple[str, str]]:
+        rules = {"runOnly": ["color-contrast", "link-in-text-block"]} if colours_alone else {}
+        response = axe.Axe().run(page, options={"resultTypes": ["violations"], **rules}).response
+        assert len(response["passes"]) > (0 if colours_alone else 15)
+        return [
+            (violation["id"], violation["nodes"][0]["html"][:200])
+            for violation in response["violations"]
+            if violation["impact"] in ("serious", "critical")
+        ]
+
+    return run
 
 
 HOSTILE = "<img src=x onerror=alert(1)>"
