@@ -58,10 +58,14 @@ def test_measured_rows_break_no_rule(seed, scale, truth, occlusion, holes):
         assert broken.is_empty(), f"{reason}: {broken.select(ROW_KEY).rows()}"
 
 
-_ROWS = pl.concat(
-    _measured(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
-    for seed in range(4)
-)
+@pytest.fixture(scope="module")
+def measured_rows() -> pl.DataFrame:
+    return pl.concat(
+        _measured(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
+        for seed in range(4)
+    )
+
+
 _CLEAN = {
     "the clean frames have a spread, although they involve no randomness": {"spread_sum": pl.lit(1e-300)},
     "the flow on the clean frames differs from the clean flow": {"rcre_all_sum": pl.lit(1e-300)},
@@ -103,11 +107,13 @@ _FOG = {
 
 
 @pytest.mark.parametrize("reason", RULES)
-def test_each_rule_catches_its_change(reason):
+def test_each_rule_catches_its_change(reason, measured_rows):
     of_row = {"corruption": "clean", "severity": 0} if reason in _CLEAN else {"corruption": "fog", "severity": 2}
     where = pl.all_horizontal(pl.col(name) == value for name, value in {"sample": "2", **of_row}.items())
     change = (_CLEAN | _FOG)[reason]
-    changed = _ROWS.with_columns(pl.when(where).then(change[name]).otherwise(name).alias(name) for name in change)
+    changed = measured_rows.with_columns(
+        pl.when(where).then(change[name]).otherwise(name).alias(name) for name in change
+    )
     broken = dict(broken_rules(changed))[reason]
     assert changed.filter(where).select(ROW_KEY).row(0) in broken.select(ROW_KEY).rows()
-    assert dict(broken_rules(_ROWS))[reason].is_empty()
+    assert dict(broken_rules(measured_rows))[reason].is_empty()
