@@ -70,6 +70,10 @@ def test_recipes_are_listed(robustflow):
         ("raft --recipe ood --data x --validate-data x", "--validate-data needs --validate BENCHMARK"),
         ("raft --recipe ood --data x --validate-every 5", "--validate-every needs --validate BENCHMARK"),
         ("raft --recipe ood --data x --validate-corruptions fog", "--validate-corruptions needs --validate BENCHMARK"),
+        ("raft --recipe ood --data x --loaders -1", "--loaders must be at least 0; got -1"),
+        ("raft --recipe ood --data . --save-every 0", "--save-every must be at least 1; got 0"),
+        ("raft --recipe ood --data . --keep-every -1", "--keep-every must be at least 1; got -1"),
+        ("raft --recipe ood --data . --validate demo --validate-every 0", "--validate-every must be at least 1; got 0"),
     ],
 )
 def test_options_that_do_not_fit_are_one_line(robustflow, arguments, says):

@@ -9,7 +9,7 @@ import typer
 
 from ..errors import UsageError
 from . import complete
-from .options import Device, ModelOptions, Seed, keyword_options, names
+from .options import Device, ModelOptions, keyword_options, names
 
 
 def train(
@@ -65,7 +65,9 @@ def train(
     accumulate: Annotated[int | None, typer.Option(help="Steps per update (gradient accumulation).")] = None,
     precision: Annotated[str | None, typer.Option(help="fp32, fp16 or bf16, instead of the recipe's.")] = None,
     device: Device = None,
-    seed: Seed = 0,
+    seed: Annotated[
+        int, typer.Option(help="Random seed of the weights, the order of the pairs and the augmentation.")
+    ] = 0,
     loaders: Annotated[int, typer.Option("--loaders", help="Number of processes that load and augment data.")] = 1,
     save_every: Annotated[int, typer.Option("--save-every", help="Updates between checkpoints.")] = 1000,
     keep_every: Annotated[

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..corruptions.transforms.transform import CorruptionTransform
+from ..errors import UsageError
 from .recipe import Recipe
 
 PAIRS_OF_VALIDATION = 20
@@ -30,6 +31,9 @@ class DataPlan:
     probability: float = 0.5
     skip_bad: bool = False
     loaders: int = 1
+
+    def __post_init__(self) -> None:
+        _at_least(0, loaders=self.loaders)
 
     def corruption(self, seed: int) -> CorruptionTransform | None:
         """Return the corruption of the training frames; None for none.
@@ -54,6 +58,9 @@ class Checkpoints:
     every: int = 1000
     keep_every: int | None = None
 
+    def __post_init__(self) -> None:
+        _at_least(1, save_every=self.every, keep_every=self.keep_every)
+
 
 @dataclass(frozen=True)
 class Validation:
@@ -72,6 +79,9 @@ class Validation:
     every: int | None = None
     corruptions: Sequence[str] = ()
     limit: int | None = PAIRS_OF_VALIDATION
+
+    def __post_init__(self) -> None:
+        _at_least(1, validate_every=self.every)
 
 
 @dataclass(frozen=True)
@@ -108,3 +118,9 @@ class Request:
     def validate_every(self) -> int | None:
         """Return the number of updates between validations; None for no validation."""
         return None if self.validation is None else self.validation.every or self.checkpoints.every
+
+
+def _at_least(least: int, **numbers: int | None) -> None:
+    for name, number in numbers.items():
+        if number is not None and number < least:
+            raise UsageError(f"--{name.replace('_', '-')} must be at least {least}; got {number}")
