@@ -186,7 +186,7 @@ def evaluate(
             predictions. If the examples cannot be drawn, a warning gives the reason.
         progress: True to show progress, as plain lines in a log if there is no terminal or notebook; False to hide it;
             by default, it is shown on a terminal and in a notebook. Alternatively, an object with `start(folder, total,
-            found)` and `advance(done)`.
+            finished)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.

@@ -82,6 +82,16 @@ def numbered(folder: Path, pattern: str) -> dict[int, Path]:
     return dict(sorted(frames.items()))
 
 
+def by_sequence(folder: Path, pattern: str) -> dict[str, dict[int, Path]]:
+    """Return the files of a folder whose full name matches `pattern`, by its first group, the sequence, and the number
+    in its second group."""
+    sequences: dict[str, dict[int, Path]] = {}
+    for path in folder.iterdir():
+        if match := re.fullmatch(pattern, path.name):
+            sequences.setdefault(match[1], {})[int(match[2])] = path
+    return sequences
+
+
 def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:
     """Return pairs of neighbouring frame numbers.
 

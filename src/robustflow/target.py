@@ -69,10 +69,7 @@ def import_target(target: str, kind: str) -> Any:
         os.environ[MODULES] = str(here)
     try:
         value: Any = import_module(name)
-    except (
-        Exception,
-        SystemExit,
-    ) as cause:  # SystemExit: a script that reads its arguments on import
+    except (Exception, SystemExit) as cause:  # SystemExit: a script that reads its arguments on import
         missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
         if missing in EXTRAS:
             command = install_command(missing)

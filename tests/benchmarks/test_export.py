@@ -58,6 +58,13 @@ def test_an_export_continues_and_never_mixes(kitti, tmp_path):
         list(export(benchmark, tmp_path / "fc", seed=1))
 
 
+def test_an_export_whose_settings_are_nested_too_deeply_is_refused(kitti, tmp_path):
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
+    (tmp_path / "export.json").write_text("[" * 100_000)
+    with pytest.raises(RunError, match="contains a different export"):
+        list(export(benchmark, tmp_path))
+
+
 def test_a_released_folder_is_not_topped_up(kitti, tmp_path):
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1, 3], 1), tmp_path / "fc"))
     released = load_benchmark("kitti-fc", tmp_path / "fc")

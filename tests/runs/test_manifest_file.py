@@ -136,7 +136,16 @@ def test_what_is_written_is_read(whole):
     assert sealed(Run(whole).manifest.record()) == json.loads((whole / "manifest.json").read_text())
 
 
-@pytest.mark.parametrize("text", ["[]", "[" * 100_000, '{"model": 3, "data": null, "data_options": {}}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "[" * 100_000,
+        '{"model": 3, "data": null, "data_options": {}}',
+        '{"model": {"name": "raft", "options": {"checkpoint": ["/x"]}}, "data": null, "data_options": {}}',
+        '{"model": null, "data": null, "data_options": {"depth": {"folder": "/x"}}}',
+    ],
+)
 def test_a_source_of_another_shape_is_one_sentence(text, tmp_path):
     (tmp_path / "source.json").write_text(text)
     with pytest.raises(RunError, match=r"source\.json is damaged; delete it, and give --model and --data instead"):

@@ -62,9 +62,9 @@ def test_the_batch_changes_nothing(saved):
         torch.testing.assert_close(together[i : i + 1], alone, atol=1e-5, rtol=0)
 
 
-def test_the_authors_file(saved):
-    net, path = saved
-    loaded = load_flavr(path, n_outputs=1)
+def test_the_authors_file(weights):
+    net, path = weights
+    loaded = load_flavr(path)
     assert not loaded.training
     assert torch.equal(loaded(clip())[0], net(clip())[0])
 

@@ -123,7 +123,7 @@ def _claim(output: Path, settings: dict[str, object]) -> None:
     if record.exists():
         try:
             on_disk = json.loads(record.read_text(encoding="utf-8"))
-        except ValueError:
+        except (OSError, ValueError, RecursionError):
             on_disk = None
         if on_disk != settings:
             raise RunError(

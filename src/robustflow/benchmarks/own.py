@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ..corruptions import IMAGE_PAIR
-from ..datasets import DATASETS
 from ..datasets.facts import facts_of
 from ..datasets.own import called, check_members, open_own_dataset, own_source
 from ..datasets.split import read_split
@@ -23,7 +22,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
 
     Args:
         target: reference to a class with `open(data, split)`, a function with the same arguments, or a `Benchmark`.
-        reserved: names that are already in use.
+        reserved: names of registered benchmarks and datasets.
 
     Raises:
         UsageError: the target cannot be imported or opened, or is not a benchmark.
@@ -38,7 +37,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
         made = called(target, "open(data, split)", lambda: opener(data, split))
     if not isinstance(made, Benchmark):
         raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
-    if made.name in reserved or made.name in DATASETS:
+    if made.name in reserved:
         raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it a different name")
     check_members(made.dataset, f"the dataset of {target}")
     gone = [key for key in made.keys if key not in set(made.dataset.keys())]
@@ -55,7 +54,7 @@ def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, An
         UsageError: see `open_own_dataset`; or the name is already in use.
     """
     dataset = open_own_dataset(target, options)
-    if dataset.name in reserved or dataset.name in DATASETS:
+    if dataset.name in reserved:
         raise UsageError(f"{target} has the name of the dataset '{dataset.name}': give it a different name")
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}

@@ -15,6 +15,7 @@ from ..layout import choice, locate, numbered, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import PairDataset, PairFiles
 
+_SUFFIXES = {"img1": "ppm", "img2": "ppm", "flow": "flo"}
 _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
 
 
@@ -42,16 +43,12 @@ class FlyingChairs(PairDataset):
     def __init__(self, root: str | Path, split: str = "all") -> None:
         choice("split", split, ("all", "train", "val"))
         folder = _data(Path(root).expanduser())
-        files = {
-            kind: numbered(folder, rf"(\d{{5}})_{kind}\.{'flo' if kind == 'flow' else 'ppm'}")
-            for kind in ("img1", "img2", "flow")
-        }
+        files = {kind: numbered(folder, rf"(\d{{5}})_{kind}\.{suffix}") for kind, suffix in _SUFFIXES.items()}
         numbers = sorted(set().union(*files.values()))
-        for kind, numbered_files in files.items():
-            for number in numbers:
-                suffix = "flo" if kind == "flow" else "ppm"
-                whose = next(other[number] for other in files.values() if number in other)
-                if number not in numbered_files:
+        for number in numbers:
+            whose = next(of_kind[number] for of_kind in files.values() if number in of_kind)
+            for kind, suffix in _SUFFIXES.items():
+                if number not in files[kind]:
                     partner(folder / f"{number:05d}_{kind}.{suffix}", whose)
         if split != "all":
             marks = _marks(folder, numbers)

@@ -65,7 +65,9 @@ class FlyingThings3D(PairDataset):
         if (part / f"image_{render_pass}").is_dir():
             super().__init__(_subset(part, render_pass, side, direction), part)
             return
-        folder = locate("FlyingThings3D", root, [images], expected=_expected(images, split, part.name, render_pass))
+        subset = f"of the subset {part.name}/image_{render_pass}/ and {part.name}/flow/"
+        expected = f"{images}/A/0000/ and optical_flow/{split}/, or {subset}"
+        folder = locate("FlyingThings3D", root, [images], expected=expected)
         pairs: dict[str, PairFiles] = {}
         for letter in folders(folder / images):
             for scene in folders(letter):
@@ -86,10 +88,6 @@ def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> 
         flow = partner(flows / name, frames[first])
         pairs[f"{group}/{first:04d}"] = PairFiles((frames[first], frames[second]), flow, group=group)
     return pairs
-
-
-def _expected(images: str, split: str, part: str, render_pass: str) -> str:
-    return f"{images}/A/0000/ and optical_flow/{split}/, or of the subset {part}/image_{render_pass}/ and {part}/flow/"
 
 
 def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str, PairFiles]:

@@ -8,11 +8,9 @@ Source: Kondermann et al., CVPR Workshops 2016.
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
 from pathlib import Path
 
-from ..layout import consecutive, locate, partner
+from ..layout import by_sequence, consecutive, locate, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import PairDataset, PairFiles
 
@@ -45,17 +43,8 @@ class HD1K(PairDataset):
         for path in flows.glob("*_*.png"):
             partner(images / path.name, path)
         pairs = {}
-        for sequence, frames in _sequences(images).items():
+        for sequence, frames in by_sequence(images, r"(\d{6})_(\d{4})\.png").items():
             for first, second in consecutive(frames, stride=None):
                 flow = partner(flows / frames[first].name, frames[first])
                 pairs[frames[first].stem] = PairFiles((frames[first], frames[second]), flow, group=sequence)
         super().__init__(pairs, folder)
-
-
-def _sequences(images: Path) -> dict[str, dict[int, Path]]:
-    sequences: dict[str, dict[int, Path]] = defaultdict(dict)
-    for path in images.iterdir():
-        match = re.fullmatch(r"(\d{6})_(\d{4})\.png", path.name)
-        if match:
-            sequences[match[1]][int(match[2])] = path
-    return sequences

@@ -28,13 +28,16 @@ from typing import Any
 from ..errors import DataError
 from ..flowio import read_flow
 from ..flowio.depth import read_depth_png
-from ..layout import choice, following, locate, partner
+from ..layout import by_sequence, choice, following, locate, partner
 from ..sample import Camera, Sample, SceneDepth
 from .camera_motion import with_motion
 from .depth import carried, check_size, depth_of, present, scene_depth
 from .facts import DatasetFacts
 from .kitti_drives import drive_groups
 from .pairs import PairDataset, PairFiles, Truth
+
+KITTI_FRAME = r"(\d{6})_(\d\d)\.png"
+"""File names of the frames: scene and number."""
 
 _OCC, _NOC = "flow_occ", "flow_noc"
 
@@ -71,11 +74,7 @@ class KittiSequences(KittiPairs):
     def steps(self) -> Iterator[tuple[Path, Path]]:
         """Return all consecutive frames of a pair's sequence."""
         for folder in {pair.frames[0].parent for pair in self._pairs.values()}:
-            sequences: dict[str, dict[int, Path]] = {}
-            for path in folder.iterdir():
-                if match := re.fullmatch(r"(\d{6})_(\d\d)\.png", path.name):
-                    sequences.setdefault(match[1], {})[int(match[2])] = path
-            for frames in sequences.values():
+            for frames in by_sequence(folder, KITTI_FRAME).values():
                 yield from following(frames)
 
 

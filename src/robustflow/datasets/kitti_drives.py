@@ -70,12 +70,13 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
     return groups
 
 
-def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti2015") -> list[str]:
-    """Return the pairs in `first` that come from the same known drive as a pair in `second`, in the order of `first`.
+def related(first: Iterable[str], second: Iterable[str]) -> list[str]:
+    """Return the pairs of KITTI 2015 in `first` that come from the same known drive as a pair in `second`, in the order
+    of `first`.
 
     >>> related(["000007", "000002", "000000"], ["000012", "000001"])
     ['000007']
     """
-    known = drives(dataset)
+    known = drives("kitti2015")
     others = {known[pair] for pair in second if pair in known}
     return [pair for pair in first if known.get(pair) in others]

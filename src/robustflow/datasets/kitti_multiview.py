@@ -11,12 +11,12 @@ scenes are unknown. Source: Menze and Geiger, CVPR 2015.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from ..errors import DataError
-from ..layout import choice, following, locate
+from ..layout import by_sequence, choice, following, locate
 from .facts import DatasetFacts
+from .kitti import KITTI_FRAME
 from .pairs import PairDataset, PairFiles
 
 EVALUATED = range(9, 13)
@@ -51,10 +51,8 @@ class KittiMultiview(PairDataset):
     )
 
     def __init__(self, root: str | Path, part: str = "all", camera: str = "both") -> None:
-        parts, cameras = (
-            _PARTS[choice("part", part, tuple(_PARTS))],
-            _CAMERAS[choice("camera", camera, tuple(_CAMERAS))],
-        )
+        parts = _PARTS[choice("part", part, tuple(_PARTS))]
+        cameras = _CAMERAS[choice("camera", camera, tuple(_CAMERAS))]
         markers = [f"{one}/{images}" for one in parts for images in cameras]
         expected = " and ".join(f"{marker}/" for marker in markers) + " with frames 000000_00.png to 000000_20.png"
         folder = locate("KITTI 2015 multi-view", root, markers, ("", "data_scene_flow_multiview"), expected)
@@ -72,13 +70,9 @@ class KittiMultiview(PairDataset):
 
 
 def _pairs(folder: Path, marker: str) -> dict[str, PairFiles]:
-    scenes: dict[str, dict[int, Path]] = {}
-    for path in (folder / marker).iterdir():
-        if (match := re.fullmatch(r"(\d{6})_(\d\d)\.png", path.name)) and int(match[2]) not in EVALUATED:
-            scenes.setdefault(match[1], {})[int(match[2])] = path
     part = marker.partition("/")[0]
     return {
         f"{marker}/{first.stem}": PairFiles((first, second), group=f"{part}/{scene}")
-        for scene, frames in scenes.items()
-        for first, second in following(frames)
+        for scene, frames in by_sequence(folder / marker, KITTI_FRAME).items()
+        for first, second in following({number: path for number, path in frames.items() if number not in EVALUATED})
     }

@@ -44,13 +44,11 @@ class Counted:
 
     Attributes:
         method: name of the optical flow method in its paper.
-        model: name of the registered model.
         size: input size (height, width) used for the count, in pixels.
         counts: our counts; None if the model is not available here, in which case `missing` states the reason.
     """
 
     method: str
-    model: str
     size: tuple[int, int]
     counts: Counts | None
     missing: str = ""
@@ -69,10 +67,10 @@ def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Ite
         try:
             model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
         except (AssetError, ModelError) as error:
-            yield Counted(method, name, frames, None, str(error))
+            yield Counted(method, frames, None, str(error))
             continue
         if name in _UNPADDED:
             model.net.model.output_stride = 8
         size = model.convention.fitted_size(*frames)
         net = EveryFlow(model.net) if name in _EVERY_FLOW else model.net
-        yield Counted(method, name, size, count(net, *size))
+        yield Counted(method, size, count(net, *size))

@@ -6,10 +6,9 @@ computed from rows, so the choice is the same on every machine.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any, Literal, TypeVar
 
 import polars as pl
@@ -64,7 +63,8 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for (key, corruption, _), value in values.items():
         of_sample[key][corruption].append(value)
-    samples = {(key,): _over_corruptions(by_corruption) for key, by_corruption in of_sample.items()}
+    # as in the paper: over severities, then over corruptions
+    samples = {(key,): fmean(map(fmean, by_corruption.values())) for key, by_corruption in of_sample.items()}
     chosen: list[ExampleCell] = []
     for kind, pick in (("worst", _worst), ("median", _median)):
         (key,) = pick(samples)
@@ -85,15 +85,6 @@ def cell_scores(row: dict[str, Any], clean: dict[str, Any] | None) -> CellScores
 
 def _mean(total: float | None, count: int | None) -> float | None:
     return total / count if count and total is not None else None
-
-
-def _over_corruptions(values: dict[str, list[float]]) -> float:
-    """Average as in the paper: over severities, then over corruptions."""
-    return _fmean([_fmean(each) for each in values.values()])
-
-
-def _fmean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
 
 
 def _worst(values: dict[T, float]) -> T:

@@ -59,8 +59,8 @@ class RunSource:
         try:
             source = json.loads((folder / FILE).read_text(encoding="utf-8"))
             spec, data = source["model"], source["data"]
-            model = None if spec is None else ModelSpec(str(spec["name"]), tuple(dict(spec["options"]).items()))
-            return cls(model, None if data is None else Path(data), dict(source["data_options"]))
+            model = None if spec is None else ModelSpec(str(spec["name"]), tuple(_scalars(spec["options"]).items()))
+            return cls(model, None if data is None else Path(data), _scalars(source["data_options"]))
         except FileNotFoundError:
             return cls()
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -101,6 +101,13 @@ def _registered(name: str) -> bool:
 
 def _option(key: str) -> str:
     return "--checkpoint FILE" if key == "checkpoint" else f"-O {plain(key)}=VALUE"
+
+
+def _scalars(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options read from a file; raise a TypeError for a list or an object, which could contain paths."""
+    if any(isinstance(value, list | dict) for value in dict(options).values()):
+        raise TypeError("an option is not a scalar")
+    return dict(options)
 
 
 def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:

@@ -145,18 +145,16 @@ class FLAVR(nn.Module):
         return [frame + mean[:, :, 0] for frame in between]
 
 
-def load_flavr(checkpoint: str | Path, device: str = "cpu", n_outputs: int = 3, sha256: str | None = None) -> FLAVR:
-    """Load the network with the authors' weights, in evaluation mode.
+def load_flavr(checkpoint: str | Path, device: str = "cpu") -> FLAVR:
+    """Load the 4x network with the authors' weights, in evaluation mode.
 
     Args:
-        checkpoint: path of the authors' file for this number of outputs (the 2x, 4x or 8x network).
+        checkpoint: path of the authors' file.
         device: device name; see `find_device`.
-        n_outputs: number of predicted frames; see `FLAVR`.
-        sha256: expected hash of the file; see `read_checkpoint`.
 
     Raises:
         ModelError: the file does not contain these weights, or the device does not exist.
     """
-    net = FLAVR(n_outputs)
-    load_weights(net, read_checkpoint(checkpoint, sha256), f"flavr ({n_outputs + 1}x)")
+    net = FLAVR()
+    load_weights(net, read_checkpoint(checkpoint), "flavr (4x)")
     return net.to(find_device(device)).eval().requires_grad_(False)

@@ -7,20 +7,19 @@ written in the same pass. `clip.json` is written last.
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
-from ..digest import digest_of_bytes, quick_digest_of_file, sha256_of_file
+from ..digest import digest_of_value, quick_digest_of_file, sha256_of_file
 from ..errors import DataError, UsageError
 from ..images.io import write_image
-from ..sealed import sealed, unsealed
+from ..sealed import sealed
 from .clip import ClipFile, read_pictures, write_clip
 from .codec import encoder_versions, lossless
 from .colour import I420, even_size, i420_to_rgb, rgb_to_i420
@@ -34,6 +33,7 @@ from .prepared import (
     ClipManifest,
     PreparedClip,
     choose_key_frames,
+    parse_manifest,
 )
 from .source import Source
 
@@ -141,8 +141,11 @@ def prepare_clip(
     if done is not None:
         return done
     make_folder(folder / KEY_FRAMES)
-    work = folder / f".segments-{_digest(wanted)}"
-    pictures = _converted(source) if interpolator is None else _segments(source, work, wanted, interpolator, progress)
+    work = folder / f".segments-{digest_of_value(wanted.model_dump())}"
+    if interpolator is None:
+        pictures: Iterable[I420] = map(rgb_to_i420, source.frames())
+    else:
+        pictures = _segments(source, work, wanted, interpolator, progress)
     written = _with_key_frames(pictures, folder, wanted, progress)
     size = (wanted.height, wanted.width)
     master = write_clip(folder / MASTER, written, size, timing.fps, lossless(preparation.preset))
@@ -165,20 +168,13 @@ def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
     path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None
-    try:
-        manifest = ClipManifest.model_validate_json(unsealed(path.read_bytes()) or b"")
-    except ValueError:
-        manifest = None
+    manifest = parse_manifest(path, ClipManifest)
     same = {"master_sha256": "", "encoder": {}}
     if manifest is None or manifest.model_copy(update=same) != wanted.model_copy(update=same):
         raise DataError(
             f"{folder} contains this clip prepared with different settings; choose a different --output or delete it"
         )
     return PreparedClip(folder, manifest)
-
-
-def _converted(source: Source) -> Iterator[I420]:
-    return (rgb_to_i420(frame) for frame in source.frames())
 
 
 def _segments(
@@ -214,7 +210,7 @@ def _is_intact(segment: Path) -> bool:
 
 
 def _with_key_frames(
-    pictures: Iterator[I420], folder: Path, wanted: ClipManifest, progress: Progress
+    pictures: Iterable[I420], folder: Path, wanted: ClipManifest, progress: Progress
 ) -> Iterator[I420]:
     """Yield the frames unchanged and write the key frames, as decoded from the lossless yuv420p master, as PNG
     files.
@@ -225,8 +221,3 @@ def _with_key_frames(
             write_image(folder / KEY_FRAMES / f"{index:06d}.png", i420_to_rgb(picture, wanted.height, wanted.width))
         yield picture
         progress(wanted.name, "encode", index + 1, wanted.count)
-
-
-def _digest(wanted: ClipManifest) -> str:
-    text = json.dumps(wanted.model_dump(), sort_keys=True)
-    return digest_of_bytes(text.encode(), size=8)

@@ -15,7 +15,7 @@ from ..errors import DataError, UsageError
 from ..images.folder import images_in
 from ..layout import folders
 from ..safe_path import safe_path
-from ..sealed import sealed, unsealed
+from ..sealed import sealed
 from .interpolation import load_interpolator
 from .prepare import Preparation, Progress, clip_timing, prepare_clip
 from .prepared import (
@@ -24,6 +24,7 @@ from .prepared import (
     VERSION,
     FolderManifest,
     PreparedClip,
+    parse_manifest,
     read_folder,
 )
 from .source import PictureFolder, Source, VideoFile
@@ -142,10 +143,7 @@ def _claim(output: Path, manifest: FolderManifest) -> None:
     make_folder(output)
     path = output / FOLDER_MANIFEST
     if path.is_file():
-        try:
-            on_disk = FolderManifest.model_validate_json(unsealed(path.read_bytes()) or b"")
-        except ValueError:
-            on_disk = None
+        on_disk = parse_manifest(path, FolderManifest)
         if on_disk is None:
             raise DataError(f"{path} is damaged; delete {output}, then run the same command again")
         if on_disk.clips != manifest.clips:

@@ -125,15 +125,21 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
     return manifest, clips
 
 
+def parse_manifest(path: Path, kind: type[R]) -> R | None:
+    """Read `clip.json` or `gopro_fc.json`; None if it is damaged or was not written by `robustflow prepare`."""
+    try:
+        return kind.model_validate_json(unsealed(path.read_bytes()) or b"")
+    except ValidationError:
+        return None
+
+
 def _read(path: Path, kind: type[R]) -> R:
     try:
-        content = unsealed(path.read_bytes())
+        manifest = parse_manifest(path, kind)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); was it created by robustflow prepare?") from error
-    try:
-        manifest = kind.model_validate_json(content or b"")
-    except ValidationError as error:
-        raise DataError(f"{path}: not written by robustflow prepare, or damaged; prepare the clips again") from error
+    if manifest is None:
+        raise DataError(f"{path}: not written by robustflow prepare, or damaged; prepare the clips again")
     if manifest.version != VERSION:
         raise DataError(f"{path}: written by a different version of RobustFlow; prepare the clips again")
     return manifest

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UsageError
+from ...layout import choice
 from ...random.rng import Rng
 from ...sample import Camera, Sample, SceneDepth
 from ...size import parse_size
@@ -71,12 +72,10 @@ class FlyingShapes(Samples):
             raise UsageError(f"pairs must be an integer from 1 to {_MOST_PAIRS}, not {pairs!r}")
         if type(seed) is not int:
             raise UsageError(f"seed must be an integer, not {seed!r}")
-        if split not in SPLITS:
-            raise UsageError(f"split must be test or train, not {split!r}")
-        if isinstance(motion, bool) or not isinstance(motion, int | float) or not 0 <= motion <= 10:
-            raise UsageError(f"motion must be a number from 0 to 10, not {motion!r}")
-        if isinstance(readout, bool) or not isinstance(readout, int | float) or not 0 <= readout <= 1:
-            raise UsageError(f"readout must be a number from 0 to 1, not {readout!r}")
+        choice("split", split, SPLITS)
+        for option, value, most in (("motion", motion, 10), ("readout", readout, 1)):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
+                raise UsageError(f"{option} must be a number from 0 to {most}, not {value!r}")
         self._pairs, self._seed, self._split, self._motion = pairs, seed, split, float(motion)
         self._readout = float(readout)
         self._shape = parse_size(size, smallest=_SMALLEST, largest=_LARGEST)

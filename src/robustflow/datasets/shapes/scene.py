@@ -128,20 +128,8 @@ def _motion(
         highest = max(highest, height)
         waves += [height, cosine / length, sine / length, rng.uniform()]
     largest = 1.000001 * zoom * max(stretch, 1.0) * (reach + _length(highest, highest))
-    numbers = [
-        *centre,
-        *shift,
-        a,
-        b,
-        c,
-        d,
-        *inverse,
-        *waves,
-        reach,
-        largest,
-        centre[0] + shift[0],
-        centre[1] + shift[1],
-    ]
+    moved = (centre[0] + shift[0], centre[1] + shift[1])
+    numbers = [*centre, *shift, *matrix.ravel(), *inverse, *waves, reach, largest, *moved]
     assert len(numbers) == MOTION
     return np.array(numbers, np.float64)
 
@@ -174,14 +162,8 @@ def _fill(rng: Rng) -> Numbers:
     """Draw the texture coordinates and colours of a layer."""
     cosine, sine = _turn(rng.uniform(-1.0, 1.0))
     scale = rng.uniform(0.4, 1.2)
-    place = [
-        scale * cosine,
-        scale * sine,
-        rng.uniform(0.0, SIZE),
-        -scale * sine,
-        scale * cosine,
-        rng.uniform(0.0, SIZE),
-    ]
+    across = [scale * cosine, scale * sine, rng.uniform(0.0, SIZE)]
+    down = [-scale * sine, scale * cosine, rng.uniform(0.0, SIZE)]
     gain = [rng.uniform(*_GAIN) for _ in range(3)]
     offset = rng.uniform(-_OFFSET, _OFFSET)
-    return np.array([*place, *gain, *(128.0 * (1.0 - value) + offset for value in gain)])
+    return np.array([*across, *down, *gain, *(128.0 * (1.0 - value) + offset for value in gain)])
