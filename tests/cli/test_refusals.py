@@ -219,6 +219,21 @@ def test_an_option_given_twice_is_refused_instead_of_half_of_it_ignored(robustfl
     assert "is given 2 times" in robustflow.refuses(*command.split())
 
 
+@pytest.mark.parametrize(
+    ("command", "empty"),
+    [
+        (("run", "-m", "dis", "--data", ""), "--data"),
+        (("run", "-m", "dis", "-m", "", "--output", "made"), "--model"),
+        (("corrupt", "", "b.png", "-c", "fog"), "frame1"),
+        (("show", ""), "run"),
+    ],
+)
+def test_an_empty_value_is_refused_instead_of_meaning_the_working_folder(robustflow, tmp_path, command, empty):
+    write_frames(tmp_path)
+    assert f"{empty} is empty: give a value" in robustflow.refuses(*command)
+    assert not (tmp_path / "runs").exists()
+
+
 def test_an_option_that_is_repeatable_and_a_flag_may_be_given_twice(robustflow, tmp_path):
     robustflow(
         "run", "-m", "dis", "-m", "tiny", "-c", "contrast", "-s", "1", "--json", "--json", "-o", tmp_path / "runs"

@@ -90,7 +90,8 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
 
 
 class _Command(TyperCommand):
-    """A command that refuses an option given twice; of `-c fog -c snow`, Typer would silently use only `snow`.
+    """A command that refuses an option given twice, and an empty value. Of `-c fog -c snow`, Typer would silently use
+    only `snow`, and the path in `--data "$UNSET"` would be the working folder.
 
     In its help, paragraphs are wrapped to the terminal's width, and only `run` has enough options for headings.
     """
@@ -104,7 +105,11 @@ class _Command(TyperCommand):
                 option.rich_help_panel = None
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        _, _, given = self.make_parser(ctx).parse_args(list(args))
+        values, _, given = self.make_parser(ctx).parse_args(list(args))
+        for parameter in self.params:
+            value = values.get(parameter.name)
+            if "" in (value if isinstance(value, list | tuple) else (value,)) and not ctx.resilient_parsing:
+                raise UsageError(f"{parameter.opts[0]} is empty: give a value, or omit it")
         for option, times in Counter(given).items():
             once = isinstance(option, TyperOption) and not (option.multiple or option.is_flag)
             if once and times > 1 and not ctx.resilient_parsing:  # that is how a shell asks for completions
