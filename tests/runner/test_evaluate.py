@@ -143,7 +143,8 @@ def test_other_files_under_the_same_names_are_noticed(whole, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "options", [{"workers": 0}, {"timeout": 0.0}, {"engine": "serial", "workers": 2}, {"limit": 0}]
+    "options",
+    [{"workers": 0}, {"timeout": 0.0}, {"timeout": float("nan")}, {"engine": "serial", "workers": 2}, {"limit": 0}],
 )
 def test_options_that_cannot_be_meant(tmp_path, options):
     with pytest.raises(UsageError):

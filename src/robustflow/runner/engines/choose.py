@@ -60,7 +60,7 @@ def choose_engine(
     """
     if workers is not None and workers < 1:
         raise UsageError(f"--workers must be at least 1; got {workers}")
-    if timeout is not None and timeout <= 0:
+    if timeout is not None and not timeout > 0:  # also NaN
         raise UsageError(f"the timeout must be positive; got {timeout:g} s")
     devices = devices_of(model.spec, model.model)
     if address is not None and name != "ray":
