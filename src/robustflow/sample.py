@@ -174,14 +174,21 @@ class Sample:
             check_frame(frame, self.frames[0], f"sample '{self.key}', frame {index + 1}")
         if (self.flow is None) != (self.valid is None):
             raise DataError(f"sample '{self.key}': flow and valid mask must be given together")
-        maps = [("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)]
+        maps: list[tuple[str, Any, type, int]] = [
+            ("flow", self.flow, np.float32, 3),
+            ("valid mask", self.valid, np.bool_, 2),
+            ("occlusion map", self.occluded, np.bool_, 2),
+        ]
         if self.depth is not None:
-            maps += [("depth map", array) for array in (*self.depth.maps, *self.depth.measured)]
-        for name, array in maps:
-            if array is not None and array.shape[:2] != self.shape:
+            maps += [("depth map", array, array.dtype.type, 2) for array in (*self.depth.maps, *self.depth.measured)]
+        for name, array, kind, dimensions in maps:
+            expected = (*self.shape, 2)[:dimensions]
+            is_array = isinstance(array, np.ndarray)
+            if array is not None and not (is_array and array.dtype == kind and array.shape == expected):
+                got = f"{array.dtype} {array.shape}" if is_array else f"a {type(array).__name__}"
                 raise DataError(
-                    f"sample '{self.key}': the {name} is {array.shape[1]}x{array.shape[0]}, "
-                    f"but the frames are {self.shape[1]}x{self.shape[0]}"
+                    f"sample '{self.key}': the {name} is {got}; expected {np.dtype(kind)} {expected}, the size of the "
+                    "frames"
                 )
         if not self.group:
             object.__setattr__(self, "group", self.key)

@@ -2,6 +2,7 @@
 
 import sys
 
+import numpy as np
 import pytest
 
 import robustflow as rf
@@ -140,6 +141,24 @@ def test_check_dataset_looks_further(module, name, match):
     assert check_dataset(own_noise.Noise()) == "noise"
     with pytest.raises(UsageError, match=match):
         check_dataset(getattr(own_noise, name)())
+
+
+@pytest.mark.parametrize(
+    ("part", "array", "says"),
+    [
+        ("flow", np.zeros((6, 8, 2)), r"the flow is float64 \(6, 8, 2\); expected float32 \(6, 8, 2\)"),
+        ("flow", np.zeros((6, 8, 3), np.float32), r"the flow is float32 \(6, 8, 3\); expected"),
+        ("valid", np.full((6, 8), 255, np.uint8), r"the valid mask is uint8 \(6, 8\); expected bool \(6, 8\)"),
+        ("valid", np.ones((6, 8, 1), bool), r"the valid mask is bool \(6, 8, 1\); expected bool \(6, 8\)"),
+        ("valid", [[True] * 8] * 6, "the valid mask is a list; expected bool"),
+        ("occluded", np.zeros((8, 6), bool), r"the occlusion map is bool \(8, 6\); expected bool \(6, 8\)"),
+    ],
+)
+def test_ground_truth_of_a_wrong_type_or_shape_is_refused_by_the_sample(part, array, says):
+    """The inverse of an integer mask is not a mask, so the pictures of a report would be wrong."""
+    truth = {"flow": np.zeros((6, 8, 2), np.float32), "valid": np.ones((6, 8), bool), "occluded": None}
+    with pytest.raises(DataError, match=f"^sample 'a': {says}"):
+        rf.Sample("a", (np.zeros((6, 8, 3), np.uint8),) * 2, **{**truth, part: array})
 
 
 def test_a_benchmark_of_ones_own(module):

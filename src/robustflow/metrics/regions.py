@@ -73,7 +73,7 @@ class Regions:
         """
         if sample.flow is None or sample.valid is None:
             return None
-        valid = np.ascontiguousarray(sample.valid, np.bool_)
+        valid = np.ascontiguousarray(sample.valid)
         magnitude = magnitude_map(sample.flow)
         if np.isnan(magnitude[valid]).any():
             raise DataError(
@@ -82,7 +82,7 @@ class Regions:
         distance = edge_distance(motion_edges(sample.flow, valid))
         label = 3 * _bin(magnitude, MAGNITUDE_BOUNDS) + _bin(distance, DISTANCE_BOUNDS)
         if sample.occluded is not None:
-            label[np.asarray(sample.occluded, np.bool_)] += 9
+            label[sample.occluded] += 9
         label[~valid] = OUTSIDE
         names = REGIONS if sample.occluded is not None else REGIONS[2:]
         return cls(names, valid, magnitude, label, _truth_digest(sample.flow, valid))
