@@ -49,6 +49,17 @@ def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
     assert not any(cell.best for section in table.sections for line in section.lines for cell in line.cells)
 
 
+def test_an_attack_on_one_frame_is_compared_with_noise_in_that_frame(tmp_path):
+    done = run(tmp_path / "run", attacks="fgsm:moved=first", count=1, severities=3)
+    scores = {score.attack: score for score in attack_scores(done)}
+
+    noise = scores["random_sign:moved=first"]
+    assert (noise.linf, noise.rms) == (4, pytest.approx(4 / np.sqrt(2), rel=0.05))  # in one of the two frames
+    assert scores["random_sign"].rms > 3.8
+    assert scores["fgsm:moved=first"].gain == scores["fgsm:moved=first"].epe - noise.epe
+    assert noise.gain is None
+
+
 def _line(table, label):
     return next(line for section in table.sections for line in section.lines if line.label == label)
 
@@ -249,6 +260,7 @@ def test_a_white_box_attack_that_others_beat_carries_a_warning():
     from robustflow.analysis.attacks import _compared
 
     scores = {"fgsm": 3, "pgd": 2, "square": 2.5, "apgd": 4, "transfer:raft": 3.5, "transfer:dis": 1.5}
+    scores["pgd:moved=first"] = 1  # the others change both frames
     compared = _compared([score(name, 1, epe) for name, epe in scores.items()])
 
     assert {one.attack: set(one.warnings) for one in compared if one.warnings} == {"pgd": set(BESIDE_OTHERS)}

@@ -40,8 +40,8 @@ class AttackScore:
         capped: mean error with the error of each pixel capped at the frame diagonal, px; None without ground truth.
         way_gone: percentage of the distance from the clean flow to the target that the attack covers; None without a
             target.
-        gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm,
-            px.
+        gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm
+            in the same frames, px.
         linf, rms: mean norms of the perturbations, grey levels.
         evaluations: mean number of flow predictions made by the attack.
         seconds: mean run time of the attack over all severities; None if the run does not record it.
@@ -170,8 +170,8 @@ def _name(score: AttackScore) -> str:
 
 
 def _above(one: AttackScore, other: AttackScore) -> bool:
-    """Whether `one` is stronger than `other` at the same budget."""
-    alike = (one.norm, one.severity) == (other.norm, other.severity)
+    """Whether `one` is stronger than `other` at the same budget, in the same frames."""
+    alike = (control_of(one.attack), one.severity) == (control_of(other.attack), other.severity)
     return alike and one.strength is not None and other.strength is not None and one.strength > other.strength
 
 

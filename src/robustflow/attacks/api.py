@@ -20,7 +20,7 @@ from .images import frames_of
 from .loss import Loss
 from .own import OwnAttack, is_own, register_attack, with_target_registered
 from .problem import Pair, Problem
-from .registry import ATTACKS, CONTROLS, PATCH_CONTROL, control_of, split_name
+from .registry import ATTACKS, CONTROLS, control_of, split_name
 from .result import Attacked, norms_of
 
 AnyAttack = str | Attack | Any
@@ -79,8 +79,8 @@ target, loss, reference, moved, steps, starts
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     """Return the names under which a run stores attacks (`Attack.label`), without duplicates. The random-noise controls
-    come first, then the random-patch control if any attack is a patch. Call this only with names that the user entered,
-    because names of the form `module.path:Attribute` are imported.
+    come first, then the controls of attacks on patches or on one of the frames. Call this only with names that the user
+    entered, because names of the form `module.path:Attribute` are imported.
 
     Raises:
         UsageError: an unknown attack or option.
@@ -90,8 +90,7 @@ def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
     """
     named = (with_target_registered(each) if isinstance(each, str) else each for each in attacks)
     asked = list(dict.fromkeys(load_attack(each).label for each in named))
-    patched = [PATCH_CONTROL] if PATCH_CONTROL in map(control_of, asked) else []
-    return tuple(dict.fromkeys((*CONTROLS, *patched, *asked))) if asked else ()
+    return tuple(dict.fromkeys((*CONTROLS, *map(control_of, asked), *asked))) if asked else ()
 
 
 def attack(

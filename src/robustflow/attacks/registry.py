@@ -85,12 +85,14 @@ def norm_of(name: str) -> str:
 
 
 def control_of(name: str) -> str:
-    """Return the control with the same norm as an attack.
+    """Return the control with the same norm in the same frames as an attack.
 
-    >>> control_of("pgd")
-    'random_sign'
+    >>> control_of("pgd"), control_of("pcfa:moved=first")
+    ('random_sign', 'random_gauss:moved=first')
     """
-    return next(control for control in (*CONTROLS, PATCH_CONTROL) if norm_of(control) == norm_of(name))
+    control = next(control for control in (*CONTROLS, PATCH_CONTROL) if norm_of(control) == norm_of(name))
+    moved = split_name(name)[2].get("moved")
+    return f"{control}:moved={moved}" if moved in ("first", "second") else control
 
 
 for _name, _target in _CLASSES.items():
