@@ -180,6 +180,7 @@ def test_a_port_that_is_taken(refusal):
     [
         (("--port", "70000"), "port 70000 is out of range"),
         (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),
+        (("--host", "é..b"), "cannot listen on é..b"),
         (("-O", "preset=fast"), "preset is a model option"),
     ],
 )

@@ -116,6 +116,7 @@ def test_what_does_not_verify_is_not_added_nor_what_comes_with_it(records, tmp_p
     [
         (lambda text: text.replace("records/", "../records/"), "not named after its hash"),
         (lambda text: re.sub(r'"version": \d', '"version": 9', text), "version 9"),
+        (lambda text: '{"version": 9, "entries": []}', "version 9"),
         (lambda text: "{", "not a list of records"),
     ],
 )

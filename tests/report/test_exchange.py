@@ -6,9 +6,10 @@ import hashlib
 import json
 import re
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
+import polars as pl
 import pytest
 import yaml
 from jsonschema import Draft7Validator
@@ -148,3 +149,16 @@ def test_what_was_exported_follows_from_the_record_and_a_changed_digit_does_not(
         assert not found.ok
         line = 1 + text[: digit.start()].count("\n")
         assert f"{path}, line {line}: " in found.first_failure()
+
+
+def test_exported_file_with_an_impossible_hub_name_fails_the_check_in_one_line(record, tmp_path):
+    path = tmp_path / "robustflow.yaml"
+    path.write_bytes(b'- dataset:\n    id: "\\q/\xff"\n')
+    assert compared(record, path).first_failure().startswith(f"exported: {path}, line 1: ")
+
+
+def test_card_of_a_run_without_any_mean_says_that_it_has_none(run):
+    nothing = dict.fromkeys(("n_valid", "n_all"), 0)
+    empty = made_run(run, run.rows.with_columns(**{name: pl.lit(value, pl.Int64) for name, value in nothing.items()}))
+    card = exchange_files(empty, "card")[PurePosixPath("card.md")].decode()
+    assert "Nothing could be measured." in card

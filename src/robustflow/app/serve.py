@@ -115,9 +115,9 @@ def _listen(host: str, port: int | None) -> socket.socket:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.bind((host, number))
             listening.listen(64)
-        except OSError as error:
+        except (OSError, TypeError, ValueError) as error:  # not all impossible host names raise an OSError
             listening.close()
-            reason = error.strerror or str(error)
+            reason = getattr(error, "strerror", None) or str(error)
             continue
         return listening
     raise UsageError(f"cannot listen on {host} port {number}: {reason}; choose a different --port or --host")

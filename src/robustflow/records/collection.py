@@ -116,12 +116,11 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
     path = folder / LIST
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
+        if (version := document["version"]) != VERSION:
+            raise DataError(f"{path}: has version {str(version)[:20]}, but version {VERSION} is required")
         entries = [{key: str(entry[key]) for key in _ENTRY} for entry in document["records"]]
-        version = document["version"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"{path}: not a list of records; restore it, or add the records to a new folder") from error
-    if version != VERSION:
-        raise DataError(f"{path}: has version {str(version)[:20]}, but version {VERSION} is required")
     for entry in entries:
         if entry["file"] != f"{RECORDS}/{entry['sha256'][:16]}{SUFFIX}" or not entry["sha256"].isalnum():
             raise DataError(f"{path}: {entry['file'][:60]!r} is not named after its hash; add the record again")

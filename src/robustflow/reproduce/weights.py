@@ -36,7 +36,7 @@ class FoundWeights:
 
 
 def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
-    """Return the possible checkpoint files in folders and their direct subfolders, sorted by path.
+    """Return the possible checkpoint files in folders and their subfolders, sorted by path.
 
     Every file is hashed, because a checkpoint of the catalogue is identified by its content, not its name. Files are
     never unpickled.

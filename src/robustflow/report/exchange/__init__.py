@@ -26,7 +26,7 @@ _FORMATS: dict[str, Callable[[RunFacts], Files]] = {
 }
 EXCHANGE_FORMATS = (*_FORMATS, "huggingface")
 
-_HUB_NAME = re.compile(r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}")
+HUB_NAME = r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}"
 
 
 def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
@@ -45,7 +45,7 @@ def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Fil
     facts = RunFacts(run)
     if format != "huggingface":
         return _FORMATS[format](facts)
-    if hub_dataset is None or not _HUB_NAME.fullmatch(hub_dataset):
+    if hub_dataset is None or not re.fullmatch(HUB_NAME, hub_dataset):
         raise UsageError(
             "--format huggingface needs the benchmark's dataset on the Hub: give --hub-dataset ORGANISATION/NAME"
         )

@@ -81,6 +81,8 @@ def _markdown(facts: RunFacts) -> str:
 
 def _table(means: Sequence[RunMean]) -> list[str]:
     """Return a Markdown table with one row per condition and one column per metric."""
+    if not means:
+        return ["Nothing could be measured."]
     cells = {(mean.condition, mean.metric): mean for mean in means}
     conditions, metrics = (list(dict.fromkeys(which)) for which in zip(*cells, strict=True))
     head = ["Frames", *(escape(metric_label(metric)) for metric in metrics)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,10 +11,10 @@ from ...errors import DataError, RunError
 from ...records.read import Reader
 from ...runs.run import Run
 from ...text import counted, plain
-from . import EXCHANGE_FORMATS, exchange_files
+from . import EXCHANGE_FORMATS, HUB_NAME, exchange_files
 
 _LARGEST = 2**29
-_HUB_DATASET = re.compile(rb'^    id: ("[^"\n]{3,200}")$', re.MULTILINE)
+_HUB_DATASET = re.compile(f'^    id: "({HUB_NAME})"$'.encode(), re.MULTILINE)
 
 
 def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
@@ -41,7 +40,7 @@ def _check(path: Path, run: Run) -> None:
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror or error}") from error
     found = _HUB_DATASET.search(data)
-    dataset = json.loads(found[1]) if found else None
+    dataset = found[1].decode() if found else None
     made = [
         each
         for format in EXCHANGE_FORMATS
