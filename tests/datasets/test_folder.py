@@ -14,6 +14,7 @@ import pytest
 from robustflow.datasets import Dataset, load_dataset
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image
+from robustflow.video.container import upright
 from robustflow.video.reader import VideoReader
 
 from ..video.videos import video, write_video
@@ -68,7 +69,7 @@ def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
 def decoded(path: Path) -> list[np.ndarray]:
     """Decode every frame sequentially from the start."""
     with av.open(str(path)) as container:
-        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+        return [upright(frame, path) for frame in container.decode(video=0)]
 
 
 VIDEOS = {
@@ -183,7 +184,7 @@ def test_real_videos(shared) -> None:
     for path in sorted(shared("data/video").iterdir()):
         with av.open(str(path)) as container:
             frames = enumerate(islice(container.decode(video=0), 44))
-            expected = {index: frame.to_ndarray(format="rgb24") for index, frame in frames if index in order}
+            expected = {index: upright(frame, path) for index, frame in frames if index in order}
         reader = VideoReader(path)
         for index in order:
             np.testing.assert_array_equal(reader.frame(index), expected[index])

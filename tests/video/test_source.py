@@ -1,5 +1,9 @@
 """User files are either supported or rejected with a single clear message."""
 
+import ctypes
+import sys
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
@@ -7,6 +11,7 @@ import pytest
 from robustflow.datasets import load_dataset
 from robustflow.errors import DataError
 from robustflow.images.io import write_image
+from robustflow.video.colour import rgb_to_i420
 from robustflow.video.reader import VideoReader
 from robustflow.video.source import PictureFolder, VideoFile
 
@@ -22,6 +27,33 @@ def test_an_ordinary_video_with_sound(tmp_path):
     assert len(read) == 12
     distances = [[np.abs(one.astype(int) - other).mean() for other in frames] for one in read]
     assert [int(np.argmin(row)) for row in distances] == list(range(12))
+
+
+def test_a_video_is_neither_darker_nor_brighter_than_its_luma(tmp_path):
+    path = video(tmp_path / "a.mp4", clips.frames(3))
+    with av.open(str(path)) as container:
+        expected = [picture.to_ndarray()[:48] for picture in container.decode(video=0)]
+    for frame, luma in zip(VideoFile(path).frames(), expected, strict=True):
+        assert np.abs(rgb_to_i420(frame)[:48].astype(int) - luma).mean() < 0.1
+
+
+@pytest.fixture
+def without_vector_code():
+    """Return a function that makes FFmpeg use only C code until the end of the test."""
+    if sys.platform != "linux":
+        pytest.skip("reads the path of FFmpeg's library from /proc")
+    used = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines() if "libavutil" in line)
+    force = ctypes.CDLL(used).av_force_cpu_flags
+    yield lambda: force(0)
+    force(-1)
+
+
+@pytest.mark.parametrize("pixels", ["yuv420p", "yuvj420p", "yuv422p", "yuv444p", "yuv420p10le"])
+def test_frames_are_the_same_without_vector_code(tmp_path, without_vector_code, pixels):
+    source = VideoFile(video(tmp_path / "a.mkv", clips.frames(3), pixels=pixels))
+    frames = list(source.frames())
+    without_vector_code()
+    assert np.array_equal(list(source.frames()), frames)
 
 
 @pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])

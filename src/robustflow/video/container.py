@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 
 import av
 import numpy as np
+from av.video.reformatter import Interpolation
 
 from ..errors import DataError
 from ..sample import Frame
@@ -18,6 +19,20 @@ CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yu
 STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
 """Decoder options that raise an error if data cannot be decoded, instead of concealing the damage. A single thread is
 used because with several threads, the H.264 decoder does not report the error.
+"""
+
+_SAME_DCT = {"idct": "simple"}
+"""Decoder option that selects the same inverse DCT on every processor (for MPEG-1, MPEG-2, H.263 and Motion JPEG)."""
+
+_EXACT_RGB = (
+    Interpolation.BILINEAR
+    | Interpolation.ACCURATE_RND
+    | Interpolation.BITEXACT
+    | Interpolation.FULL_CHR_H_INT
+    | Interpolation.FULL_CHR_H_INP
+)
+"""Flags of FFmpeg's conversion to RGB. By default, FFmpeg rounds down, by one grey level on average, and differently on
+different processors.
 """
 
 _CUT = "copy or download it again"
@@ -47,7 +62,7 @@ def open_video(path: Path) -> Any:
         if context is None:
             raise DataError(f"{path}: not a readable video (its codec is unknown); check or convert the file")
         context.thread_count, context.thread_type = 1, "NONE"
-        context.options = STRICT
+        context.options = STRICT | _SAME_DCT
     except BaseException:
         container.close()
         raise
@@ -64,7 +79,7 @@ def upright(picture: Any, path: Path) -> Frame:
     quarter, rest = divmod(int(picture.rotation), 90)
     if rest:
         raise DataError(f"{path}: rotated by {picture.rotation} degrees; only multiples of 90 degrees are supported")
-    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), quarter % 4))
+    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24", interpolation=_EXACT_RGB), quarter % 4))
 
 
 def check_stated_length(path: Path, kind: str) -> None:
