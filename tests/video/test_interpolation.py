@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,21 +72,6 @@ def test_odd_shapes(shape):
     window = [rng.integers(0, 256, (*shape, 3), np.uint8) for _ in range(4)]
     made = FlowInterpolator().between(window, 2)
     assert [frame.shape for frame in made] == [(*shape, 3)]
-
-
-def test_opencvs_threads_do_not_matter():
-    scene = Scene(120, 160)
-    window = [scene.frame(t) for t in range(4)]
-    before = cv2.getNumThreads()
-    try:
-        results = []
-        for threads in (1, 3):
-            cv2.setNumThreads(threads)
-            results.append(np.stack(FlowInterpolator().between(window, 4)))
-            assert cv2.getNumThreads() == threads
-    finally:
-        cv2.setNumThreads(before)
-    assert (results[0] == results[1]).all()
 
 
 def test_no_interpolator_is_chosen_silently():

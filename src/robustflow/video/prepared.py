@@ -24,7 +24,7 @@ FOLDER_MANIFEST = "gopro_fc.json"
 CLIP_MANIFEST = "clip.json"
 MASTER = "master.mp4"
 KEY_FRAMES = "keyframes"
-VERSION = 2
+VERSION = 3
 
 REACH = 15
 """Number of master frames on each side of a key frame that object motion blur averages at the highest severity."""

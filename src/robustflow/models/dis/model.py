@@ -108,21 +108,31 @@ class DisRgb:
             UsageError: the frames are not RGB uint8 of equal size.
         """
         check_pair(frame1, frame2)
-        point = OPERATING_POINTS[self._number]
-        height, width = frame1.shape[:2]
-        coarsest, finest = point.scales(height, width)
-        # Every scale is exactly half the size of the previous one, and a patch fits into the coarsest scale.
-        full_height, full_width = (max(-(-side >> coarsest) << coarsest, point.patch_size) for side in (height, width))
-        images1 = pyramid(frame1, full_height, full_width, coarsest)
-        images2 = pyramid(frame2, full_height, full_width, coarsest)
-        flow: Flow = np.zeros((1, 1, 2), np.float32)
-        for scale in range(coarsest, finest - 1, -1):
-            image1, image2 = images1[scale], images2[scale]
-            displacements = inverse_search(image1, image2, flow, point.patch_size, point.stride, point.iterations)
-            flow = densified(image1, image2, displacements, point.patch_size, point.stride)
-            if point.refined:
-                flow = refined(image1, image2, flow, iterations=scale + 1)
-        return enlarged(flow, 1 << finest, height, width)
+        return dis_flow(frame1, frame2, OPERATING_POINTS[self._number])
+
+
+def dis_flow(frame1: Frame, frame2: Frame, point: OperatingPoint) -> Flow:
+    """Compute the flow from frame 1 to frame 2, float32 (H, W, 2).
+
+    The bytes are the same on every processor: sums have a fixed order, and all operations are exact by IEEE 754.
+
+    Args:
+        frame1, frame2: frames, uint8 (H, W, 3).
+    """
+    height, width = frame1.shape[:2]
+    coarsest, finest = point.scales(height, width)
+    # Every scale is exactly half the size of the previous one, and a patch fits into the coarsest scale.
+    full_height, full_width = (max(-(-side >> coarsest) << coarsest, point.patch_size) for side in (height, width))
+    images1 = pyramid(frame1, full_height, full_width, coarsest)
+    images2 = pyramid(frame2, full_height, full_width, coarsest)
+    flow: Flow = np.zeros((1, 1, 2), np.float32)
+    for scale in range(coarsest, finest - 1, -1):
+        image1, image2 = images1[scale], images2[scale]
+        displacements = inverse_search(image1, image2, flow, point.patch_size, point.stride, point.iterations)
+        flow = densified(image1, image2, displacements, point.patch_size, point.stride)
+        if point.refined:
+            flow = refined(image1, image2, flow, iterations=scale + 1)
+    return enlarged(flow, 1 << finest, height, width)
 
 
 def densified(image1: Image, image2: Image, displacements: Displacements, patch: int, stride: int) -> Flow:

@@ -7,11 +7,17 @@ weights, and 0.1 px with splines.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
-from scipy.ndimage import spline_filter1d
 
 from ...compiled import njit
 from .pyramid import Image
+
+_POLE = math.sqrt(3) - 2
+_MEMORY = 32
+"""Number of pixels after which the influence of a pixel, `_POLE**i`, is less than the rounding error of float64."""
 
 
 def coefficients(image: Image) -> Image:
@@ -25,10 +31,38 @@ def coefficients(image: Image) -> Image:
     >>> round(float(coefficients(ramp)[1, 15]), 2)
     5.0
     """
-    pixels = image.reshape(image.shape[0], -1, 3)
-    for axis in (0, 1):
-        pixels = spline_filter1d(pixels, 3, axis, output=np.float64, mode="mirror")
-    return pixels.astype(np.float32).reshape(image.shape)
+    height, columns = image.shape
+    weighed = image.astype(np.float64)
+    _filter(weighed)
+    for row in weighed.reshape(height, columns // 3, 3):
+        _filter(row)
+    return weighed.astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _filter(lines: Any) -> None:
+    """Replace the pixels along the first axis of float64 (N, K) by their spline coefficients (Unser 1999, box 2).
+
+    SciPy's filter is not used because its last bit depends on the processor.
+    """
+    size, columns = lines.shape
+    first, power = lines[0].copy(), 1.0
+    for i in range(1, _MEMORY):
+        power *= _POLE
+        place = i % (2 * size - 2)
+        other = lines[min(place, 2 * size - 2 - place)]
+        for k in range(columns):
+            first[k] += power * other[k]
+    for k in range(columns):
+        lines[0, k] = 6.0 * first[k]
+    for i in range(1, size):
+        for k in range(columns):
+            lines[i, k] = 6.0 * lines[i, k] + _POLE * lines[i - 1, k]
+    for k in range(columns):
+        lines[size - 1, k] = (_POLE * lines[size - 2, k] + lines[size - 1, k]) * (_POLE / (_POLE * _POLE - 1.0))
+    for i in range(size - 2, -1, -1):
+        for k in range(columns):
+            lines[i, k] = _POLE * (lines[i + 1, k] - lines[i, k])
 
 
 @njit(cache=True, nogil=True)
