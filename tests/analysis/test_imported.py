@@ -2,13 +2,16 @@
 
 import json
 import math
+import os
+import threading
+from contextlib import suppress
 from statistics import fmean
 
 import pytest
 
 from robustflow.analysis.imported import NOTE, read_imported
 from robustflow.analysis.imported.flowbench_attacks import FLAGS, read_stored_attacks
-from robustflow.analysis.results_file import parse_results, results_csv
+from robustflow.analysis.results_file import parse_results, read_results, results_csv
 from robustflow.cli.report import report
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.errors import DataError
@@ -167,6 +170,21 @@ def test_a_file_that_is_not_there_or_too_large(tmp_path):
         read_imported([path])
     with pytest.raises(DataError, match="cannot be read"):
         read_imported([tmp_path])
+
+
+@pytest.mark.parametrize("read", [lambda path: read_imported([path]), read_results])
+def test_results_from_an_endless_pipe_are_refused_at_their_maximum_size(tmp_path, read):
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+
+    def write_until_closed():
+        with suppress(BrokenPipeError), path.open("wb") as file:
+            for _ in range(80):
+                file.write(bytes(2**20))
+
+    threading.Thread(target=write_until_closed, daemon=True).start()
+    with pytest.raises(DataError, match=r"pipe is larger than \d+ MiB"):
+        read(path)
 
 
 def _attack(attack, epe, **changed):

@@ -15,6 +15,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
+from ..bounded_file import read_bounded
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import parse_stack
 from ..errors import DataError, UsageError
@@ -59,13 +60,11 @@ def read_results(path: str | Path) -> list[ModelResult]:
     ('kitti-fc', 2)
     """
     path = Path(path).expanduser()
+    data = read_bounded(path, _LARGEST_FILE, "give a CSV file of results")
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise DataError(f"{path} is larger than {_LARGEST_FILE >> 20} MiB; results have one short line per value")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise DataError(f"{path} cannot be read ({reason}); give a CSV file of results") from error
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path} cannot be read (not UTF-8 text); give a CSV file of results") from error
     return parse_results(text, str(path), FILE)
 
 

@@ -7,13 +7,13 @@ The reader only accepts entries with the expected names, and never writes to dis
 from __future__ import annotations
 
 import io
-import os
 import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from ..bounded_file import read_bounded
 from ..errors import DataError
 
 LIMITS = {
@@ -68,15 +68,7 @@ def read_file(path: Path) -> bytes:
     """
     if path.exists() and not path.is_file():  # reading a pipe could block forever
         raise DataError(f"{path} is not a file; give a file written by 'robustflow pack'")
-    try:
-        with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            data = b"" if size > _LARGEST else file.read(_LARGEST + 1)
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}; give a file written by 'robustflow pack'") from error
-    if max(size, len(data)) > _LARGEST:
-        raise DataError(f"{path} is larger than {_LARGEST >> 20} MiB, the maximum size of a record")
-    return data
+    return read_bounded(path, _LARGEST, "give a file written by 'robustflow pack'")
 
 
 def read_container(data: bytes, name: str) -> dict[str, bytes]:

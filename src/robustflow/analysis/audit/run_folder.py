@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from ...bounded_file import read_bounded
 from ...errors import RunError
 from ...metrics.rows import CLEAN
 from ...metrics.summary import SUMMARY_VERSION
@@ -35,7 +36,7 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
         audited: name of the run in the result; the folder by default.
 
     Raises:
-        RunError: if the folder has no readable summary.
+        DataError, RunError: if the folder has no readable summary.
     """
     return merged_audit(audited or str(run.path), [_summary(run), _rows(run)])
 
@@ -65,14 +66,14 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
 
 
 def _read_summary(path: Path) -> dict[str, Any]:
+    remedy = f"recreate it with robustflow show {path.parent}"
+    data = read_bounded(path, _LARGEST_SUMMARY, remedy)
     try:
-        if path.stat().st_size > _LARGEST_SUMMARY:
-            raise RunError(f"{path} is larger than {_LARGEST_SUMMARY >> 20} MiB, which is too large for a summary")
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise RunError(f"{path} cannot be read ({error}); recreate it with robustflow show {path.parent}") from error
+        summary = json.loads(data.decode())
+    except (ValueError, RecursionError) as error:
+        raise RunError(f"{path} cannot be read ({error}); {remedy}") from error
     if not isinstance(summary, dict):
-        raise RunError(f"{path} is not a summary; recreate it with robustflow show {path.parent}")
+        raise RunError(f"{path} is not a summary; {remedy}")
     if (version := summary.get("version")) != SUMMARY_VERSION:
         raise RunError(
             f"{path.name} has version {version}, but this version of robustflow reads {SUMMARY_VERSION}; "

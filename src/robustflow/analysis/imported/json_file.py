@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from ...bounded_file import read_bounded
 from ...errors import DataError
 from ...text import plain
 
@@ -21,13 +22,9 @@ def read_json_file(path: Path) -> Any:
     Raises:
         DataError: if the file does not exist, exceeds 16 MiB, is not JSON, or contains a name twice.
     """
-    path = path.expanduser()
+    data = read_bounded(path.expanduser(), _LARGEST_FILE, "give a results file")
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise DataError(f"{path} is larger than {_LARGEST_FILE >> 20} MiB; result files are much smaller")
-        return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_each_once)
-    except OSError as error:
-        raise DataError(f"{path} cannot be read ({error.strerror}); give a results file") from error
+        return json.loads(data.decode(), object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is not valid JSON ({plain(str(error))}); give the original file") from error
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ...errors import DataError, RunError
+from ...bounded_file import read_bounded
+from ...errors import RunError
 from ...records.read import Reader
 from ...runs.run import Run
 from ...text import counted, plain
@@ -33,12 +34,7 @@ def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
 
 
 def _check(path: Path, run: Run) -> None:
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise DataError(f"{path} is too large to be an exported file; give a file written by 'robustflow export'")
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    data = read_bounded(path, _LARGEST, "give a file written by 'robustflow export'")
     found = _HUB_DATASET.search(data)
     dataset = found[1].decode() if found else None
     made = [

@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 
 from ...analysis.labels import long_label
 from ...analysis.model_result import ModelResult
+from ...bounded_file import read_bounded
 from ...errors import DataError, first_misfit
 from ...images.io import jpeg_address, read_image, shrunk
 from ...runs.example_list import EXAMPLES_FILE, FOLDER, SLIDER_WIDTH
@@ -96,7 +97,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     folder = run.path / FOLDER
     if not (folder / EXAMPLES_FILE).is_file():
         return None
-    data = _bytes(folder / EXAMPLES_FILE, _LARGEST_LIST)
+    data = read_bounded(folder / EXAMPLES_FILE, _LARGEST_LIST, "delete the folder, or run the command again")
     try:
         shown = _ExampleList.model_validate_json(data)
     except ValidationError as error:
@@ -146,14 +147,3 @@ def _read(path: Path) -> Frame:
     if path.is_file() and path.stat().st_size > _LARGEST_PICTURE:
         raise DataError(f"{path} is larger than {_LARGEST_PICTURE >> 20} MiB; example pictures are much smaller")
     return read_image(path)
-
-
-def _bytes(path: Path, largest: int) -> bytes:
-    try:
-        with open(path, "rb") as file:
-            data = file.read(largest + 1)
-    except OSError as error:
-        raise DataError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
-    if len(data) > largest:
-        raise DataError(f"{path} is larger than {largest >> 20} MiB, so it is not a list of example pictures")
-    return data
