@@ -1,6 +1,8 @@
 """Test that the depth of samples is filled in, warped to frame 2, and read from the files of datasets."""
 
 import io
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -287,6 +289,17 @@ def test_a_missing_map_is_named_before_anything_is_read(clip, tmp_path):
     write_map(tmp_path / "maps" / "a.npy", metres())
     with pytest.raises(DataError, match=r"no depth map for .*b\.png; expected b with the extension .*\.pfm"):
         OwnDepth(tmp_path / "maps", clip).depth_files("a")
+
+
+def test_files_beside_frames_close_to_the_root_are_not_read_as_maps(tmp_path):
+    """The folders of such a frame include the root, to which no path below the folder of maps may be reset."""
+    with TemporaryDirectory(dir="/tmp") as close:
+        frames = pictures_of(Path(close), "a.png", "b.png")
+        write_both(frames)
+        maps = write_both(tmp_path / "maps")
+        assert OwnDepth(maps, load_dataset("folder", frames)).depth_files("a") == [
+            maps / f"{name}.npy" for name in "ab"
+        ]
 
 
 def test_one_map_for_two_frames_of_one_name_is_refused(tmp_path):

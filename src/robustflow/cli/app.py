@@ -1,6 +1,5 @@
 """`robustflow app`: explore a pair under corruptions interactively in a browser."""
 
-import signal
 import sys
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from ..errors import UsageError, plain_warning
 from ..extras import require
+from .interrupt import terminate_as_on_ctrl_c
 from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_options, use_psf_dir
 
 
@@ -44,7 +44,7 @@ def app(
     from ..models import ModelSpec
 
     use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as on Ctrl-C, so that the uploads are removed
+    terminate_as_on_ctrl_c()  # so that the uploads are removed
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
         raise UsageError(f"{options[0][0]} is a model option: give the model with --model")

@@ -43,7 +43,7 @@ def robust_training(
     from ..atomic import write_bytes
     from ..experiments.findings import findings
     from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment
-    from .train import Interrupted
+    from .interrupt import Interrupted, stopped
 
     experiment = TrainingExperiment(
         output.expanduser(),
@@ -56,10 +56,7 @@ def robust_training(
     stop = Interrupted()
     runs = run_experiment(experiment, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
     if runs is None:
-        typer.echo(
-            f"robustflow: stopped; {experiment.output} is kept. Run the same command again to continue.", err=True
-        )
-        raise typer.Exit(130)
+        raise stopped(f"{experiment.output} is kept. Run the same command again")
     text, table = findings(runs)
     write_bytes(experiment.output / "effects.csv", table.write_csv().encode())
     write_bytes(experiment.output / "findings.md", text.encode())

@@ -1,12 +1,12 @@
 """`robustflow reproduce`: reproduce a table or figure of the paper as far as data and weights are available."""
 
-import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import UsageError
+from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
 
 if TYPE_CHECKING:
@@ -121,15 +121,14 @@ def _measured(
     from ..reproduce.measure import measure_variants
     from ..runner.progress import TerminalProgress
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as on Ctrl-C
+    terminate_as_on_ctrl_c()
     progress, measured = TerminalProgress(), []
     try:
         with progress:
             for each in measure_variants(artefact, choices, output, device, progress=progress, **options):
                 measured.append(each)
     except KeyboardInterrupt:
-        typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
-        raise typer.Exit(130) from None
+        raise stopped(f"{progress.kept()} Run the same command again") from None
     return measured
 
 

@@ -1,12 +1,12 @@
 """`robustflow run`: evaluate a model on a benchmark."""
 
-import signal
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..errors import UsageError
+from .interrupt import stopped, terminate_as_on_ctrl_c
 from .options import (
     HOW,
     OUTPUT,
@@ -196,7 +196,7 @@ def run(
     """
     from ..models import ModelSpec
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as on Ctrl-C
+    terminate_as_on_ctrl_c()
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     if len(set(model)) < len(model):
         raise UsageError("a model is given twice; give each model once")
@@ -255,8 +255,7 @@ def run(
                     print_result(result, with_seed=runs > 1)
                 results.append(result)
     except KeyboardInterrupt:
-        typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
-        raise typer.Exit(130) from None
+        raise stopped(f"{progress.kept()} Run the same command again") from None
     if as_json:
         typer.echo(as_json_text(results))
     elif len(results) > 1:

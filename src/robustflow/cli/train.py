@@ -1,14 +1,14 @@
 """`robustflow train`: train a network by a recipe."""
 
 import shlex
-import signal
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from ..errors import UsageError
 from . import complete
+from .interrupt import Interrupted, stopped
 from .options import Device, ModelOptions, keyword_options, names
 
 
@@ -163,31 +163,10 @@ def train(
     interrupted = Interrupted()
     checkpoint = run_training(request, interrupted)
     if interrupted():
-        kept = f"robustflow: stopped; {checkpoint} is kept. Run the same command with --resume to continue."
-        typer.echo(kept, err=True)
-        raise typer.Exit(130)
+        raise stopped(f"{checkpoint} is kept. Run the same command with --resume")
     options = [word for text in option or [] for word in ("-O", text)]
     measure = ["robustflow", "run", "--model", chosen.method, *options, "--checkpoint", str(checkpoint)]
     typer.echo(f"trained; measure it with: {shlex.join(measure)}")
-
-
-class Interrupted:
-    """A signal handler that records whether Ctrl-C was pressed or termination was requested; a second request ends the
-    process immediately."""
-
-    def __init__(self) -> None:
-        self._came = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
-
-    def __call__(self) -> bool:
-        return self._came
-
-    def _note(self, number: int, frame: Any) -> None:
-        if self._came:
-            raise KeyboardInterrupt
-        self._came = True
-        typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop immediately", err=True)
 
 
 def _refuse_alone(*options: tuple[str, object]) -> None:

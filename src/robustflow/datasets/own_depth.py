@@ -110,7 +110,7 @@ class OwnDepth:
         return frames
 
     def _map(self, frame: Path) -> Path | None:
-        above = frame.parent.parts[-_FOLDERS:]
+        above = frame.parent.relative_to(frame.anchor).parts[-_FOLDERS:]
         places = [self._folder.joinpath(*above[start:]) for start in range(len(above) + 1)]
         named = (place / f"{frame.stem}{suffix}" for place in places for suffix in _READERS)
         return next((path for path in named if path.is_file() and path != frame), None)

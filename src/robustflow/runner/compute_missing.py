@@ -18,7 +18,7 @@ from ..runs.store import RunFolder
 from .attack_training import learned_patterns
 from .clean_row_check import stored_clean_rows
 from .engines.base import Engine, Job
-from .progress import NamesEngine, Progress
+from .progress import Progress, TerminalProgress
 from .resume_check import check_before_resuming
 from .setup import Setup
 
@@ -51,7 +51,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     job = replace(job, options=replace(plan.options, learned=learned))
     job = replace(job, kept=stored_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     del cells
-    if units and isinstance(progress, NamesEngine):
+    if units and isinstance(progress, TerminalProgress):
         progress.engine(engine.describe(units))
     progress.start(folder.path, plan.count(), plan.count() - len(units))
     left = Counter(unit.key for unit in units)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from rich.console import Console
 
@@ -23,14 +23,6 @@ class Progress(Protocol):
 
     def advance(self, done: FinishedUnit) -> None:
         """Record that one more unit is on disk."""
-
-
-@runtime_checkable
-class NamesEngine(Protocol):
-    """A `Progress` that also shows the engine."""
-
-    def engine(self, name: str) -> None:
-        """Show the engine of the run that is about to start: "processes, 1 device + 3 feeders"."""
 
 
 class Silent:
@@ -82,7 +74,7 @@ class TerminalProgress:
         self._bar.__exit__(kind, error, trace)
 
     def engine(self, name: str) -> None:
-        """Show the engine of the run that is about to start."""
+        """Show the engine of the run that is about to start: "processes, 1 device + 3 feeders"."""
         self._engine = f"; engine: {name}"
 
     def start(self, folder: Path, total: int, finished: int) -> None:

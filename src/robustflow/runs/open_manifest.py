@@ -15,9 +15,9 @@ from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from .environment import environment
 from .file_digests import check_listed, file_digests, is_under_a_list
+from .identity import Identity
 from .manifest import Manifest, Selection
 from .plan import Plan
-from .provenance import Provenance
 from .sample_files import files_of_sample
 from .store import RunFolder
 
@@ -32,7 +32,9 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     if old and old.identity != identity and folder.rows().is_empty():
         folder.keep_clean(())
         old = None
-    if old and old.identity != identity:
+    if old is None:
+        old = _empty(plan, identity)
+    elif old.identity != identity:
         raise RunError(
             f"{folder.path} contains a different run ({identity.difference(old.identity)}); "
             "choose another folder with --output"
@@ -42,21 +44,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
     digests = {key: tuple(each) for key, each in file_digests(files).items()}
     _compare_with_list(plan, files, digests)
-    chosen, left_out = plan.benchmark, {name: tuple(levels) for name, levels in plan.left_out().items()}
-    if old is None:
-        return Manifest(
-            identity=identity,
-            identity_digest=identity.digest(),
-            samples=samples,
-            file_digests=digests,
-            provenance=plan.provenance,
-            selection=_selection(chosen, chosen.corruptions, chosen.attacks, chosen.severities),
-            left_out=left_out,
-            name=plan.name or "",
-            started=now(),
-            finished=None,
-            environment=environment(),
-        ).judged()
+    chosen, left_out = plan.benchmark, plan.left_out()
     without = {key: len(_files(plan, key, None)) for key in files}
     changed = sorted(
         key
@@ -73,7 +61,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
         update={
             "samples": old.samples | samples,
             "file_digests": old.file_digests | digests,
-            "provenance": _provenance(old.provenance, plan.provenance),
+            "provenance": old.provenance if plan.provenance.basis == "undeclared" else plan.provenance,
             "selection": _selection(
                 chosen,
                 dict.fromkeys((*old.selection.corruptions, *chosen.corruptions)),
@@ -91,6 +79,20 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
     ).judged()
 
 
+def _empty(plan: Plan, identity: Identity) -> Manifest:
+    """Return the manifest of a run without samples."""
+    return Manifest(
+        identity=identity,
+        identity_digest=identity.digest(),
+        samples={},
+        provenance=plan.provenance,
+        selection=Selection(),
+        started=now(),
+        finished=None,
+        environment=environment(),
+    )
+
+
 def _selection(
     benchmark: Benchmark, corruptions: Collection[str], attacks: Iterable[str], severities: Collection[int]
 ) -> Selection:
@@ -102,14 +104,14 @@ def _selection(
     )
 
 
-def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
+def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest) -> list[str]:
     """Return the samples of a run that are not in the plan, if the data can be recognised only by their files, because
     the frames of all clips have the same names.
 
     Raises:
         RunError: the data do not contain one of these samples.
     """
-    if old is None or moving_name(plan.benchmark.name) != OWN_FRAMES:
+    if moving_name(plan.benchmark.name) != OWN_FRAMES:
         return []
     known = set(plan.benchmark.dataset.keys())
     for key in old.samples:
@@ -146,11 +148,6 @@ def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[s
     each = {key: zip(files[key], before[key], now[key], strict=True) for key in files}
     changed = {key: [path for path, then, today in of_key if then != today] for key, of_key in each.items()}
     return {key: paths[0] for key, paths in changed.items() if paths}
-
-
-def _provenance(before: Provenance, given: Provenance) -> Provenance:
-    """Return the new provenance, or the earlier one if nothing is declared now."""
-    return before if given.basis == "undeclared" else given
 
 
 def last_changed(plan: Plan, keys: Iterable[str]) -> str:
