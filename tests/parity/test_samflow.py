@@ -22,7 +22,9 @@ pytestmark = [pytest.mark.parity, pytest.mark.torch]
 @pytest.fixture(scope="class")
 def net(request):
     size = request.cls
-    return Pack(shared_folder("parity", size.PACK)).fill(SamFlow(size.SIZE), f"keys{size.SUFFIX}.json")
+    return Pack(shared_folder("parity", size.PACK)).fill(
+        SamFlow(size.SIZE, finetuned=size.SUFFIX == "_ft"), f"keys{size.SUFFIX}.json"
+    )
 
 
 @contextmanager
@@ -99,4 +101,4 @@ class TestHuge(_Size):
 @pytest.mark.slow
 @pytest.mark.expected("_ft")
 class TestFinetunedHuge(_Size):
-    PACK, SIZE, SUFFIX = "samflow_h", "huge_finetuned", "_ft"
+    PACK, SIZE, SUFFIX = "samflow_h", "huge", "_ft"

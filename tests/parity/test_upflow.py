@@ -6,7 +6,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.models.networks.upflow import Sampling, UPFlow
+from robustflow.models.networks.upflow import UPFlow
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "upflow"
@@ -38,6 +38,6 @@ def test_flows_features_and_visibility(pack, case):
 
 
 def test_sampling_as_later_versions_of_pytorch_do(pack, case):
-    net = pack.fill(UPFlow(Sampling(align_corners=False)))
+    net = pack.fill(UPFlow(align_corners=False))
     flow = net(*images(pack, case))
     pack.check_flow(f"{case} flow_alignfalse", flow[:, :, ::2, ::2], pack.expected(case)["flow_alignfalse"])

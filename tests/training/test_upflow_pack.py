@@ -238,7 +238,7 @@ def test_moments_of_features_over_their_channels_are_rejected(monkeypatch):
 def test_mask_of_features_that_rounding_decides_is_rejected():
     """With 1.0 instead of 0.9999, the deviations (0.968 and 0.993 in the README) also depend on rounding."""
     network, expected = pack().network(recipe_of("paper")), pack().header["cases"]["paper"]["terms"][0]
-    network.net.sampling = network.net.sgi_model.sampling = Sampling(threshold=1.0)
+    network.net.sampling = network.net.sgi_model.sampling = Sampling(align_corners=True, threshold=1.0)
     terms = first_terms(network)
     assert 0.9 < terms["distillation"] / expected["distillation"] < 0.99
     assert abs(terms["smoothness"] / expected["smoothness"] - 1) > 1e-3

@@ -25,7 +25,7 @@ class Corrector(ResidualEncoder):
         self.offset_head = nn.ModuleDict(
             {"conv1": nn.Conv2d(_FEATURES, 256, 3, padding=1), "conv2": nn.Conv2d(256, 3, 3, padding=1)}
         )
-        self.mask = mask_layers(_FEATURES)
+        self.mask = mask_layers()
 
     def forward(self, image: Tensor) -> Tensor:
         """Return colour offsets (N, 3, H, W), -1..1 as fractions of the image's range.

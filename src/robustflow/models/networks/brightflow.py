@@ -27,8 +27,8 @@ class UpdateBlock(nn.Module):
         super().__init__()
         self.encoder = MotionEncoder(LEVELS * (2 * RADIUS + 1) ** 2)
         self.gru = SepConvGRU(HIDDEN, CONTEXT + 128)
-        self.flow_head = FlowHead(HIDDEN)
-        self.mask = mask_layers(HIDDEN)
+        self.flow_head = FlowHead()
+        self.mask = mask_layers()
 
     def forward(self, state: Tensor, context: Tensor, correlation: Tensor, flow: Tensor) -> tuple[Tensor, Tensor]:
         """Return the new state (N, 128, H, W) and the flow residual (N, 2, H, W), in pixels of this resolution."""

@@ -15,12 +15,10 @@ from ...random.rng import Rng
 STEPS = 1000
 
 
-def cosine_betas(steps: int = STEPS, offset: float = 0.008) -> Tensor:
-    """Return the noise variances, float64 (steps,), clipped to at most 0.999 (Nichol and Dhariwal 2021, equation
-    17).
-    """
-    time = torch.linspace(0, steps, steps + 1, dtype=torch.float64) / steps
-    kept = torch.cos((time + offset) / (1 + offset) * math.pi / 2) ** 2
+def cosine_betas() -> Tensor:
+    """Return the noise variances, float64 (1000,), clipped to at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
+    time = torch.linspace(0, STEPS, STEPS + 1, dtype=torch.float64) / STEPS
+    kept = torch.cos((time + 0.008) / 1.008 * math.pi / 2) ** 2
     return (1 - kept[1:] / kept[:-1]).clamp(0, 0.999)
 
 
@@ -48,13 +46,8 @@ def register_schedule(module: nn.Module) -> None:
         module.register_buffer(name, values)
 
 
-def sampling_times(rounds: int = 4) -> list[int]:
-    """Return the times at which the sampler denoises, from the noisiest to the cleanest.
-
-    >>> sampling_times()
-    [999, 749, 499, 249]
-    """
-    return [STEPS - 1 - STEPS // rounds * i for i in range(rounds)]
+SAMPLING_TIMES = (999, 749, 499, 249)
+"""The times at which the sampler denoises, from the noisiest to the cleanest."""
 
 
 def initial_noise(seed: int, height: int, width: int) -> Tensor:

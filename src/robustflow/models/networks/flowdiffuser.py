@@ -12,7 +12,7 @@ from .blocks.allpairs import CorrelationPyramid, pixel_grid
 from .blocks.convex_upsample import convex_upsample
 from .blocks.twins import Twins
 from .denoiser import Denoiser
-from .diffusion import initial_noise, register_schedule, renoise, sampling_times
+from .diffusion import SAMPLING_TIMES, initial_noise, register_schedule, renoise
 from .pair_transformer import PairTransformer
 from .sk_update import MaskHead, SkUpdate
 from .window_volume import WindowVolume
@@ -126,16 +126,14 @@ class FlowDiffuser(nn.Module):
         start = target = pixel_grid(context)
         attention = self.update.aggregator.attention(inp)
         size = _size(context)
-        times = sampling_times()
-        sample, flows = noise, []
-        for step, time in enumerate(times):
+        sample, flows = noise, list[Tensor]()
+        for time, following in zip(SAMPLING_TIMES, (*SAMPLING_TIMES[1:], -1), strict=True):
             shift = sample.clamp(-1, 1).to(target.dtype) * _REACH * size
-            target = target + (shift if step == 0 else 0.2 * shift)
+            target = target + (0.2 * shift if flows else shift)
             net, target = self._rounds(pyramid, inp, attention, net, target, time)[-1]
             flow = target - start
             flows.append(convex_upsample(flow, self.um8(net)))
             clean = (self.scale * flow / size).clamp(-0.5, 0.5)
-            following = times[step + 1] if step + 1 < len(times) else -1
             sample = renoise(sample, clean, self.alphas_cumprod[time], self.alphas_cumprod[following])
         return net, flow, flows
 

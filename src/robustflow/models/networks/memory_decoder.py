@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
@@ -43,12 +45,6 @@ class MemoryQuery(nn.Module):
         return token + self.ffn(self.norm2(token))
 
 
-class _DecoderLayer(nn.Module):
-    def __init__(self) -> None:
-        super().__init__()
-        self.cross_attend = MemoryQuery()
-
-
 class _Aggregator(nn.Module):
     def __init__(self) -> None:
         super().__init__()
@@ -69,7 +65,7 @@ class UpdateBlock(nn.Module):
         super().__init__()
         self.encoder = MotionEncoder(_WINDOW + _QUERY)
         self.gru = SepConvGRU(128, 3 * 128)
-        self.flow_head = FlowHead(128, 256)
+        self.flow_head = FlowHead()
         self.mask = mask_layers()
         self.aggregator = _Aggregator()
 
@@ -82,12 +78,12 @@ class UpdateBlock(nn.Module):
 class _RelativePositions(nn.Module):
     """Position tables that are stored in the checkpoints but not used by the published model."""
 
-    def __init__(self, size: int = 160) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.rel_height = nn.Embedding(2 * size - 1, 128)
-        self.rel_width = nn.Embedding(2 * size - 1, 128)
-        index = torch.arange(size)
-        self.register_buffer("rel_ind", index[None] - index[:, None] + size - 1)
+        self.rel_height = nn.Embedding(2 * 160 - 1, 128)
+        self.rel_width = nn.Embedding(2 * 160 - 1, 128)
+        index = torch.arange(160)
+        self.register_buffer("rel_ind", index[None] - index[:, None] + 160 - 1)
 
 
 class _ContextAttention(nn.Module):
@@ -110,7 +106,7 @@ class MemoryDecoder(nn.Module):
         super().__init__()
         self.flow_token_encoder = nn.Sequential(nn.Conv2d(_WINDOW, _QUERY, 1), nn.GELU(), nn.Conv2d(_QUERY, _QUERY, 1))
         self.proj = nn.Conv2d(256, 256, 1)
-        self.decoder_layer = _DecoderLayer()
+        self.decoder_layer = nn.ModuleDict({"cross_attend": MemoryQuery()})
         self.update_block = UpdateBlock()
         self.att = _ContextAttention()
 
@@ -127,7 +123,7 @@ class MemoryDecoder(nn.Module):
         net, inp = self.proj(context).chunk(2, dim=1)
         net, inp = net.tanh(), inp.relu()
         attention = self.att(inp)
-        query = self.decoder_layer.cross_attend
+        query: Any = self.decoder_layer["cross_attend"]
         key, value = query.k(memory), query.v(memory)
         start = target = pixel_grid(context)
         n, _, height, width = context.shape

@@ -124,12 +124,6 @@ class Layer(nn.Module):
         return torch.cat((first, second)).view(x.shape)
 
 
-class _Body(nn.Module):
-    def __init__(self) -> None:
-        super().__init__()
-        self.blocks = nn.ModuleList((Layer(cross=True), Layer(cross=False)))
-
-
 class PairTransformer(nn.Module):
     """The transformer that enhances the features of both images by attention between the images.
 
@@ -138,7 +132,7 @@ class PairTransformer(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.tb = _Body()
+        self.tb = nn.ModuleDict({"blocks": nn.ModuleList((Layer(cross=True), Layer(cross=False)))})
 
     def forward(self, features1: Tensor, features2: Tensor) -> tuple[Tensor, Tensor]:
         """Update features (N, 256, H, W) of any size; they are padded at the top and on both sides to a multiple of the
@@ -151,7 +145,7 @@ class PairTransformer(nn.Module):
         x = F.pad(x, (0, 0, left, over_x - left, over_y, 0))
         labels = torch.ones(x.shape[1:3], dtype=torch.long, device=x.device)
         labels[over_y:, left : left + width] = 0
-        for layer in self.tb.blocks:
+        for layer in self.tb["blocks"]:
             x = layer(x, labels)
         x = x[:, over_y:, left : left + width].permute(0, 3, 1, 2)
         return x.chunk(2)

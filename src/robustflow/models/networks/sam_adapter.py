@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 
 import torch
 import torch.nn.functional as F
@@ -58,16 +59,6 @@ class Attention(nn.Module):
         return self.out_proj(attend(self.q_proj(query), self.k_proj(key), self.v_proj(value), _HEADS))
 
 
-class _Mlp(nn.Module):
-    def __init__(self) -> None:
-        super().__init__()
-        self.lin1 = nn.Linear(_WIDTH, 2048)
-        self.lin2 = nn.Linear(2048, _WIDTH)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return self.lin2(F.relu(self.lin1(x)))
-
-
 class TwoWayBlock(nn.Module):
     """A two-way block: attention among the tokens, attention from tokens to image, an MLP, and attention from image to
     tokens, each followed by a residual and a norm.
@@ -84,7 +75,8 @@ class TwoWayBlock(nn.Module):
         self.norm1 = nn.LayerNorm(_WIDTH)
         self.cross_attn_token_to_image = Attention(_WIDTH // 2)
         self.norm2 = nn.LayerNorm(_WIDTH)
-        self.mlp = _Mlp()
+        layers = {"lin1": nn.Linear(_WIDTH, 2048), "relu": nn.ReLU(), "lin2": nn.Linear(2048, _WIDTH)}
+        self.mlp = nn.Sequential(OrderedDict(layers))
         self.norm3 = nn.LayerNorm(_WIDTH)
         self.norm4 = nn.LayerNorm(_WIDTH)
         self.cross_attn_image_to_token = Attention(_WIDTH // 2)
@@ -143,17 +135,6 @@ class _RandomFourier(nn.Module):
         places = torch.stack((x.expand(height, -1), y[:, None].expand(-1, width)), dim=-1)
         angles = 2 * math.pi * (places.to(matrix.dtype) @ matrix)
         return torch.cat((angles.sin(), angles.cos()), dim=-1).flatten(0, 1)
-
-
-class TaskToken(nn.Module):
-    """The learned embedding of the flow task.
-
-    State-dict keys: `LTSE_embed`.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.LTSE_embed = nn.Embedding(1, _WIDTH)
 
 
 class ContextAdapter(nn.Module):

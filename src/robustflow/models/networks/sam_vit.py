@@ -6,6 +6,7 @@ grids are not supported.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 
 import torch
@@ -113,16 +114,6 @@ class Attention(nn.Module):
         return self.proj(attend(query, key, value, self.heads, bias))
 
 
-class _Mlp(nn.Module):
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.lin1 = nn.Linear(width, 4 * width)
-        self.lin2 = nn.Linear(4 * width, width)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return self.lin2(F.gelu(self.lin1(x)))
-
-
 class Block(nn.Module):
     """A transformer block: pre-norm attention, in windows of 14 x 14 or over the complete grid, and an MLP.
 
@@ -135,7 +126,8 @@ class Block(nn.Module):
         self.norm1 = nn.LayerNorm(width, eps=1e-6)
         self.attn = Attention(width, heads, _WINDOW if windowed else _GRID, first_rows)
         self.norm2 = nn.LayerNorm(width, eps=1e-6)
-        self.mlp = _Mlp(width)
+        layers = {"lin1": nn.Linear(width, 4 * width), "gelu": nn.GELU(), "lin2": nn.Linear(4 * width, width)}
+        self.mlp = nn.Sequential(OrderedDict(layers))
 
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, H, W, C) to (N, H, W, C)."""
@@ -151,12 +143,6 @@ class Block(nn.Module):
         return x + self.mlp(self.norm2(x))
 
 
-class _PatchEmbedding(nn.Module):
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.proj = nn.Conv2d(3, width, _PATCH, stride=_PATCH)
-
-
 class SamVit(nn.Module):
     """The encoder from an image to 256 channels at 1/16 resolution.
 
@@ -170,7 +156,7 @@ class SamVit(nn.Module):
     def __init__(self, size: SamSize, first_rows: bool = False) -> None:
         super().__init__()
         self.pos_embed = nn.Parameter(torch.zeros(1, _GRID, _GRID, size.width))
-        self.patch_embed = _PatchEmbedding(size.width)
+        self.patch_embed = nn.ModuleDict({"proj": nn.Conv2d(3, size.width, _PATCH, stride=_PATCH)})
         self.blocks = nn.ModuleList(
             Block(size.width, size.heads, index not in size.global_blocks, first_rows) for index in range(size.depth)
         )
@@ -182,7 +168,7 @@ class SamVit(nn.Module):
         Raises:
             ModelError: H or W exceeds 64, the size of the encoder's position tables.
         """
-        x = self.patch_embed.proj(image).permute(0, 2, 3, 1)
+        x = self.patch_embed["proj"](image).permute(0, 2, 3, 1)
         height, width = x.shape[1:3]
         if max(height, width) > _GRID:
             raise ModelError(

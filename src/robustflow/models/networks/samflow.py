@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from .blocks.twins import Twins
 from .cost_memory import MemoryEncoder
 from .memory_decoder import MemoryDecoder
-from .sam_adapter import ContextAdapter, FusionBlock, TaskToken
+from .sam_adapter import ContextAdapter, FusionBlock
 from .sam_vit import VIT_B, VIT_H, SamVit
 from .tiny_vit import TinyVit
 
@@ -30,14 +30,16 @@ class SamFlow(nn.Module):
     """The published model in one of its four sizes; the state-dict keys are the same as in the authors' checkpoints.
 
     Args:
-        size: size of the SAM encoder: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or
-            "huge_finetuned" (ViT-H, fine-tuned on Sintel), which adds the adapter's output with learned weights and
-            uses different rows of SAM's position tables.
+        size: size of the SAM encoder: "tiny" (TinyViT), "base" (ViT-B) or "huge" (ViT-H).
+        finetuned: for "huge", whether it was fine-tuned on Sintel instead of trained on FlyingThings; it then adds the
+            adapter's output with learned weights and uses different rows of SAM's position tables.
         iterations: number of decoder iterations; the authors train with 12, and evaluate with 24 on KITTI and with 32
             on Sintel.
     """
 
-    def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny", iterations: int = 12) -> None:
+    def __init__(
+        self, size: Literal["tiny", "base", "huge"] = "tiny", finetuned: bool = False, iterations: int = 12
+    ) -> None:
         super().__init__()
         self.iterations = iterations
         self.memory_encoder = MemoryEncoder()
@@ -46,21 +48,16 @@ class SamFlow(nn.Module):
         if size == "tiny":
             self.sam_encoder: nn.Module = TinyVit()
         else:
-            self.sam_encoder = SamVit(VIT_B if size == "base" else VIT_H, first_rows=size == "huge_finetuned")
-        self.wadd_1 = None if size == "huge" else _WeightedAdd()
+            self.sam_encoder = SamVit(VIT_B if size == "base" else VIT_H, first_rows=finetuned)
+        self.wadd_1 = None if size == "huge" and not finetuned else _WeightedAdd()
         self.up_layer8 = nn.Sequential(
             nn.Conv2d(256, 96, 3, padding=1), nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False)
         )
         self.CFM = nn.Sequential(FusionBlock(256 + 96), FusionBlock(256))
-        self.LTSE = TaskToken()
+        self.LTSE = nn.ModuleDict({"LTSE_embed": nn.Embedding(1, 256)})  # the learned embedding of the flow task
         self.CAM = ContextAdapter()
         self.register_buffer("sam_mean", torch.tensor(_SAM_MEAN).view(3, 1, 1), persistent=False)
         self.register_buffer("sam_std", torch.tensor(_SAM_STD).view(3, 1, 1), persistent=False)
-
-    @classmethod
-    def of(cls, size: Literal["tiny", "base", "huge"], finetuned: bool, iterations: int) -> SamFlow:
-        """Build the network of the given size; `finetuned` applies only to "huge"."""
-        return cls("huge_finetuned" if finetuned else size, iterations)
 
     def fused_context(self, image1: Tensor) -> Tensor:
         """Return the fused features of the context network and SAM, (N, 256, H / 8, W / 8), for RGB images (N, 3, H, W)
@@ -72,7 +69,7 @@ class SamFlow(nn.Module):
     def context(self, image1: Tensor) -> Tensor:
         """Return the sum of the fused context and the adapter's output."""
         fused = self.fused_context(image1)
-        adapted = self.CAM(fused, self.LTSE.LTSE_embed.weight)
+        adapted = self.CAM(fused, self.LTSE["LTSE_embed"].weight)
         return fused + adapted if self.wadd_1 is None else self.wadd_1(fused, adapted)
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:

@@ -63,10 +63,7 @@ class Network:
     def build(self, options: Mapping[str, Any]) -> Any:
         """Build the network with random weights."""
         module, _, attribute = self.net.partition(":")
-        target: Any = import_module(f".{module}", __package__)
-        for part in attribute.split("."):
-            target = getattr(target, part)
-        return target(**options)
+        return getattr(import_module(f".{module}", __package__), attribute)(**options)
 
 
 def _seed(name: str, value: Any) -> None:
@@ -95,7 +92,7 @@ def _stretched(convention: InputConvention, value: Any) -> InputConvention:
 
 _ITERATIONS = Option(12, check_count)
 _SAMFLOW = Network(
-    "samflow:SamFlow.of",
+    "samflow:SamFlow",
     "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow",
     InputConvention(scale=1.0, fit="pad", multiple=16),
     {"iterations": _ITERATIONS},  # SAMFlow's authors evaluate with 24 iterations on KITTI and 32 on Sintel
@@ -116,7 +113,7 @@ NETWORKS = {
     # to less than this; with the authors' value 1.0, rounding also zeroes some pixels inside the frame, and which ones
     # depends on the machine.
     "upflow": Network(
-        "upflow:UPFlow.of",
+        "upflow:UPFlow",
         "upflow_kitti2015.pth from https://github.com/coolbeam/UPFlow_pytorch",
         InputConvention(mean=(104.920005, 110.1753, 114.785955), scale=0.0039216),
         {"align_corners": Option(True, check_switch), "mask_threshold": Option(0.9999, _fraction)},

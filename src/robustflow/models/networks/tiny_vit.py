@@ -25,12 +25,6 @@ def conv_norm(inputs: int, outputs: int, kernel: int = 1, stride: int = 1, group
     return nn.Sequential(OrderedDict(c=convolution, bn=nn.BatchNorm2d(outputs)))
 
 
-class _Stem(nn.Module):
-    def __init__(self) -> None:
-        super().__init__()
-        self.seq = nn.Sequential(conv_norm(3, 32, 3, stride=2), nn.GELU(), conv_norm(32, 64, 3, stride=2))
-
-
 class _Bottleneck(nn.Module):
     """Three convolutions: 1 x 1, depthwise 3 x 3, 1 x 1.
 
@@ -94,17 +88,6 @@ class WindowAttention(nn.Module):
         return self.proj(from_windows(mixed, *x.shape[1:3]))
 
 
-class _Mlp(nn.Module):
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.norm = nn.LayerNorm(width)
-        self.fc1 = nn.Linear(width, 4 * width)
-        self.fc2 = nn.Linear(4 * width, width)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return self.fc2(F.gelu(self.fc1(self.norm(x))))
-
-
 class Block(nn.Module):
     """A transformer block: window attention, a depthwise convolution and an MLP.
 
@@ -114,7 +97,8 @@ class Block(nn.Module):
     def __init__(self, width: int, heads: int, window: int) -> None:
         super().__init__()
         self.attn = WindowAttention(width, heads, window)
-        self.mlp = _Mlp(width)
+        layers = {"fc1": nn.Linear(width, 4 * width), "gelu": nn.GELU(), "fc2": nn.Linear(4 * width, width)}
+        self.mlp = nn.Sequential(OrderedDict({"norm": nn.LayerNorm(width), **layers}))
         self.local_conv = conv_norm(width, width, 3, groups=width)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -154,7 +138,8 @@ class TinyVit(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.patch_embed = _Stem()
+        stem = nn.Sequential(conv_norm(3, 32, 3, stride=2), nn.GELU(), conv_norm(32, 64, 3, stride=2))
+        self.patch_embed = nn.ModuleDict({"seq": stem})
         self.layers = nn.ModuleList([Stage([InvertedBottleneck(64) for _ in range(2)], 64, _STAGES[0][0])])
         for index, (width, depth, heads, window) in enumerate(_STAGES):
             following = _STAGES[index + 1][0] if index + 1 < len(_STAGES) else None
@@ -166,7 +151,7 @@ class TinyVit(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """Map normalised images (N, 3, 16 * H, 16 * W) to (N, 256, H, W)."""
-        x = self.patch_embed.seq(image)
+        x = self.patch_embed["seq"](image)
         for layer in self.layers:
             x = layer(x)
         return self.neck(x)

@@ -45,8 +45,8 @@ class Sampling:
             authors' code uses exactly 1.0, so float32 rounding zeroes some interior pixels.
     """
 
-    align_corners: bool = True
-    threshold: float = 0.9999
+    align_corners: bool
+    threshold: float
 
     def masked(self, maps: Tensor, flow: Tensor) -> Tensor:
         """Warp `maps` along `flow`, with zeros where the flow points outside the map."""
@@ -97,21 +97,19 @@ class UPFlow(nn.Module):
     Images are RGB, float (N, 3, H, W), of any size above 64 pixels; values in 0..255 are normalised to
     (value - mean) * 0.0039216.
     The state-dict keys are the same as in the authors' files.
+
+    Args:
+        align_corners, mask_threshold: settings of the warps, see `Sampling`.
     """
 
-    def __init__(self, sampling: Sampling | None = None) -> None:
+    def __init__(self, align_corners: bool = True, mask_threshold: float = 0.9999) -> None:
         super().__init__()
-        self.sampling = sampling or Sampling()
+        self.sampling = Sampling(align_corners, mask_threshold)
         self.feature_pyramid_extractor = FeaturePyramid((3, 16, 32, 64, 96, 128, 196))
         self.flow_estimators = DenseEstimator(WINDOW + 32 + 2, (128, 128, 96, 64, 32), 2)
         self.context_networks = ContextNetwork(self.flow_estimators.channels + 2)
         self.conv_1x1 = nn.ModuleList(conv(channels, 32, kernel=1) for channels in (196, 128, 96, 64, 32))
         self.sgi_model = SelfGuidedUpsampler(self.sampling)
-
-    @classmethod
-    def of(cls, align_corners: bool, mask_threshold: float) -> UPFlow:
-        """Build the network with these two settings of `Sampling`."""
-        return cls(Sampling(align_corners, mask_threshold))
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
         """Return the flow from image 1 to image 2, (N, 2, H, W) in pixels."""

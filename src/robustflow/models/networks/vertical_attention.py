@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from .blocks.allpairs import pixel_grid
 from .blocks.attention import attend, linear_sine
-from .blocks.twins import Mlp
+from .blocks.twins import mlp
 from .blocks.windows import from_windows, to_windows
 
 _WIDTH, _CONTEXT, _PROJECTED, _HEADS = 128, 256, 64, 8
@@ -94,7 +94,7 @@ class _ContextBlock(nn.Module):
         self.norm1 = nn.LayerNorm(_WIDTH)
         self.attn = attention
         self.norm2 = nn.LayerNorm(_WIDTH)
-        self.mlp = Mlp(_WIDTH, 4 * _WIDTH)
+        self.mlp = mlp(_WIDTH)
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
         x = x + self.attn(self.norm1(x), context)

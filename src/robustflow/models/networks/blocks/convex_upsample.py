@@ -8,13 +8,12 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 
-def mask_layers(inputs: int = 128, factor: int = 8) -> nn.Sequential:
-    """Build the head that maps a state (N, inputs, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H,
-    W).
+def mask_layers(factor: int = 8) -> nn.Sequential:
+    """Build the head that maps a state (N, 128, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H, W).
 
     State-dict keys: `0 2`.
     """
-    return nn.Sequential(nn.Conv2d(inputs, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1))
+    return nn.Sequential(nn.Conv2d(128, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1))
 
 
 def convex_upsample(flow: Tensor, mask: Tensor, factor: int = 8) -> Tensor:

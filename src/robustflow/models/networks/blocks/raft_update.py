@@ -39,11 +39,11 @@ class FlowHead(nn.Module):
     State-dict keys: `conv1 conv2`.
     """
 
-    def __init__(self, inputs: int = 128, hidden: int = 256) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(inputs, hidden, 3, padding=1)
-        self.conv2 = nn.Conv2d(hidden, 2, 3, padding=1)
+        self.conv1 = nn.Conv2d(128, 256, 3, padding=1)
+        self.conv2 = nn.Conv2d(256, 2, 3, padding=1)
 
     def forward(self, state: Tensor) -> Tensor:
-        """Map (N, inputs, H, W) to (N, 2, H, W)."""
+        """Map (N, 128, H, W) to (N, 2, H, W)."""
         return self.conv2(F.relu(self.conv1(state)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+
 import torch.nn.functional as F
 from torch import Tensor, nn
 
@@ -13,20 +15,13 @@ _LARGE = ((128, 256), (4, 8), 1024)
 _SMALL = ((64, 128), (2, 4), 512)
 
 
-class Mlp(nn.Module):
-    """An MLP: linear, exact GELU, linear.
+def mlp(width: int) -> nn.Sequential:
+    """Build an MLP that maps (..., width) to the same shape: linear to four times the width, exact GELU, linear.
 
     State-dict keys: `fc1 fc2`.
     """
-
-    def __init__(self, width: int, hidden: int) -> None:
-        super().__init__()
-        self.fc1 = nn.Linear(width, hidden)
-        self.fc2 = nn.Linear(hidden, width)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Map (..., width) to (..., width)."""
-        return self.fc2(F.gelu(self.fc1(x)))
+    layers = {"fc1": nn.Linear(width, 4 * width), "gelu": nn.GELU(), "fc2": nn.Linear(4 * width, width)}
+    return nn.Sequential(OrderedDict(layers))
 
 
 class WindowAttention(nn.Module):
@@ -80,7 +75,7 @@ class Block(nn.Module):
         self.norm1 = nn.LayerNorm(width, eps=1e-6)
         self.attn = attention
         self.norm2 = nn.LayerNorm(width, eps=1e-6)
-        self.mlp = Mlp(width, 4 * width)
+        self.mlp = mlp(width)
 
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, H, W, C) to (N, H, W, C)."""
