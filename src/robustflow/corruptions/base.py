@@ -32,8 +32,8 @@ SCALES = ("paper", "calibrated")
 class Corruption(ABC):
     """A corruption with five severities.
 
-    Subclasses set `name`, `family` and `severities` (the paper's parameters, one entry per severity) and implement
-    `draw` and `apply`. Instances have no random state and can be shared between threads.
+    Subclasses set `name`, `family` and `paper_severities` (one entry per severity), and implement `apply` and, if
+    anything is random, `draw`. Instances have no random state and can be shared between threads.
     """
 
     name: ClassVar[str]
@@ -91,9 +91,12 @@ class Corruption(ABC):
         """
         return ""
 
-    @abstractmethod
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
-        """Make all random choices for frames of `shape` (H, W) and return the state for `apply`."""
+        """Make all random choices for frames of `shape` (H, W) and return the state for `apply`.
+
+        By default, nothing is random, and the state is the severity's parameter.
+        """
+        return self.parameter(severity)
 
     def draw_with_depth(self, rng: Rng, severity: int, shape: tuple[int, int], depth: SceneDepth | None) -> Any:
         """Call `draw` for a sample whose depth may be known; used by `corrupt_clip`."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from ..atomic import write_bytes
 from ..errors import DataError, first_misfit
 from ..validated import Frozen
 from .glass import AIR, SELLMEIER, refractive_index
@@ -139,4 +140,4 @@ def read_lens(path: str | Path) -> Lens:
 
 def write_lens(lens: Lens, path: str | Path) -> None:
     """Write a prescription as JSON; `read_lens` reads it back without loss."""
-    Path(path).write_text(lens.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n")
+    write_bytes(Path(path), (lens.model_dump_json(indent=1) + "\n").encode())

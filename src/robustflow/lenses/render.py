@@ -16,11 +16,6 @@ from .prescription import PIXEL, Lens
 from .spectrum import CHANNELS, channel_wavelengths
 
 
-def field_tangents(lens: Lens, fields: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the tangents of the field angles at fractions from 0 to 1 of the image's half diagonal."""
-    return np.asarray(fields * lens.field_tangent, np.float64)
-
-
 @njit(cache=True, error_model="numpy")
 def _bin(sx: Any, sy: Any, weight: Any, centre: float, out: Any) -> None:
     """Count the rays per pixel within a disk around (0, centre).
@@ -59,6 +54,7 @@ def field_rays(
 ) -> list[list[npt.NDArray[np.float64]]]:
     """Return the landing points of the rays for each field (outer list) and colour (inner list), float64 (3, R).
 
+    Fields are fractions from 0 to 1 of the image's half diagonal.
     The rows of an entry are x and y on the sensor in pixels from the axis, and the weight: 1 for a ray that passes
     through the stop and all surfaces, otherwise 0. Only the half x > 0 of the pupil is traced; the other half is
     symmetric.
@@ -68,7 +64,7 @@ def field_rays(
     """
     arrays = lens.column("curvature"), lens.column("conic"), lens.column("thickness")
     order = first_order_of(lens)
-    tangents = field_tangents(lens, fields)
+    tangents = fields * lens.field_tangent
     x, y, miss = aim(
         *arrays, lens.indices(DESIGN_WAVELENGTH), lens.stop, lens.stop_radius, tangents,
         order.pupil_position, order.pupil_magnification,

@@ -207,22 +207,19 @@ def search(
             report(f"move {number + 1}: " + " ".join(f"{candidate.cost:.4f}" for candidate in pool))
     for candidate in pool:
         best = refine(candidate, goal, limits, budget.last_iterations)
-        if fills_its_stop(best, goal):
+        if _fills_its_stop(best, goal):
             return best
     raise RobustFlowError("the search found no lens whose stop is filled from every field point; try a different seed")
 
 
-def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:
-    """Return whether rays from every field point reach the edge of the stop.
-
-    This includes field points between the six points of the merit function.
-    """
+def _fills_its_stop(candidate: Candidate, goal: Goal) -> bool:
+    """Return whether rays from 64 field points, not only the six of the merit function, reach the edge of the stop."""
     structure = candidate.structure
     index, stop = structure.indices(1)[-1:], structure.stop_surface
     curvature, thickness, radius, pupil, magnification = build_lens(
         candidate.free, index, stop, goal.focal_length, goal.f_number
     )
-    tangents = np.linspace(0.0, 1.0, fields) * goal.field_tangent
+    tangents = np.linspace(0.0, 1.0, 64) * goal.field_tangent
     conic = np.zeros(curvature.size)
     _, _, miss = aim(curvature, conic, thickness, index[0], stop, radius, tangents, pupil, magnification)
     return bool(miss < AIM_TOLERANCE)

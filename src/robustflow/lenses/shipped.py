@@ -14,7 +14,7 @@ from ..psf import shipped as shipped_psfs
 from ..psf.psf_field import PsfField
 from ..psf.shipped import check_digest, half_digest, halved
 from ..severity import check_severity
-from .prescription import Lens, read_lens
+from .prescription import Lens, read_lens, write_lens
 
 
 def shipped_lens(severity: int) -> Lens:
@@ -39,7 +39,7 @@ def ship_lens(severity: int, lens: Lens, field: PsfField, folder: Path | None = 
     half = halved(field)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, half=half.astype("<f2"))
-    write_bytes(folder / f"lens_s{severity}.json", (lens.model_dump_json(indent=1) + "\n").encode())
+    write_lens(lens, folder / f"lens_s{severity}.json")
     write_bytes(folder / f"psf_s{severity}.npz", buffer.getvalue())
     path = folder / "manifest.json"
     manifest = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import wraps
 from typing import Any, TypeVar
 
@@ -46,7 +46,7 @@ class Execution:
 
     def record(self, device: str) -> dict[str, Any]:
         """Return the settings for a model's identity; `device` is the type of the device that is used."""
-        return {"device": device, "precision": self.precision, "compile": self.compile, "threads": self.threads}
+        return {**asdict(self), "device": device}
 
 
 def with_execution(factory: Callable[..., Model]) -> Callable[..., Model]:
@@ -60,19 +60,18 @@ def with_execution(factory: Callable[..., Model]) -> Callable[..., Model]:
     >>> list(inspect.signature(build).parameters)
     ['size', 'device', 'precision', 'compile', 'threads']
     """
-    names = [field.name for field in fields(Execution)]
-
-    @wraps(factory)
-    def build(*arguments: Any, **options: Any) -> Model:
-        given = {name: options.pop(name) for name in names if name in options}
-        return factory(*arguments, execution=Execution(**given), **options)
-
-    signature = inspect.signature(factory)
-    own = [parameter for name, parameter in signature.parameters.items() if name != "execution"]
     shared = [
         inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
         for field in fields(Execution)
     ]
-    last = [parameter for parameter in own if parameter.kind is inspect.Parameter.VAR_KEYWORD]
-    build.__signature__ = signature.replace(parameters=[*(one for one in own if one not in last), *shared, *last])  # type: ignore[attr-defined]
+
+    @wraps(factory)
+    def build(*arguments: Any, **options: Any) -> Model:
+        given = {one.name: options.pop(one.name) for one in shared if one.name in options}
+        return factory(*arguments, execution=Execution(**given), **options)
+
+    signature = inspect.signature(factory)
+    own = [one for name, one in signature.parameters.items() if name != "execution"]
+    parameters = sorted([*own, *shared], key=lambda one: one.kind)  # `**options` has to be the last
+    build.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return build

@@ -126,7 +126,7 @@ class ModelSpec:
         return ModelSpec(self.name, (*kept, ("device", device)))
 
     def preflight(self) -> None:
-        """Raise an error if a file or library is missing, without importing heavy libraries; see `early`."""
+        """Raise an error if a file or library is missing, without importing heavy libraries; see `preflight`."""
         preflight(self.name, dict(self.options), EXPORTED)
 
     @property
@@ -144,8 +144,7 @@ class ModelSpec:
         identity["options"] = {key: str(value) for key, value in self.options if key not in known | {DECLARED}}
         if len(self.devices()) > 1 and "device" in identity["options"]:  # the number of devices does not affect results
             identity["options"]["device"] = self.devices()[0].partition(":")[0]
-        users = ":" in self.name and not self.name.startswith(PTLFLOW)
-        source = source_of_target(self.name) if users else None
+        source = source_of_target(self.name) if self.is_own else None
         if source is not None:
             identity |= {"spec": self.name, "source": digest_of_bytes(source)}
         return identity

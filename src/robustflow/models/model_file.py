@@ -18,7 +18,7 @@ _NO_MODEL = {
 }
 
 
-def require_file(path: Path, what: str = "checkpoint; put the authors' file there, or pass its path") -> None:
+def require_file(path: Path, what: str) -> None:
     """Raise an error if a file is missing, before the library that reads it is imported.
 
     Args:

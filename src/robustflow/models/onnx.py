@@ -253,7 +253,7 @@ def _external_files(path: Path, model: Any) -> dict[str, str]:
 
     Args:
         path: path of the ONNX file.
-        model: parsed message from `parsed`.
+        model: parsed message from `_parse`.
 
     Raises:
         ModelError: a weight file is missing or outside the ONNX file's folder.

@@ -20,7 +20,7 @@ class PairNetwork(ABC):
         """Whether pairs of equal size are batched: on a GPU, if the network's batch size is dynamic.
 
         On the CPU, each pair is predicted separately: a batch would not be faster, and it would change the last bits of
-            each flow (by up to 1e-4 px), because the summation order in a convolution depends on the batch size.
+        each flow (by up to 1e-4 px), because the summation order in a convolution depends on the batch size.
         """
 
     @abstractmethod

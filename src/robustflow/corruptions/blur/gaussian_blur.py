@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from ..kernels.separable import FLOOR, gaussian_frame
@@ -22,10 +21,6 @@ class GaussianBlur(Corruption):
     name = "gaussian_blur"
     family = "blur"
     paper_severities = (1.0, 2.0, 3.0, 4.0, 6.0)
-
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Return the standard deviation; nothing is random."""
-        return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
         """Blur one frame."""

@@ -13,7 +13,6 @@ from ...errors import UsageError
 from ...psf.blur import blur
 from ...psf.psf_field import PsfField
 from ...psf.shipped import shipped_field
-from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from .reference_stack import reference_field
@@ -81,10 +80,6 @@ class PsfBlur(Corruption):
         if self.psf_dir is None:
             return ""
         return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)
-
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Return the RMS radius of the lens; nothing is random."""
-        return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
         """Blur one frame."""

@@ -95,7 +95,6 @@ class MotionBlur3d(DepthCorruption):
 
 
 def _drawn(rng: Rng, depth: SceneDepth) -> Motion:
-
     while True:
         x, y, z = (rng.uniform(-1.0, 1.0) for _ in range(3))
         squared = x * x + y * y + z * z

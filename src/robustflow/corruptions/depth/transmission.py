@@ -78,7 +78,6 @@ def _look_up(depth: Any, scale: Any, start: Any, table: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _blend(frame: Any, passed: Any, colour: Any, out: Any) -> None:
-
     red, green, blue = colour[0], colour[1], colour[2]
     for y in range(frame.shape[0]):
         source, target, row = frame[y], out[y], passed[y]

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ...compiled import njit
-from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from ..kernels.rounding import to_bytes
@@ -23,10 +22,6 @@ class Contrast(Corruption):
     name = "contrast"
     family = "digital"
     paper_severities = (0.4, 0.3, 0.2, 0.1, 0.05)
-
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Return c; nothing is random."""
-        return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
         """Reduce the contrast of one frame."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from ..kernels.box_resize import pixelated
@@ -16,10 +15,6 @@ class Pixelate(Corruption):
     name = "pixelate"
     family = "digital"
     paper_severities = (0.6, 0.5, 0.4, 0.3, 0.25)
-
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
-        """Return the scale factor; nothing is random."""
-        return float(self.parameter(severity))
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
         """Pixelate one frame."""

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiled import njit
-from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 
@@ -37,10 +36,6 @@ class Saturate(Corruption):
         """Return the parameters; the variant "reference" swaps the first two, as the reference code does."""
         first, second, *rest = self.paper_severities
         return (second, first, *rest) if variant == "reference" else self.paper_severities
-
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Saturation:
-        """Return (alpha, beta); nothing is random."""
-        return self.parameter(severity)
 
     def apply(self, frame: Frame, state: Saturation, index: int) -> Frame:
         """Change the saturation of one frame."""

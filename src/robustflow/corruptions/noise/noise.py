@@ -55,6 +55,6 @@ class Noise(Corruption):
         Args:
             source: clean frame, uint8 (H, W, 3).
             parameter: amount of noise, an element of `severities`.
-                key: key of the frame's random stream.
-                out: output array, uint8 (H, W, 3).
+            key: key of the frame's random stream.
+            out: output array, uint8 (H, W, 3).
         """

@@ -92,7 +92,7 @@ class FlowDiffuser(nn.Module):
 
         Returns:
             The flow after each iteration, at full resolution: six iterations of the denoising step, then six of the
-                refinement.
+            refinement.
         """
         image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
         pyramid, features4, context8, context4 = self._encoded(image1, image2)

@@ -76,8 +76,7 @@ class PtlflowNet(nn.Module):
 
 _STRIDE = 8
 """Number of image pixels per pixel of the cost volume along each axis; the side lengths of a crop are multiples of
-        this number.
-"""
+this number."""
 
 
 class FlowFormerPlusPlusNet(PtlflowNet):

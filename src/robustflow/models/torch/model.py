@@ -32,7 +32,7 @@ class NetworkModel(PairNetwork):
         settings: additional settings that affect the results (checkpoint hash, iterations), for `identity`.
         execution: settings for device, precision, compilation and threads.
 
-        Raises:
+    Raises:
         UsageError: the device is unknown.
         ModelError: the machine does not have the device.
     """
