@@ -136,6 +136,15 @@ def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for)
         run_training(request_for(steps=200, checkpoints=Checkpoints(1), loaders=1), kill)
 
 
+def test_an_unexpected_error_leaves_no_loader_for_which_the_process_would_wait_at_its_end(request_for):
+    def stop() -> bool:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError) as caught:  # its traceback keeps the variables of the loop alive
+        run_training(request_for(loaders=1), stop)
+    assert multiprocessing.active_children() == [], caught
+
+
 @pytest.mark.parametrize("later", [None, RuntimeError("unexpected pos 64 vs 0"), DataError("no room")])
 def test_a_killed_reader_is_recognised_behind_a_later_error(later):
     def write_a_checkpoint():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,10 +82,14 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)
-    stream = batches(training.pairs, share, steps, request.data.loaders)
     network.train()
     leads = process.rank == 0
-    with workers_watched(), MetricsLog(training.folder, first) if leads else nullcontext() as log, progress:
+    with (
+        workers_watched(),
+        closing(batches(training.pairs, share, steps, request.data.loaders)) as stream,  # ends its processes
+        MetricsLog(training.folder, first) if leads else nullcontext() as log,
+        progress,
+    ):
         progress.start("update", last, first)
         for update in range(first, last):
             began = time.perf_counter()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -110,8 +110,8 @@ class Share:
         return list(range(first, first + each))
 
 
-def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> Iterator[Batch]:
-    """Yield the batches of some steps, in order.
+def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> Generator[Batch, None, None]:
+    """Yield the batches of some steps, in order. Closing the generator ends its processes.
 
     Args:
         pairs: training pairs.
