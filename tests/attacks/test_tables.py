@@ -162,6 +162,15 @@ def test_models_are_compared_on_the_samples_that_all_of_them_have(five, tmp_path
     assert noise.rho == pytest.approx(spearmanr(corrupted, attacked).statistic)
 
 
+def test_runs_that_differ_in_the_seed_are_correlated_and_the_table_says_so(five, tmp_path):
+    chosen = {"attacks": "random_sign", "corruptions": ["contrast", "high_light"]}
+    other = run(tmp_path / "run", Shrunk(0.75), name="0.75", seed=1, **chosen)
+
+    table = prediction_table([*five, other])
+    assert "0.75 has seed 1" in table.remarks[-1]
+    assert "seed" not in " ".join(prediction_table(five).remarks)
+
+
 def test_an_attack_that_is_only_a_lower_bound_is_correlated_and_the_table_says_so(five, monkeypatch):
     doubtful = [replace(one, warnings={"still_rising": 2}) for one in attack_scores(five[0])]
     monkeypatch.setattr(

@@ -33,6 +33,7 @@ class Prediction:
         rho: Spearman's rank correlation; None with fewer than `ranking.LEAST_MODELS` models or if one variable is
             constant.
         interval: 95 % confidence interval of `rho`.
+        remark: description of omitted rows and of differences between the runs; "" if there are none.
     """
 
     attack: str
@@ -43,6 +44,7 @@ class Prediction:
     lower_bounds: tuple[str, ...]
     rho: float | None
     interval: tuple[float, float] | None
+    remark: str
 
 
 def predictions(runs: Sequence[Run]) -> list[Prediction]:
@@ -62,7 +64,8 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     unranked = {name: why for name, why in zip(names, exclusions(runs), strict=True) if why}
     warned = {name: _warnings(run) for name, run in named.items()}
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
-    before = common_to(named).rows
+    common = common_to(named)
+    before = common.rows
     samples = set.intersection(*(set(rows["sample"]) for rows in before.values()))
     increase = {name: getattr(summarize(rows, paper=()), metric) for name, rows in before.items()}
     predicted = []
@@ -85,7 +88,9 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
         }
         rho, ends = rank_correlation([increase[name] for name in after], list(after.values()))
         lower = tuple(name for name in after if warnings[name])
-        predicted.append(Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends))
+        predicted.append(
+            Prediction(attack, tuple(shared), metric, tuple(after), left_out, lower, rho, ends, common.remark)
+        )
     return predicted
 
 

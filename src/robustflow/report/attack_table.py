@@ -170,6 +170,8 @@ def prediction_table(runs: Sequence[Run]) -> Table | None:
     ]
     if any(len(one.models) < LEAST_MODELS for one in predicted):
         remarks.append(f"No correlation is computed for fewer than {LEAST_MODELS} models.")
+    if predicted[0].remark:
+        remarks.append(predicted[0].remark)
     lines = tuple(map(_prediction_line, predicted))
     return Table("corruptions-and-attacks", PREDICTION, columns, (Section("Attacks", lines),), tuple(remarks), "Attack")
 
