@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import Any
 
 import polars as pl
 
 from ..attacks.ball import GREY_LEVELS
 from ..attacks.registry import control_of, norm_of
+from ..metrics.summary import Scores
 from ..runs.aggregate import summarize
+from ..runs.means import image_mean
 from ..runs.run import Run
 
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
@@ -23,25 +25,19 @@ _BEATEN = {
 """Attack -> key in `BESIDE_OTHERS` of the warning given to white-box attacks that are weaker than this attack."""
 
 
-@dataclass(frozen=True)
-class AttackScore:
-    """Scores of one attack at one severity.
+class AttackScore(Scores):
+    """Scores of one attack at one severity: means over images, as for corruptions, and what only attacks have.
 
     Attributes:
         attack, severity: name and severity of the attack.
         norm, budget: norm of the attack ("linf" or "rms") and its bound in grey levels (0 to 255).
         samples: number of attacked samples.
-        epe, cre, crer: mean error in px, its increase over the clean error in px, and this increase divided by the
-            clean error; None without ground truth.
-        rcre: mean change in the flow, px.
-        px1, px3, px5, fl: percentage of pixels with an error above 1, 3 and 5 px, and of KITTI's Fl outliers; None
-            without ground truth.
         median: median error over the pixels of a sample, averaged over samples, px; None without ground truth.
         capped: mean error with the error of each pixel capped at the frame diagonal, px; None without ground truth.
         way_gone: percentage of the distance from the clean flow to the target that the attack covers; None without a
             target.
-        gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm
-            in the same frames, px.
+        gain: error (or change in the flow, if there is no ground truth) minus that under random noise of the same norm,
+            px.
         linf, rms: mean norms of the perturbations, grey levels.
         evaluations: mean number of flow predictions made by the attack.
         seconds: mean run time of the attack over all severities; None if the run does not record it.
@@ -53,18 +49,10 @@ class AttackScore:
     norm: str
     budget: float
     samples: int
-    epe: float | None
-    cre: float | None
-    crer: float | None
-    rcre: float | None
-    px1: float | None
-    px3: float | None
-    px5: float | None
-    fl: float | None
     median: float | None
     capped: float | None
     way_gone: float | None
-    gain: float | None
+    gain: float | None = None
     linf: float
     rms: float
     evaluations: float
@@ -78,8 +66,7 @@ class AttackScore:
 
 
 def attack_scores(run: Run) -> list[AttackScore]:
-    """Score every attack of a run at every severity, starting with the controls. Scores are means over images, as for
-    corruptions."""
+    """Score every attack of a run at every severity, starting with the controls."""
     rows = run.attack_rows
     names = [name for name in run.attacks if not rows.filter(corruption=name).is_empty()]
     if not names:
@@ -90,7 +77,7 @@ def attack_scores(run: Run) -> list[AttackScore]:
         of_attack, spent = means[name], run.manifest.seconds.get(f"attack {name}")
         for place, severity in enumerate(of_attack.severities):
             mine = rows.filter(corruption=name, severity=severity)
-            at = {metric: values[place] for metric, values in of_attack.by_severity.items()}
+            at: dict[str, Any] = {metric: values[place] for metric, values in of_attack.by_severity.items()}
             warnings = pl.Series(mine["attack_warnings"]).str.split(",").explode().drop_nulls()
             counts = {text: int((warnings == text).sum()) for text in warnings.unique().sort() if text}
             norm = norm_of(name)
@@ -101,23 +88,15 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     norm=norm,
                     budget=GREY_LEVELS[norm][severity - 1],
                     samples=mine.height,
-                    epe=at["epe"],
-                    cre=at["cre"],
-                    crer=at["crer"],
-                    rcre=at["rcre"],
-                    px1=_share(mine, "px1_count"),
-                    px3=_share(mine, "px3_count"),
-                    px5=_share(mine, "px5_count"),
-                    fl=_share(mine, "fl_count"),
                     median=_mean(mine, "attack_median"),
-                    capped=_share(mine, "attack_capped_sum", 1.0),
+                    capped=image_mean(mine, "attack_capped_sum", "n_valid"),
                     way_gone=_mean(mine, "attack_way_gone", 100.0),
-                    gain=None,
                     linf=_mean(mine, "attack_linf") or 0.0,
                     rms=_mean(mine, "attack_rms") or 0.0,
                     evaluations=_mean(mine, "attack_evaluations") or 0.0,
                     seconds=None if spent is None else spent / rows.filter(corruption=name).height,
                     warnings=counts,
+                    **at,
                 )
             )
     return _compared(scores)
@@ -160,7 +139,7 @@ def _compared(scores: list[AttackScore]) -> list[AttackScore]:
         if _name(score) in WHITE_BOX and score.way_gone is None:
             stronger = (one for one in scores if _above(one, score) and one.way_gone is None)
             warnings |= dict.fromkeys((_BEATEN[_name(one)] for one in stronger if _name(one) in _BEATEN), score.samples)
-        compared.append(replace(score, gain=gain, warnings=warnings))
+        compared.append(score.model_copy(update={"gain": gain, "warnings": warnings}))
     return compared
 
 
@@ -173,13 +152,6 @@ def _above(one: AttackScore, other: AttackScore) -> bool:
     """Whether `one` is stronger than `other` at the same budget, in the same frames."""
     alike = (control_of(one.attack), one.severity) == (control_of(other.attack), other.severity)
     return alike and one.strength is not None and other.strength is not None and one.strength > other.strength
-
-
-def _share(rows: pl.DataFrame, total: str, factor: float = 100.0) -> float | None:
-    """Return the per-pixel average of a summed column, averaged over images."""
-    measured = rows.filter(pl.col("n_valid") > 0)
-    value = (factor * measured[total] / measured["n_valid"]).mean()
-    return float(value) if isinstance(value, float) else None
 
 
 def _mean(rows: pl.DataFrame, column: str, factor: float = 1.0) -> float | None:

@@ -3,7 +3,6 @@ a flow that hardly depends on the frames."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from statistics import median_low
 
@@ -12,7 +11,7 @@ import polars as pl
 from ..benchmarks.facts import is_still
 from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
-from ..runs.means import clean_flow_length
+from ..runs.means import clean_flow_length, image_mean
 from ..runs.run import Run
 
 ACCURATE_BELOW = 0.5
@@ -101,22 +100,17 @@ def missed_motion(rows: pl.DataFrame) -> tuple[float, float] | None:
 
 def clean_epe(rows: pl.DataFrame) -> float | None:
     """Return the EPE on the clean frames, averaged over images, in pixels; None without ground truth."""
-    return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "epe_sum", "n_valid")
+    return image_mean(rows.filter(pl.col("corruption") == CLEAN), "epe_sum", "n_valid")
 
 
 def zero_flow_epe(rows: pl.DataFrame) -> float | None:
     """Return the EPE of a model that predicts zero flow, in pixels: the mean length of the ground-truth flow; None
     without ground truth."""
-    return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "magnitude_sum", "n_valid")
+    return image_mean(rows.filter(pl.col("corruption") == CLEAN), "magnitude_sum", "n_valid")
 
 
 def _moved(rows: pl.DataFrame) -> float | None:
     """Return the mean RCRE over all pixels of the pairs that the corruption changed."""
     clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
     corrupted = rows.filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
-    return _mean_over_images(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")
-
-
-def _mean_over_images(rows: pl.DataFrame, total: str, count: str) -> float | None:
-    images = rows.filter(pl.col(count) > 0)
-    return math.fsum(images[total] / images[count]) / images.height if images.height else None
+    return image_mean(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")

@@ -7,7 +7,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -46,7 +46,7 @@ def as_json_text(results: Sequence[Run]) -> str:
             "benchmark": each.benchmark,
             "folder": str(each.path),
             "summary": each.document(),
-            **({"attacks": [asdict(score) for score in attack_scores(each)]} if each.attacks else {}),
+            **({"attacks": [score.model_dump() for score in attack_scores(each)]} if each.attacks else {}),
         }
         for each in results
     ]

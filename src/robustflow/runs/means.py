@@ -137,6 +137,11 @@ def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: A
     return factor * math.fsum(sums.tolist()) / int(counts.sum())
 
 
+def image_mean(rows: pl.DataFrame | pl.LazyFrame, total: str, count: str) -> float | None:
+    """Return the mean over images of `total` / `count`, two columns; None if no image has a count."""
+    return _mean_over(_array(rows, total), _array(rows, count), 1.0, "image")
+
+
 def clean_flow_length(rows: pl.DataFrame | pl.LazyFrame, averaging: Averaging) -> float | None:
     """Return the mean length of the predicted flow on the clean frames, in pixels, over all predicted pixels; None if
     there are none."""
