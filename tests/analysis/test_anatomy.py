@@ -24,7 +24,7 @@ def test_families_share_the_error():
     corrupted = {"fog": (8.0, 10), "snow": (8.0, 20), "gaussian_noise": (5.0, 7)}
     rows = [_row(name, 1, epe=epe, fl_count=fl) for name, (epe, fl) in corrupted.items()]
     weather, noise = error_parts(_summary(_row(epe=2.0, fl_count=5), *rows))
-    assert (weather.label, weather.cre, weather.crer) == ("weather corruptions", 6, 3)
+    assert (weather.label, weather.scores.cre, weather.scores.crer) == ("weather corruptions", 6, 3)
     assert (weather.contribution, noise.contribution) == pytest.approx((4, 1))
     assert (weather.broken, noise.broken) == pytest.approx((10, 2))
 
@@ -42,7 +42,7 @@ def test_regions():
     )
     region = error_parts(_summary(_row(epe=2.0, fl_count=5, **clean), _row("fog", 1, epe=8.0, fl_count=10, **fog)))[0]
     assert region.label == "within 10 px of a motion edge"
-    assert (region.share, region.cre, region.crer, region.broken) == (10, 16, 4, 0)
+    assert (region.share, region.scores.cre, region.scores.crer, region.broken) == (10, 16, 4, 0)
 
 
 def test_without_ground_truth_nothing_is_made_up():

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..corruptions.names import MEMBERS
-from ..metrics.summary import Summary
+from ..metrics.summary import Scores, Summary
 
 REGION_LABELS = {
     "noc": "not occluded",
@@ -36,32 +36,29 @@ class ErrorPart:
         contribution: contribution of a family to the overall CRE, px; negative if it reduces the error. If only the
             paper's corruptions were run, the contributions add up to the CRE. Percentages would be misleading: if one
             family has a negative contribution, the others add up to more than 100 %.
-        cre, crer, rcre: means as in the run's summary.
+        scores: means as in the run's summary.
         broken: net percentage of the pixels that became Fl outliers.
     """
 
     label: str
     share: float | None
     contribution: float | None
-    cre: float | None
-    crer: float | None
-    rcre: float | None
+    scores: Scores
     broken: float | None
 
 
 def error_parts(summary: Summary) -> list[ErrorPart]:
     """Return the parts of the error: image regions in the order of `metrics.regions.REGIONS`, then families."""
-    parts = []
-    for region, of in summary.regions.items():
-        broken = _minus(of.fl, of.fl_clean)
-        parts.append(ErrorPart(REGION_LABELS[region], of.share, None, of.cre, of.crer, of.rcre, broken))
+    parts = [
+        ErrorPart(REGION_LABELS[region], of.share, None, of, _minus(of.fl, of.fl_clean))
+        for region, of in summary.regions.items()
+    ]
     averaged = summary.averaged_over
     for family, scores in summary.families.items():
         count = sum(name in averaged for name in MEMBERS[family])
         contribution = None if scores.cre is None else scores.cre * count / len(averaged)
         broken = _minus(scores.fl, summary.clean.fl)
-        label = f"{family} corruptions"
-        parts.append(ErrorPart(label, None, contribution, scores.cre, scores.crer, scores.rcre, broken))
+        parts.append(ErrorPart(f"{family} corruptions", None, contribution, scores, broken))
     return parts
 
 

@@ -16,7 +16,7 @@ from ..runs.run import Run
 from .attacks import attack_scores
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .run_names import run_names
+from .run_names import named_runs
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,11 @@ def predictions(runs: Sequence[Run]) -> list[Prediction]:
     Raises:
         RunError: the runs have no frames in common.
     """
-    names = run_names(runs)
-    named = {name: run for name, run in zip(names, runs, strict=True) if run.attacks}
-    named = {name: run for name, run in named.items() if run.manifest.selection.corruptions}
+    every = named_runs(runs)
+    named = {name: run for name, run in every.items() if run.attacks and run.manifest.selection.corruptions}
     if len(named) < 2:
         return []
-    unranked = {name: why for name, why in zip(names, exclusions(runs), strict=True) if why}
+    unranked = {name: why for name, why in zip(every, exclusions(runs), strict=True) if why}
     warned = {name: _warnings(run) for name, run in named.items()}
     metric = "rcre" if any(run.cre is None for run in named.values()) else "cre"
     common = common_to(named)

@@ -25,7 +25,7 @@ from ..runs.comparable import (
 from ..runs.run import Run
 from ..text import joined, plain
 from .exclusion import exclusion_reasons
-from .run_names import run_names
+from .run_names import named_runs, run_names
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _model(run: Run) -> str:
 
 def _model_names(runs: Sequence[Run]) -> dict[str, str]:
     first = {_model(run): run for run in reversed(runs)}
-    return dict(zip(first, run_names(list(first.values())), strict=True))
+    return dict(zip(first, named_runs(list(first.values())), strict=True))
 
 
 def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
@@ -168,11 +168,10 @@ def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
     remark what was left out."""
     keys = list(ROW_KEY)
     shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
-    names = run_names(runs)
     if all(run.rows.height == shared.height for run in runs):
         return [run.rows for run in runs], ""
     remark = f"Only the {shared.height} rows (clean or corrupted pairs) that all runs have in common are compared"
-    words = differences(dict(zip(names, runs, strict=True)), SELECTION)
+    words = differences(named_runs(runs), SELECTION)
     return [run.rows.join(shared, on=keys, how="semi") for run in runs], f"{remark}: {words}."
 
 

@@ -12,8 +12,8 @@ from ..runs.comparable import common_to
 from ..runs.run import Run
 from .exclusion import exclusions
 from .ranking import rank_correlation
-from .run_names import run_names
-from .uncertainty.bootstrap import bootstrap
+from .run_names import named_runs
+from .uncertainty.bootstrap import Interval, bootstrap
 from .uncertainty.sums import ClusterSums
 
 TWINS = (
@@ -33,18 +33,14 @@ class TwinErrors:
     Attributes:
         model: name of the model.
         flat, deep: mean increase in error, or mean change in flow, under each of the two corruptions, px.
-        difference: `deep` minus `flat`, px.
-        low, high: ends of the 95 % confidence interval of `difference` over pairs or groups of pairs, px; None if there
-            are too few.
+        difference: `deep` minus `flat`, px, with its interval over pairs or groups of pairs.
         excluded: reason why the model is left out of the correlation; "" if it is included.
     """
 
     model: str
     flat: float
     deep: float
-    difference: float
-    low: float | None
-    high: float | None
+    difference: Interval
     excluded: str
 
 
@@ -83,8 +79,8 @@ def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]
     Raises:
         RunError: if runs with a pair of `TWINS` have no frames in common.
     """
-    excluded = dict(zip(run_names(runs), exclusions(runs), strict=True))
-    named = dict(zip(run_names(runs), runs, strict=True))
+    named = named_runs(runs)
+    excluded = dict(zip(named, exclusions(runs), strict=True))
     found = []
     for twins in TWINS:
         having = {name: run for name, run in named.items() if set(twins) <= set(run.manifest.selection.corruptions)}
@@ -117,12 +113,8 @@ def _compared(
         flat, deep = (sums.statistic(metric, twin) for twin in twins)
         statistics = {"flat": flat, "deep": deep, "difference": deep - flat}
         made = bootstrap(statistics, len(sums.clusters), seed=seed, symmetric=True)
-        one = made["difference"]
-        models.append(
-            TwinErrors(
-                name, made["flat"].estimate, made["deep"].estimate, one.estimate, one.low, one.high, excluded[name]
-            )
-        )
+        errors = made["flat"].estimate, made["deep"].estimate
+        models.append(TwinErrors(name, *errors, made["difference"], excluded[name]))
     ranked = [model for model in models if not model.excluded]
     rho, ends = rank_correlation([model.flat for model in ranked], [model.deep for model in ranked])
     return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends)

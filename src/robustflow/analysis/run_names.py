@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..digest import digest_of_value
 from ..runs.comparable import recipe_in_words
@@ -14,6 +14,8 @@ from .labels import benchmark_label
 
 if TYPE_CHECKING:
     from ..runs.run import Run
+
+AnyRun = TypeVar("AnyRun", bound="Run")
 
 _MOST_NAMED = 3
 _LONGEST_VALUE = 24
@@ -39,6 +41,11 @@ def run_names(runs: Sequence[Run]) -> list[str]:
         seen[name] += 1
         names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
     return names
+
+
+def named_runs(runs: Sequence[AnyRun]) -> dict[str, AnyRun]:
+    """Return the runs by their `run_names`."""
+    return dict(zip(run_names(runs), runs, strict=True))
 
 
 def _differences(runs: Sequence[Run]) -> list[list[str]]:

@@ -26,7 +26,7 @@ def power(
       robustflow power runs/a runs/b
       robustflow power runs/a runs/b --effect 0.05 --power 0.9
     """
-    from ..analysis.run_names import run_names
+    from ..analysis.run_names import named_runs
     from ..analysis.uncertainty.power import plan_pairs
     from ..records.load import load_any_run
     from ..report.power_table import power_table
@@ -34,7 +34,7 @@ def power(
 
     check_format(format, as_json)
     loaded = [load_any_run(run) for run in runs]
-    rows = {name: run.rows for name, run in zip(run_names(loaded), loaded, strict=True)}
+    rows = {name: run.rows for name, run in named_runs(loaded).items()}
     plan = plan_pairs(rows, effect, power=power, level=level)
     text = plan.write_json() + "\n" if as_json else as_text(power_table(plan, power, level), format, output)
     write_text(text, output)

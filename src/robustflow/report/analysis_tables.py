@@ -11,7 +11,7 @@ from ..analysis.effective import effective_robustness
 from ..analysis.labels import SETTING_LABELS, long_label
 from ..analysis.model_result import ModelResult
 from ..analysis.observations import observations
-from ..analysis.run_names import run_names
+from ..analysis.run_names import named_runs
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .run_tables import MEANS
@@ -69,10 +69,11 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     """Tabulate the error of each run by image region and corruption family, and its slope over severities."""
     columns = tuple(map(Column, ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
     sections = []
-    for name, run in zip(run_names(runs), runs, strict=True):
+    for name, run in named_runs(runs).items():
         lines = []
         for part in error_parts(run.summary):
-            numbers = (part.share, part.contribution, part.cre, part.crer, part.rcre, part.broken, None)
+            scores = part.scores
+            numbers = (part.share, part.contribution, scores.cre, scores.crer, scores.rcre, part.broken, None)
             lines.append(Line.of_numbers(part.label, numbers))
         for corruption, slope in severity_slopes(run.summary, "rcre").items():
             lines.append(Line.of_numbers(long_label(corruption), [None] * 6 + [slope]))

@@ -11,7 +11,7 @@ from ..analysis.imported import NOTE
 from ..analysis.imported.flowbench_attacks import FLAGS, StoredAttack
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.ranking import LEAST_MODELS
-from ..analysis.run_names import run_names
+from ..analysis.run_names import named_runs
 from ..analysis.security_curves import CurvePoint, security_curves
 from ..attacks.result import EXPLAINED
 from ..errors import RunError, UsageError
@@ -66,7 +66,7 @@ def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
         UsageError: these runs lack the data for the table.
     """
     if name == "attacks":
-        each = [(title, attack_table(run)) for title, run in zip(run_names(runs), runs, strict=True)]
+        each = [(title, attack_table(run)) for title, run in named_runs(runs).items()]
         tables = [replace(table, title=f"Attacks on {plain(title)}") for title, table in each if table is not None]
     else:
         try:
@@ -141,7 +141,7 @@ def explained(warning: str) -> str:
 def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
     """Tabulate the security curves of runs, one section per run; return None if no run has attacks."""
     sections = []
-    for name, run in zip(run_names(runs), runs, strict=True):
+    for name, run in named_runs(runs).items():
         if lines := tuple(map(_curve_line, security_curves(run, seed))):
             sections.append(Section(plain(name), lines))
     if not sections:

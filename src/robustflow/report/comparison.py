@@ -10,7 +10,7 @@ import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, long_label, mean_label, metric_label
 from ..analysis.model_result import not_ranked
-from ..analysis.run_names import run_names
+from ..analysis.run_names import named_runs
 from ..analysis.run_results import run_results
 from ..analysis.uncertainty import compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
@@ -183,13 +183,11 @@ def compare(
     [0.0]
     """
     runs = [_opened(first), _opened(second)]
-    first_name, second_name = run_names(runs)
-    names = (first_name, second_name)
-    common = common_to(dict(zip(names, runs, strict=True)))
-    one, other = common.rows.values()
-    frame = compare_rows(one, other, names, level=level, resamples=resamples, seed=seed)
+    common = common_to(named_runs(runs))
+    (name, one), (other_name, other) = common.rows.items()
+    frame = compare_rows(one, other, (name, other_name), level=level, resamples=resamples, seed=seed)
     unranked = [f"Not ranked: {reason}." for reason in not_ranked(run_results(runs))]
-    return Comparison(names, frame, " ".join(filter(None, (common.remark, *unranked))))
+    return Comparison((name, other_name), frame, " ".join(filter(None, (common.remark, *unranked))))
 
 
 def _opened(run: AnyRun) -> Run:

@@ -58,5 +58,6 @@ def _correlation_line(one: TwinComparison) -> Line:
 
 
 def _model_line(model: TwinErrors) -> Line:
-    values = (model.flat, model.deep, model.difference, model.low, model.high)
+    difference = model.difference
+    values = (model.flat, model.deep, difference.estimate, difference.low, difference.high)
     return Line.of(plain(model.model), tuple(number_text(value, 2) for value in values), model.excluded)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
-from ..analysis.run_names import run_names
+from ..analysis.run_names import named_runs
 from ..analysis.run_results import comparison_note, run_results, run_setting
 from ..errors import UsageError, unknown_name
 from ..runs.comparable import common_to, differences
@@ -72,7 +72,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     from . import figures
 
     of_results: dict[str, Callable[..., Figure]] = {
-        "classes": figures.crer_by_family,
+        "classes": lambda results: figures.crer_by_family(results, tuple(line.name for line in results)),
         "accuracy": figures.clean_against_cre,
         "relations": figures.relations,
     }
@@ -80,14 +80,14 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         raise unknown_name("plot", kind, kinds)
     if metric not in INTERVAL_METRICS:
         raise unknown_name("metric", metric, INTERVAL_METRICS)
-    names = run_names(runs)
     if kind == "displacement":
         return figures.displacement_figure(displacements_of(runs))
+    named = named_runs(runs)
     if kind == "severity":
-        return figures.severity_curves(common_to(dict(zip(names, runs, strict=True))).rows, metric)
-    if words := differences(dict(zip(names, runs, strict=True))):
+        return figures.severity_curves(common_to(named).rows, metric)
+    if words := differences(named):
         raise UsageError(
             f"these runs measured different conditions and cannot be drawn together ({words}); plot them separately"
         )
     results = run_results(runs)
-    return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)
+    return of_results[kind](results)
