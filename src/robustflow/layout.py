@@ -66,13 +66,14 @@ def user_path(path: str | Path) -> Path:
 
 
 def numbered(folder: Path, pattern: str) -> dict[int, Path]:
-    """Return the files of a folder whose full name matches `pattern`, sorted by the number in its first group.
+    """Return the files of a folder whose full name matches `pattern`, sorted by the number in its first group; an empty
+    mapping if the folder does not exist.
 
     Raises:
         DataError: two names have the same number.
     """
     frames: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         match = re.fullmatch(pattern, path.name)
         if match:
             number = int(match[1])

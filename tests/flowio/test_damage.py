@@ -137,4 +137,4 @@ def test_other_names(tmp_path: Path) -> None:
     refused(tmp_path / "flow.tif", r"unknown flow format '\.tif'")
     (tmp_path / "folder.flo").mkdir()
     for name in ("missing.flo", "folder.flo"):
-        refused(tmp_path / name, "no such flow file")
+        refused(tmp_path / name, "no such file; check the path|not a file")

@@ -83,7 +83,7 @@ def test_an_object_that_cannot_travel_is_one_sentence(tmp_path):
             super().__init__()
             self.socket = socket.socket()
 
-    with pytest.raises(UsageError, match=r"cannot be sent to Ray's workers .*name the model as 'module:attribute'"):
+    with pytest.raises(UsageError, match=r"cannot be sent to worker processes .*name the model as 'module:attribute'"):
         rf.evaluate(Open(), output=tmp_path / "run", engine="ray", **SETTING)
 
 

@@ -65,8 +65,8 @@ def with_motion(camera: Camera, depth: npt.NDArray[Any], flow: Flow, known: Mask
     [0.5, 0.0, 0.0]
     """
     rows, columns = np.nonzero(known)
-    step = -(-len(rows) // _MOST)
-    rows, columns = rows[::step] if step else rows, columns[::step] if step else columns
+    step = max(1, -(-len(rows) // _MOST))
+    rows, columns = rows[::step], columns[::step]
     if len(rows) < _LEAST:
         return camera
     fx, fy, cx, cy = camera.intrinsics(0)

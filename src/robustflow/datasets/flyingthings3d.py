@@ -78,8 +78,6 @@ class FlyingThings3D(PairDataset):
 
 
 def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> dict[str, PairFiles]:
-    if not images.is_dir():
-        return {}
     frames = numbered(images, r"(\d{4})\.(?:png|webp)")
     pairs = {}
     for before, after in consecutive(frames):

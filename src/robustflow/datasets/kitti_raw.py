@@ -69,7 +69,7 @@ class KittiRaw(PairDataset):
             for drive in drive_folders
             if drive.name.removesuffix("_sync") not in known
             for images in cameras
-            for first, second in _frames(drive / images / "data")
+            for first, second in following(numbered(drive / images / "data", r"(\d{1,10})\.(?:png|jpg)"))
         }
         if not pairs:
             raise DataError(
@@ -88,10 +88,6 @@ def _drives(root: Path) -> Iterator[Path]:
         for drive in folders(day):
             if re.fullmatch(r"\d{4}_\d\d_\d\d_drive_\d{4}(_sync)?", drive.name):
                 yield drive
-
-
-def _frames(folder: Path) -> list[tuple[Path, Path]]:
-    return following(numbered(folder, r"(\d{1,10})\.(?:png|jpg)")) if folder.is_dir() else []
 
 
 def _listed(root: Path, listing: Path) -> dict[str, PairFiles]:

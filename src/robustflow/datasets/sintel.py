@@ -94,12 +94,8 @@ class Sintel(PairDataset):
 
 
 def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, PairFiles]:
-    frames = {}
-    if (folder / render_pass / scene).is_dir():
-        frames = numbered(folder / render_pass / scene, r"frame_(\d{4})\.png")
-    flows = {}
-    if (folder / "flow" / scene).is_dir():
-        flows = numbered(folder / "flow" / scene, r"frame_(\d{4})\.flo")
+    frames = numbered(folder / render_pass / scene, r"frame_(\d{4})\.png")
+    flows = numbered(folder / "flow" / scene, r"frame_(\d{4})\.flo")
     for number, flow in flows.items():
         for needed in (number, number + 1):
             partner(folder / render_pass / scene / f"frame_{needed:04d}.png", flow)

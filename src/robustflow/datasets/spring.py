@@ -127,11 +127,11 @@ def _train(root: Path, expected: str) -> Path:
 def _sequence(sequence: Path, side: str, direction: str) -> dict[str, PairFiles]:
     images, flows = sequence / f"frame_{side}", sequence / f"flow_{direction}_{side}"
     ahead = 1 if direction == "FW" else -1
-    known = numbered(flows, rf"flow_{direction}_{side}_(\d{{4}})\.flo5") if flows.is_dir() else {}
+    known = numbered(flows, rf"flow_{direction}_{side}_(\d{{4}})\.flo5")
     for number, flow in known.items():
         for needed in (number, number + ahead):
             partner(images / f"frame_{side}_{needed:04d}.png", flow)
-    frames = numbered(images, rf"frame_{side}_(\d{{4}})\.png") if images.is_dir() else {}
+    frames = numbered(images, rf"frame_{side}_(\d{{4}})\.png")
     pairs = {}
     for before, after in consecutive(frames):
         first, second = (before, after) if ahead == 1 else (after, before)

@@ -115,8 +115,6 @@ def _environments(root: Path) -> list[tuple[str, Path]]:
 
 def _flight(flight: Path, group: str) -> dict[str, PairFiles]:
     images, flows = flight / "image_left", flight / "flow"
-    if not images.is_dir():
-        return {}
     pairs = {}
     for first, second in following(numbered(images, r"(\d{6})_left\.png")):
         name = f"{first.name[:6]}_{second.name[:6]}"

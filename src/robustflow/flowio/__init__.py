@@ -9,7 +9,7 @@ import numpy.typing as npt
 from .. import atomic
 from ..errors import DataError
 from ..sample import Flow, Mask
-from .arrays import checked
+from .arrays import checked, readable
 from .flo import flo_bytes, read_flo
 from .flo5 import flo5_bytes, read_flo5
 from .kitti import kitti_bytes, read_kitti
@@ -45,12 +45,8 @@ def read_flow(path: str | Path) -> tuple[Flow, Mask]:
     """
     path = Path(path)
     reader = _READERS[_suffix(path)]
-    if not path.is_file():
-        raise DataError(f"{path}: no such flow file; check the path")
-    try:
+    with readable(path):
         return reader(path)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
 
 
 def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import DataError
+from ..errors import DataError, first_line
 from ..sample import Flow, Mask
 
 MAX_SIDE = 99_999
@@ -21,6 +23,20 @@ largest flow fields, has 8 million per file.
 
 UNKNOWN_THRESHOLD = 1e9
 """A component whose magnitude exceeds this threshold marks unknown flow, as in Middlebury's format."""
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Raise a DataError in one sentence for a path that is not a regular file, and for errors while it is read."""
+    if not path.is_file():
+        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
+        raise DataError(f"{path}: {why}")
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
+        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy it again") from error
 
 
 def known(values: npt.NDArray[Any]) -> tuple[Flow, Mask]:

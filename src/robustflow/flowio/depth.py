@@ -6,8 +6,7 @@ are checked before memory is allocated, and nothing is unpickled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import DataError, first_line
-from .arrays import claimed_size, exact_size
+from ..errors import DataError
+from .arrays import claimed_size, exact_size, readable
 from .flo5 import read_dataset
 from .kitti import read_png16
 from .pfm import read_float_map
@@ -33,7 +32,7 @@ def read_depth_png(path: Path) -> Values:
     Raises:
         DataError: the file is not a 16-bit greyscale PNG, or is damaged.
     """
-    with _readable(path):
+    with readable(path):
         return read_png16(path, 1, "a depth or disparity map, which is a 16-bit greyscale PNG").astype(np.float32)
 
 
@@ -52,7 +51,7 @@ def read_npy(path: Path, what: str, channels: tuple[int, ...] = ()) -> npt.NDArr
     Raises:
         DataError: the file contains a different kind of array, or its length does not match the header.
     """
-    with _readable(path), open(path, "rb") as file:
+    with readable(path), open(path, "rb") as file:
         version = np.lib.format.read_magic(file)
         readers: dict[tuple[int, int], Callable[..., Any]] = {
             (1, 0): np.lib.format.read_array_header_1_0,
@@ -77,7 +76,7 @@ def read_depth_pfm(path: Path) -> Values:
     Raises:
         DataError: the file has a different format, or is damaged.
     """
-    with _readable(path):
+    with readable(path):
         return read_float_map(path, 1)[..., 0].astype(np.float32)
 
 
@@ -87,7 +86,7 @@ def read_dpt(path: Path) -> Values:
     Raises:
         DataError: the file has a different format, or is damaged.
     """
-    with _readable(path), open(path, "rb") as file:
+    with readable(path), open(path, "rb") as file:
         start = file.read(12)
         if len(start) < 12 or np.frombuffer(start[:4], "<f4")[0] != _SINTEL:
             raise DataError(f"{path}: not a Sintel .dpt file, or truncated; copy or download it again")
@@ -104,7 +103,7 @@ def read_camera(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.flo
     Raises:
         DataError: the file has a different format, or is damaged.
     """
-    with _readable(path):
+    with readable(path):
         data = path.read_bytes() if path.stat().st_size == 4 + 8 * 21 else b""
         numbers = np.frombuffer(data, "<f8", offset=4) if data[:4] == _SINTEL.astype("<f4").tobytes() else None
         if numbers is None or not np.isfinite(numbers).all():
@@ -124,17 +123,3 @@ def read_dsp5(path: Path) -> Values:
 def _as_float(values: npt.NDArray[Any]) -> Values:
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(values, np.float32)
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn file system errors and damaged NumPy headers into a one-sentence DataError."""
-    if not path.is_file():
-        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such file; check the path"
-        raise DataError(f"{path}: {why}")
-    try:
-        yield
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
-        raise DataError(f"{path}: damaged or truncated ({first_line(error)}); copy it again") from error

@@ -15,6 +15,7 @@ from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
 from ..digest import digest_of_value
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
+from ..metrics.error_maps import epe_map, magnitude_map
 from ..metrics.outliers import FL_PIXELS, FL_SHARE
 from ..models import ModelSpec
 from ..models.base import AnyModel
@@ -165,8 +166,6 @@ def _moved(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | N
     clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")
     if clean.shape != flow.shape:
         raise UsageError(f"{folder}: the flows of '{key}' have different sizes; choose an empty folder with --output")
-    moved, length = (
-        np.linalg.norm(each, axis=2) for each in (flow.astype(np.float64) - clean, clean.astype(np.float64))
-    )
-    outliers = (moved > FL_PIXELS) & (moved > FL_SHARE * length)
+    moved = epe_map(flow, clean)
+    outliers = (moved > FL_PIXELS) & (moved > FL_SHARE * magnitude_map(clean))
     return Robustness(float(moved.mean()), 100 * float(outliers.mean()), 100 * float((moved > 1).mean()))

@@ -1,14 +1,16 @@
-"""Read small JSON files stored with a run's rows. Each file belongs to exactly one run and is untrusted."""
+"""Read and write small JSON files stored with a run's rows. Each file belongs to exactly one run and is untrusted."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from pydantic import Field, ValidationError
 
+from ..atomic import write_json
 from ..errors import RunError, first_misfit
 from ..links import not_a_link
-from ..sealed import unsealed
+from ..sealed import sealed, unsealed
 from ..validated import Untrusted
 
 if TYPE_CHECKING:
@@ -79,3 +81,14 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
     if contents.run != run.manifest.identity_digest:
         raise RunError(f"{path} belongs to a different run ({contents.run}); delete or recreate it")
     return contents
+
+
+def write_attachment(run: Run, file: str, content: RunAttachment) -> Path:
+    """Store such a file in a run's folder, and return its path.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    path: Path = run.path / file
+    write_json(path, sealed(content.model_dump()))
+    return path

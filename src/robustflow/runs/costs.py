@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from ..atomic import write_json
 from ..errors import UsageError
-from ..sealed import sealed
 from ..text import plain
-from .attachment import RunAttachment, parse_attachment, read_attachment
+from .attachment import RunAttachment, parse_attachment, read_attachment, write_attachment
 
 if TYPE_CHECKING:
     from .run import Run
@@ -111,6 +109,4 @@ def write_cost(run: Run, cost: RunCost) -> Path:
     Raises:
         DataError: the folder cannot be written.
     """
-    path: Path = run.path / PROFILE
-    write_json(path, sealed(cost.model_dump()))
-    return path
+    return write_attachment(run, PROFILE, cost)

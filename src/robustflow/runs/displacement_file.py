@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import polars as pl
 from pydantic import Field, model_validator
 
-from ..atomic import write_json
 from ..metrics.rows import CLEAN
-from ..sealed import sealed
-from .attachment import RunAttachment, read_attachment
+from .attachment import RunAttachment, read_attachment, write_attachment
 
 if TYPE_CHECKING:
     from .run import Run
@@ -72,16 +70,14 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
     Raises:
         DataError: the folder cannot be written.
     """
-    path: Path = run.path / DISPLACEMENT
-    kept = DisplacementFile(
+    content = DisplacementFile(
         run=run.manifest.identity_digest,
         samples=len(run.manifest.samples),
         source=table["source"][0],
         low=table["low"].to_list(),
         pixels=table["pixels"].to_list(),
     )
-    write_json(path, sealed(kept.model_dump()))
-    return path
+    return write_attachment(run, DISPLACEMENT, content)
 
 
 def clean_digests(run: Run) -> dict[str, str]:

@@ -134,10 +134,15 @@ def check_picklable(model: Any) -> None:
     try:
         pickle.dumps(model)
     except Exception as error:
-        raise UsageError(
-            f"this model object cannot be sent to worker processes ({type(error).__name__}: {error}); use "
-            "engine='serial' without a timeout, or name the model as 'module:attribute'"
-        ) from error
+        raise cannot_be_sent(error) from error
+
+
+def cannot_be_sent(error: Exception) -> UsageError:
+    """Return the error for a model object that pickling refuses with `error`."""
+    return UsageError(
+        f"this model object cannot be sent to worker processes ({type(error).__name__}: {error}); use engine='serial' "
+        "without a timeout, or name the model as 'module:attribute'"
+    )
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from ...models.devices import device_of, is_accelerator
 from ...runs.plan import Unit
 from ...runs.sample_files import files_of_sample
 from .base import Job
-from .child import ONE_THREAD
+from .child import ONE_THREAD, cannot_be_sent
 from .ray_cluster import ray_module
 
 
@@ -25,10 +25,7 @@ def pickled(job: Job) -> bytes:
     try:
         return bytes(cloudpickle.dumps(job))
     except Exception as error:
-        raise UsageError(
-            f"this model object cannot be sent to Ray's workers ({type(error).__name__}: {error}); use engine='serial' "
-            "without a timeout, or name the model as 'module:attribute'"
-        ) from error
+        raise cannot_be_sent(error) from error
 
 
 def needs_gpu(job: Job) -> bool:
