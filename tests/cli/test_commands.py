@@ -50,6 +50,10 @@ def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):
     pairs = robustflow.prints("check", "robustflow.datasets.motorcycle:Motorcycle")
     assert "dataset 'motorcycle': all checks passed" in pairs
     robustflow.refuses("check", "json:loads", "--kind", "corruption")
+    Path("titled.py").write_text(
+        "from robustflow.testing import ZeroFlow\n\n\nclass Titled(ZeroFlow):\n    name = 'a\\x1b]0;title\\x07'\n"
+    )
+    assert "model 'a\ufffd]0;title\ufffd': all checks passed" in robustflow.prints("check", "titled:Titled")
 
 
 README = Path(__file__).resolve().parents[2] / "README.md"

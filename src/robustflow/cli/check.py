@@ -26,6 +26,7 @@ def check(
     """
     from ..target import import_target
     from ..testing import check_attack, check_corruption, check_dataset, check_model
+    from ..text import plain
 
     if kind not in (None, *KINDS):
         raise UsageError(f"--kind {kind}: choose from {', '.join(KINDS)}")
@@ -39,7 +40,7 @@ def check(
         name = check_dataset(thing() if isinstance(thing, type) else thing)
     else:
         name = check_model(thing)
-    typer.echo(f"{kind} '{name}': all checks passed")
+    typer.echo(f"{kind} '{plain(name)}': all checks passed")
 
 
 def _kind(thing: Any) -> str:

@@ -102,6 +102,7 @@ def export(
     from ..benchmarks.export import export as write
     from ..corruptions.stack import levels_of
     from ..progress_bar import ProgressBar
+    from ..text import counted
 
     use_psf_dir(psf_dir)
     opened = load_benchmark(benchmark, data, split, data_options(None, depth, focal))
@@ -118,8 +119,8 @@ def export(
             err=True,
         )
     typer.echo(
-        f"{output}: {len(chosen.keys)} pairs; clean and corrupted copies: {fresh} written and {total - fresh} already "
-        "present"
+        f"{output}: {counted(len(chosen.keys), 'pair')}; clean and corrupted copies: {fresh} written and "
+        f"{total - fresh} already present"
     )
 
 
