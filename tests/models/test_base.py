@@ -54,6 +54,13 @@ def test_an_answer_that_is_not_a_flow_is_an_error_that_says_what_it_is(answer, s
         predict_checked(FunctionModel(lambda frame1, frame2: answer, {}), FRAMES, "a", "clean", 0)
 
 
+def test_masked_values_of_an_answer_are_not_numbers():
+    flow = np.ma.masked_greater(np.arange(40, dtype=np.float32).reshape(4, 5, 2), 30)
+    checked = predict_checked(FunctionModel(lambda frame1, frame2: flow, {}), FRAMES, "a", "clean", 0)
+    np.testing.assert_array_equal(np.isnan(checked), flow.mask)
+    assert not isinstance(checked, np.ma.MaskedArray)
+
+
 class _Says:
     def __init__(self, identity):
         self._identity = identity

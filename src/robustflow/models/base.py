@@ -6,7 +6,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -212,10 +212,12 @@ def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
 
 @contextmanager
 def naming_errors(where: str) -> Iterator[None]:
-    """Convert any exception raised by a model to a `ModelError` that states where it was raised."""
+    """Convert any exception raised by a model to a `ModelError` that states where it was raised, and return to the
+    working folder if the model left it."""
     process = os.getpid()
     try:
-        yield
+        with chdir("."):
+            yield
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit, KeyboardInterrupt) as error:
@@ -238,14 +240,15 @@ def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
 
 def checked_flow(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     """Check a model's result and copy it to a flow of the frames' size, float32 (H, W, 2): the model may overwrite its
-    array in the next prediction.
+    array in the next prediction. Masked values become NaN.
 
     Raises:
         ModelError: the result is not a float array, or has a wrong shape.
     """
     expected = (*frames[0].shape[:2], 2)
     try:
-        array = np.asarray(flow)
+        masked = isinstance(flow, np.ma.MaskedArray) and flow.dtype.kind == "f"
+        array = np.asarray(flow.filled(np.nan) if masked else flow)
     except Exception as error:  # e.g. a GPU tensor, a tensor that requires gradients, or rows of unequal length
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
