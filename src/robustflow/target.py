@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import chdir
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -51,7 +52,8 @@ def is_target(text: str) -> bool:
 
 
 def import_target(target: str, kind: str) -> Any:
-    """Import an attribute of a module that is installed or in the working folder.
+    """Import an attribute of a module that is installed or in the working folder. The working folder, to which the
+    paths of a command are relative, stays the same if the module changes it.
 
     Args:
         kind: expected kind of object ("model", "corruption", ...), for messages.
@@ -68,7 +70,8 @@ def import_target(target: str, kind: str) -> Any:
     if str(here) not in sys.path and "" not in sys.path:
         os.environ[MODULES] = str(here)
     try:
-        value: Any = import_module(name)
+        with chdir("."):
+            value: Any = import_module(name)
     except (Exception, SystemExit) as cause:  # SystemExit: a script that reads its arguments on import
         missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
         if missing in EXTRAS:

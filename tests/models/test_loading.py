@@ -1,12 +1,14 @@
 """Models are loaded by name, by module and attribute, or from a folder."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from robustflow import load_model, write_flow
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
-from robustflow.models.base import model_identity
+from robustflow.models.base import model_identity, predict_checked
 from robustflow.models.construct import as_model
 from robustflow.testing import ZeroFlow
 
@@ -157,6 +159,35 @@ def test_what_a_model_says_of_itself_fits_a_manifest(tmp_path):
     Said.identity = lambda self: "version 2"
     with pytest.raises(ModelError, match=r"identity\(\) returned str; expected a dict"):
         model_identity(Said())
+
+
+WANDERS = """
+import os
+import numpy as np
+
+os.chdir("imported")
+
+class Model:
+    def __init__(self):
+        os.chdir("built")
+
+    def predict(self, a, b):
+        os.chdir("predicted")
+        return np.zeros((*a.shape[:2], 2), np.float32)
+"""
+
+
+def test_a_model_that_changes_the_working_folder_does_not_change_the_paths_of_a_run(tmp_path, monkeypatch):
+    (tmp_path / "wanders.py").write_text(WANDERS)
+    for name in ("imported", "built", "predicted"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    model = load_model("wanders:Model")
+    assert Path.cwd() == tmp_path
+    for _ in range(2):
+        predict_checked(model, (FRAME, FRAME), "a", "clean", 0)
+    assert Path.cwd() == tmp_path
 
 
 def test_a_script_that_ends_the_program_when_imported(tmp_path, monkeypatch):

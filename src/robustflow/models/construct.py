@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import chdir
 from typing import Any
 
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
@@ -98,7 +99,8 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
     if needed:
         raise UsageError(f"model '{name}' needs the option {needed[0]}: pass -O {needed[0]}=VALUE")
     try:
-        return factory(**options)
+        with chdir("."):  # a model that changes the working folder does not change the paths of a run
+            return factory(**options)
     except RobustFlowError:
         raise
     except (Exception, SystemExit) as error:
