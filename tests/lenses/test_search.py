@@ -7,7 +7,6 @@ from robustflow.errors import UsageError
 from robustflow.lenses.design import SHIPPED_SEEDS, design, prescription_of
 from robustflow.lenses.glass import refractive_index
 from robustflow.lenses.goals import SPECIFICATIONS, goal_of
-from robustflow.lenses.merit import Limits
 from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
 from robustflow.lenses.search import Budget, Candidate, Structure, move, random_candidate, refine, search
 from robustflow.lenses.shipped import lens_digest
@@ -73,8 +72,8 @@ def test_every_kind_of_move_keeps_the_structure_sound():
 def test_refining_never_raises_the_cost():
     specification, goal = goal_of(2)
     start = Candidate(Structure(("N-K5",), 0), np.array([-0.2, -0.9, 0.2, 0.3, -1.0]), np.inf)
-    once = refine(start, goal, Limits(), 3)
-    twice = refine(once, goal, Limits(), 10)
+    once = refine(start, goal, 3)
+    twice = refine(once, goal, 10)
     assert twice.cost <= once.cost * (1 + 1e-6)
     assert prescription_of(twice, goal, specification.half_field, "x").elements == specification.elements
 

@@ -36,11 +36,11 @@ class Corruption(ABC):
     anything is random, `draw`. Instances have no random state and can be shared between threads.
     """
 
-    name: ClassVar[str]
-    family: ClassVar[str]
-    temporal: ClassVar[bool] = False
+    name: str
+    family: str
+    temporal: bool = False
     """Whether the paper calls the corruption temporal, i.e. designed for pairs and clips rather than single images."""
-    paper_severities: ClassVar[tuple[Any, ...]]
+    paper_severities: tuple[Any, ...]
     level: ClassVar[type[NamedTuple] | None] = None
     """Names of the parameters, if a severity has several."""
     needs_depth: bool = False

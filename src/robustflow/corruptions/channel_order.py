@@ -26,10 +26,10 @@ class ChannelsReversed(Corruption):
     """
 
     def __init__(self, inner: Corruption) -> None:
-        self.name = inner.name  # type: ignore[misc]  # each instance has its own name
-        self.family = inner.family  # type: ignore[misc]
-        self.temporal = inner.temporal  # type: ignore[misc]
-        self.paper_severities = inner.paper_severities  # type: ignore[misc]
+        self.name = inner.name
+        self.family = inner.family
+        self.temporal = inner.temporal
+        self.paper_severities = inner.paper_severities
         super().__init__(inner.variant, inner.severities)
         self.variant = BGR
         self.needs_depth = inner.needs_depth

@@ -49,14 +49,14 @@ class OwnCorruption(Corruption):
     family = "own"
 
     def __init__(self, made: Any, variant: str = "default") -> None:
-        self.name = own_name(made)  # type: ignore[misc]  # each instance has its own name
-        self.family = str(getattr(made, "family", "own"))  # type: ignore[misc]
-        self.temporal = bool(getattr(made, "temporal", False))  # type: ignore[misc]
+        self.name = own_name(made)
+        self.family = str(getattr(made, "family", "own"))
+        self.temporal = bool(getattr(made, "temporal", False))
         self.needs_depth = bool(getattr(made, "needs_depth", False))
         levels = getattr(made, "severities", getattr(made, "paper_severities", SEVERITIES))
         if len(levels) != len(SEVERITIES):
             raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: define five, from mild to severe")
-        self.paper_severities = tuple(levels)  # type: ignore[misc]
+        self.paper_severities = tuple(levels)
         self.made = made
         if variant not in (*VARIANTS, BGR):
             raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")

@@ -7,7 +7,7 @@ a separate random stream, which is named after its position.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from ..errors import UsageError
 from ..random.rng import Rng
@@ -97,7 +97,7 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
     >>> levels_of("fog+h264_crf", (1, 2, 3), "calibrated")
     ()
     """
-    parts = split_stack(name) if is_stack(name) else [(name, None)]
+    parts = split_stack(name)
     free = [part for part, level in parts if level is None]
     if not free:
         return (max(level for _, level in parts if level is not None),)
@@ -113,7 +113,7 @@ def needs_depth(name: str) -> bool:
     >>> needs_depth("fog"), needs_depth("fog_3d"), needs_depth("fog_3d:2+snow")
     (False, True, True)
     """
-    return any(_part_needs_depth(part) for part, _ in (split_stack(name) if is_stack(name) else [(name, None)]))
+    return any(_part_needs_depth(part) for part, _ in split_stack(name))
 
 
 def _part_needs_depth(name: str) -> bool:
@@ -135,8 +135,8 @@ class Stack(Corruption):
     'fog:2+jpeg_compression'
     """
 
-    family: ClassVar[str] = "stack"
-    paper_severities: ClassVar[tuple[Any, ...]] = ("1", "2", "3", "4", "5")
+    family = "stack"
+    paper_severities = ("1", "2", "3", "4", "5")
 
     def __init__(self, parts: list[tuple[Corruption, int | None]]) -> None:
         free = [part.severities for part, level in parts if level is None]
@@ -152,7 +152,7 @@ class Stack(Corruption):
         self._parts = parts
         self.needs_depth = any(part.needs_depth for part, _ in parts)
         names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
-        self.name = _PLUS.join(names)  # type: ignore[misc]  # each stack has its own name
+        self.name = _PLUS.join(names)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
         """Return one state per part."""

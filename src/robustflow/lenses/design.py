@@ -9,7 +9,7 @@ import numpy as np
 from ..random.rng import Rng
 from .glass import AIR
 from .goals import goal_of
-from .merit import FIELDS, Goal, Limits, aim
+from .merit import FIELDS, Goal, aim
 from .prescription import Lens, Surface
 from .residuals import build_lens, clear_radii
 from .search import SAMPLES, Budget, Candidate, search
@@ -31,7 +31,7 @@ def design(
     """
     specification, goal = goal_of(severity)
     rng = Rng.of("robustflow.optics", severity, seed)
-    best = search(specification.elements, specification.stop, goal, rng, budget, Limits(), report)
+    best = search(specification.elements, specification.stop, goal, rng, budget or Budget(), report)
     return prescription_of(best, goal, specification.half_field, f"severity {severity}, seed {seed}")
 
 

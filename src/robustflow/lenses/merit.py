@@ -83,6 +83,10 @@ class Limits(NamedTuple):
     back: float = 5.0
 
 
+LIMITS = Limits()
+"""The limits for which lenses are designed."""
+
+
 @njit(cache=True, error_model="numpy", inline="always")
 def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
     """Return cosine and sine of 2 pi `turns` to within 1e-9, using a polynomial at a quarter of the angle,

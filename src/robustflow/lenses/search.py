@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..errors import RobustFlowError
 from ..random.rng import Rng
 from .glass import AIR, SELLMEIER, abbe_number, refractive_index
-from .merit import AIM_TOLERANCE, FIELDS, Goal, Limits, aim
+from .merit import AIM_TOLERANCE, FIELDS, LIMITS, Goal, aim
 from .paraxial import DESIGN_WAVELENGTH
 from .residuals import build_lens, damped_least_squares, fill_residuals, residual_count
 from .spectrum import CHANNELS, channel_wavelengths
@@ -88,19 +88,19 @@ SAMPLES = 3
 """Number of wavelengths per channel during the search; rendering uses five."""
 
 
-def _cost(structure: Structure, free: Array, goal: Goal, limits: Limits) -> float:
+def _cost(structure: Structure, free: Array, goal: Goal) -> float:
     index = structure.indices(SAMPLES)
     out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
-    if not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, limits, out):
+    if not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, LIMITS, out):
         return float("inf")
     return float((out * out).sum())
 
 
-def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) -> Candidate:
+def refine(candidate: Candidate, goal: Goal, iterations: int) -> Candidate:
     """Refine a candidate by damped least squares; the parameters are rounded to 1e-9."""
     structure = candidate.structure
     free, cost = damped_least_squares(
-        candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, limits, iterations
+        candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, LIMITS, iterations
     )
     return Candidate(structure, np.round(free, 9), float(cost))
 
@@ -166,14 +166,10 @@ def search(
     stop: int,
     goal: Goal,
     rng: Rng,
-    budget: Budget | None = None,
-    limits: Limits | None = None,
+    budget: Budget,
     report: Callable[[str], None] = lambda line: None,
 ) -> Candidate:
     """Return the best lens found within a budget.
-
-    Raises:
-        RobustFlowError: none of the best lenses has a stop that is filled from every field point.
 
     Args:
         elements: number of glass elements.
@@ -181,32 +177,33 @@ def search(
         goal: target blur.
         rng: random stream for all choices.
         budget: number of steps in each stage.
-        limits: manufacturing limits.
         report: function called with progress messages.
+
+    Raises:
+        RobustFlowError: none of the best lenses has a stop that is filled from every field point.
     """
-    budget, limits = budget or Budget(), limits or Limits()
     drawn: list[Candidate] = []
     for number in range(budget.structures):
         candidate = random_candidate(rng.spawn("structure", number), elements, stop)
-        cost = _cost(candidate.structure, candidate.free, goal, limits)
+        cost = _cost(candidate.structure, candidate.free, goal)
         if np.isfinite(cost):
             drawn.append(replace(candidate, cost=cost))
     drawn.sort(key=lambda candidate: candidate.cost)
-    screened = [refine(c, goal, limits, budget.first_iterations) for c in drawn[: budget.screened]]
+    screened = [refine(c, goal, budget.first_iterations) for c in drawn[: budget.screened]]
     pool = sorted(screened, key=lambda candidate: candidate.cost)[: budget.pool]
     report(f"{len(drawn)} of {budget.structures} structures can be traced; best after screening: {pool[0].cost:.4f}")
     for number in range(budget.moves):
         choices = rng.spawn("move", number)
         share = choices.uniform()
         place = int(share * share * len(pool))  # better candidates are chosen more often
-        tried = refine(move(pool[place], choices), goal, limits, budget.iterations)
+        tried = refine(move(pool[place], choices), goal, budget.iterations)
         if tried.cost < pool[place].cost:
             pool[place] = tried
             pool.sort(key=lambda candidate: candidate.cost)
         if number % 25 == 24:
             report(f"move {number + 1}: " + " ".join(f"{candidate.cost:.4f}" for candidate in pool))
     for candidate in pool:
-        best = refine(candidate, goal, limits, budget.last_iterations)
+        best = refine(candidate, goal, budget.last_iterations)
         if _fills_its_stop(best, goal):
             return best
     raise RobustFlowError("the search found no lens whose stop is filled from every field point; try a different seed")

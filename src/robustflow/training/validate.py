@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..benchmarks import Benchmark
 from ..errors import UsageError
 from ..models.torch.model import NetworkModel
 from ..runner.compute_missing import compute_missing
@@ -47,7 +46,9 @@ def validator(model: NetworkModel, folder: Path, validation: Validation) -> Call
     """
     corruptions, limit = validation.corruptions, validation.limit
     chosen = open_benchmark(validation.benchmark, validation.data)
-    chosen = chosen.narrowed(corruptions, None, limit) if corruptions else _clean_alone(chosen.narrowed(limit=limit))
+    chosen = chosen.narrowed(corruptions or None, None, limit)
+    if not corruptions:
+        chosen = replace(chosen, corruptions=(), severities=())
     if not chosen.dataset.has_flow:
         raise UsageError(
             f"--validate {validation.benchmark}: this benchmark has no ground truth, so no error can be measured; "
@@ -73,7 +74,3 @@ def validator(model: NetworkModel, folder: Path, validation: Validation) -> Call
         return numbers
 
     return validate
-
-
-def _clean_alone(benchmark: Benchmark) -> Benchmark:
-    return replace(benchmark, corruptions=(), severities=())

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,7 @@ def calibrate(
         if not segments:
             CORRUPTIONS.get(name)
             raise UsageError(f"{name} has no path and cannot be calibrated; remove it from --corruptions")
-        curve = _Curve(name, references, seed, draws)
+        curve = _Curve(CORRUPTIONS.get(name), references, seed, draws)
         corruptions[name] = _levels(curve, segments, targets)
         report(name, corruptions[name])
     return CalibrationTable(
@@ -118,22 +119,22 @@ def calibrate(
     )
 
 
+@dataclass
 class _Curve:
     """Mean SSIM of a corruption as a function of its parameter; each parameter is measured once."""
 
-    def __init__(self, name: str, references: Mapping[str, tuple[Frame, Ssim]], seed: int, draws: int) -> None:
-        self._kind: type[Corruption] = CORRUPTIONS.get(name)
-        self._references = references
-        self._seed = seed
-        self._draws = draws
-        self.measured: dict[Any, float] = {}
+    kind: type[Corruption]
+    references: Mapping[str, tuple[Frame, Ssim]]
+    seed: int
+    draws: int
+    measured: dict[Any, float] = field(default_factory=dict)
 
     def __call__(self, parameter: Any) -> float:
         if parameter not in self.measured:
-            corruption = self._kind(severities=(parameter,) * 5)
+            corruption = self.kind(severities=(parameter,) * 5)
             values = [
                 value
-                for key, (picture, ssim) in self._references.items()
+                for key, (picture, ssim) in self.references.items()
                 for value in self._measure(corruption, key, picture, ssim)
             ]
             self.measured[parameter] = round(float(np.mean(values)), 6)
@@ -146,8 +147,8 @@ class _Curve:
         """
         values: list[float] = []
         first: Frame | None = None
-        for draw in range(self._draws):
-            rng = stream_for(corruption, 1, self._seed, f"{key}/{draw}")
+        for draw in range(self.draws):
+            rng = stream_for(corruption, 1, self.seed, f"{key}/{draw}")
             state = corruption.draw(rng, 1, picture.shape[:2])
             # for exposure corruptions, only the choice of the frame is random
             index = getattr(state, "exposed", None) or 0

@@ -19,7 +19,7 @@ class ClipCorruption(Corruption):
     A dataset with clips (`robustflow.datasets.gopro_fc_prepared`) provides frames that are already corrupted.
     """
 
-    temporal: ClassVar[bool] = True
+    temporal = True
     instead: ClassVar[str] = ""
     """Alternative to a clip, appended to error messages; empty if there is none."""
 

@@ -28,7 +28,7 @@ from ...severity import SEVERITIES, check_severity
 from ..api import load_corruption
 from ..base import Corruption
 from ..registry import CLIP, IMAGE_PAIR
-from ..stack import is_stack, levels_of, needs_depth, parse_stack
+from ..stack import levels_of, needs_depth, split_stack
 
 Image = npt.NDArray[Any]
 """An image, uint8 or float32 in [0, 1]; RGB (H, W, 3) or grey (H, W) or (H, W, 1)."""
@@ -188,8 +188,7 @@ def check_image(image: Image) -> None:
 
 
 def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
-    parts = [part for part, _ in parse_stack(name)] if is_stack(name) else [name]
-    for part in parts:
+    for part, _ in split_stack(name):
         if part in CLIP:
             raise UsageError(f"{part} requires an entire clip, so a transform cannot apply it; remove it")
     if needs_depth(name):
@@ -224,7 +223,7 @@ def _like(image: Image, frame: Frame, name: str) -> Image:
     """Convert `frame` to the shape and dtype of `image`."""
     out: Image = frame
     if image.ndim == 2 or image.shape[2] == 1:
-        parts = {part for part, _ in parse_stack(name)} if is_stack(name) else {name}
+        parts = {part for part, _ in split_stack(name)}
         # luma would weaken noise that is independent between channels
         grey = frame[..., 0] if parts <= _NEUTRAL else cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
         out = np.ascontiguousarray(grey).reshape(image.shape)

@@ -34,8 +34,8 @@ def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flo
         if level:
             flow = resized(flow, *own.shape[1:])
         hidden = _decoded(weights, level, own, other, flow)
-        flow = flow + convolve(hidden, weights["flow.0.weight"], weights["flow.0.bias"], linear=True)
-    mask = convolve(hidden, weights["mask.0.weight"], weights["mask.0.bias"], linear=True)
+        flow = flow + _layer(weights, "flow", hidden, linear=True)
+    mask = _layer(weights, "mask", hidden, linear=True)
     fine = np.empty((2, FINEST * flow.shape[1], FINEST * flow.shape[2]), np.float32)
     enlarge(flow, mask, FINEST, fine)
     return np.ascontiguousarray(fine[:, top : top + height, left : left + width].transpose(1, 2, 0))
@@ -50,13 +50,18 @@ def _entering(frame: Frame) -> Maps:
     return (padded.astype(np.float32) - np.float32(127.5)) * np.float32(2 / 255)
 
 
+def _layer(
+    weights: Mapping[str, Weights], name: str, maps: Maps, stride: int = 1, dilation: int = 1, linear: bool = False
+) -> Maps:
+    return convolve(maps, weights[f"{name}.0.weight"], weights[f"{name}.0.bias"], stride, dilation, linear)
+
+
 def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
     """Return the features at 1/4, 1/8, 1/16 and 1/32 resolution."""
     levels = []
     for level in range(LEVELS):
         for place, stride in ((0, 2), (1, 1)):
-            name = f"pyramid.convs.{level}.{place}.0"
-            maps = convolve(maps, weights[f"{name}.weight"], weights[f"{name}.bias"], stride)
+            maps = _layer(weights, f"pyramid.convs.{level}.{place}", maps, stride)
         levels.append(maps)
     return levels[1:]
 
@@ -67,11 +72,10 @@ def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps,
     warp(other, flow, warped)
     correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)
     correlate(normalised(own, EPSILON), normalised(warped, EPSILON), RADIUS, correlation)
-    reduced = convolve(own, weights[f"reduce.{level}.0.weight"], weights[f"reduce.{level}.0.bias"])
+    reduced = _layer(weights, f"reduce.{level}", own)
     maps = np.concatenate((correlation, reduced, flow))
     for place, (_, dilation) in enumerate(DECODER):
-        name = f"decoder.{place}.0"
-        maps = convolve(maps, weights[f"{name}.weight"], weights[f"{name}.bias"], dilation=dilation)
+        maps = _layer(weights, f"decoder.{place}", maps, dilation=dilation)
     return maps
 
 

@@ -231,12 +231,15 @@ def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None =
     return first_of(shown, _MOST_NAMED, "; ")
 
 
+@dataclass
 class _Trial:
-    def __init__(
-        self, module: nn.Module, call: Callable[[list[Any]], Any], device: torch.device, multiple: int
-    ) -> None:
-        self._module, self._call, self._device, self._multiple = module, call, device, multiple
-        self._pairs: list[ShiftedPair] = [shifted_pair(i) for i in range(len(SHIFTS))]
+    module: nn.Module
+    call: Callable[[list[Any]], Any]
+    device: torch.device
+    multiple: int
+
+    def __post_init__(self) -> None:
+        self._pairs = [shifted_pair(i) for i in range(len(SHIFTS))]
 
     def working_layouts(self, declared: Declared) -> list[str]:
         """Return the conventions for which the network returns a flow, without changing the declared values."""
@@ -308,9 +311,9 @@ class _Trial:
         """Return the declared output, or, if `every` is true or no output is declared, each output that is a flow,
         float32 (H, W, 2).
         """
-        net = ModuleNet(self._module, self._call, way.layout or "pair", None, batched=True)
-        convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self._multiple)
-        images = [fitted_images([frame], convention, self._device) for frame in pair[:2]]
+        net = ModuleNet(self.module, self.call, way.layout or "pair", None, batched=True)
+        convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self.multiple)
+        images = [fitted_images([frame], convention, self.device) for frame in pair[:2]]
         returned = net.returned(*images)
         flows: dict[Declared, Flow] = {}
         declared = [] if way.output is None else [way.output]

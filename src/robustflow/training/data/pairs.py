@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,6 +72,7 @@ class TrainingPair(NamedTuple):
     changed: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
 
 
+@dataclass(frozen=True)
 class TrainingPairs:
     """A mix of data as one sequence of augmented pairs, used as the dataset of a torch `DataLoader`.
 
@@ -86,27 +87,17 @@ class TrainingPairs:
             with labels, which every pair must then have.
     """
 
-    def __init__(
-        self,
-        parts: Sequence[OpenPart],
-        order: Order,
-        crop: tuple[int, int],
-        seed: int,
-        corruption: CorruptionTransform | None = None,
-        skip_bad: bool = False,
-        objective: Objective | None = None,
-    ) -> None:
-        self._parts = tuple(parts)
-        self._order = order
-        self._crop = crop
-        self._seed = seed
-        self._corruption = corruption
-        self._skip_bad = skip_bad
-        self._objective = objective
+    parts: Sequence[OpenPart]
+    order: Order
+    crop: tuple[int, int]
+    seed: int
+    corruption: CorruptionTransform | None = None
+    skip_bad: bool = False
+    objective: Objective | None = None
 
     def __len__(self) -> int:
         """Return the number of places in an epoch."""
-        return sum(len(part) for part in self._parts)
+        return sum(len(part) for part in self.parts)
 
     def __getitem__(self, position: int) -> TrainingPair:
         """Return the pair at a position.
@@ -115,11 +106,11 @@ class TrainingPairs:
             DataError: the pair cannot be read; the message contains its name and files.
         """
         for attempt in range(_ATTEMPTS):
-            part, key = self._at(self._order.place(position, attempt))
+            part, key = self._at(self.order.place(position, attempt))
             try:
                 return self._augmented(position, part, key)
             except DataError as error:
-                if not self._skip_bad:
+                if not self.skip_bad:
                     raise DataError(
                         f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or use --skip-bad to "
                         "replace unreadable pairs"
@@ -129,28 +120,28 @@ class TrainingPairs:
 
     def name(self, position: int) -> str:
         """Return dataset and key of the pair at a position."""
-        part, key = self._at(self._order.place(position))
+        part, key = self._at(self.order.place(position))
         return f"{part.dataset.name} {key}"
 
     def _at(self, place: int) -> tuple[OpenPart, str]:
-        for part in self._parts:
+        for part in self.parts:
             if place < len(part):
                 return part, part.keys[place % len(part.keys)]
             place -= len(part)
         raise IndexError(place)
 
     def _augmented(self, position: int, part: OpenPart, key: str) -> TrainingPair:
-        frames, flow, valid = _read(part.dataset, key, self._objective is None)
+        frames, flow, valid = _read(part.dataset, key, self.objective is None)
         drawn = draw_augmentation(
-            Rng.of(self._seed, "augmentation", position), part.part, frames[0].shape[:2], self._crop
+            Rng.of(self.seed, "augmentation", position), part.part, frames[0].shape[:2], self.crop
         )
-        if self._objective is not None:
+        if self.objective is not None:
             return self._without_labels(position, f"{part.dataset.name} {key}", frames, flow, valid, drawn)
         frames, flow, valid = apply_augmentation(frames, flow, valid, drawn)
         if part.part.augmentation == "dense":
             valid = valid & (np.abs(flow) < _LONGEST).all(axis=2)
-        if self._corruption is not None:
-            frames = tuple(self._corruption(list(frames), key=f"training {self._seed} {position}"))
+        if self.corruption is not None:
+            frames = tuple(self.corruption(list(frames), key=f"training {self.seed} {position}"))
         return TrainingPair(
             _channels_first(frames[0]),
             _channels_first(frames[1]),
@@ -164,14 +155,14 @@ class TrainingPairs:
     ) -> TrainingPair:
         """Return the pair for training without labels; its ground truth, if any, is only used for the log."""
         whole = augmented_whole(frames, drawn)
-        if self._corruption is not None:
-            whole = tuple(self._corruption(list(whole), key=f"training {self._seed} {position}"))
+        if self.corruption is not None:
+            whole = tuple(self.corruption(list(whole), key=f"training {self.seed} {position}"))
         flow, valid = augmented_truth(flow, valid, drawn)
         (height, width), top, left = drawn.crop, drawn.geometry.top, drawn.geometry.left
         cut = [frame[top : top + height, left : left + width] for frame in whole]
-        around = None if isinstance(self._objective, ArflowObjective) else _whole(whole, (left, top))
+        around = None if isinstance(self.objective, ArflowObjective) else _whole(whole, (left, top))
         plain = None
-        if isinstance(self._objective, BrightflowObjective):
+        if isinstance(self.objective, BrightflowObjective):
             plain = _whole(augmented_whole(frames, replace(drawn, jitters=(), rectangles=())), (left, top))
         return TrainingPair(
             _channels_first(cut[0]),
@@ -187,13 +178,13 @@ class TrainingPairs:
     def _of_second_pass(
         self, position: int, crops: Sequence[Frame]
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None:
-        objective = self._objective
+        objective = self.objective
         if not isinstance(objective, ArflowObjective | BrightflowObjective) or not objective.self_supervision:
             return None
         if isinstance(objective, BrightflowObjective):
             first, second = (without_border(crop, objective.border) for crop in crops)
         else:
-            look = draw_look(Rng.of(self._seed, "appearance", position), objective.appearance)
+            look = draw_look(Rng.of(self.seed, "appearance", position), objective.appearance)
             first, second = (apply_look(crop, look) for crop in crops)
         return _channels_first(first), _channels_first(second)
 
