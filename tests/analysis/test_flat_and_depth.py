@@ -57,6 +57,14 @@ def test_few_models_have_differences_and_no_correlation(runs):
     assert "too few for a correlation" in render(table, "markdown")
 
 
+def test_runs_that_differ_in_the_seed_are_compared_and_the_table_says_so(runs):
+    other = made_run(runs[0], runs[0].rows, "f", seed=7)
+    (table,) = tables_of([*runs, other], published=False, wanted=["flat-and-depth"])
+    assert "f has seed 7" in table.remarks[-1]
+    (alike,) = tables_of(runs, published=False, wanted=["flat-and-depth"])
+    assert "seed" not in " ".join(alike.remarks)
+
+
 def test_runs_without_twins_have_no_such_table(runs):
     alone = made_run(runs[0], runs[0].rows.filter(pl.col("corruption") != "fog_3d"))
     assert twin_comparisons([alone]) == []

@@ -57,6 +57,7 @@ class TwinComparison:
         rho: Spearman's rank correlation over models; None with fewer than `ranking.LEAST_MODELS` models or if one
             variable is constant.
         interval: 95 % confidence interval of `rho`.
+        remark: description of omitted rows and of differences between the runs; "" if there are none.
     """
 
     flat: str
@@ -67,6 +68,7 @@ class TwinComparison:
     count: int
     rho: float | None
     interval: tuple[float, float] | None
+    remark: str
 
 
 def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]:
@@ -87,11 +89,11 @@ def twin_comparisons(runs: Sequence[Run], seed: int = 0) -> list[TwinComparison]
         if not having:
             continue
         metric = "rcre" if any(run.cre is None for run in having.values()) else "cre"
-        rows = common_to(having).rows if len(having) > 1 else {name: run.rows for name, run in having.items()}
-        shared = set.intersection(*(_severities(part, twin) for part in rows.values() for twin in twins))
+        common = common_to(having)
+        shared = set.intersection(*(_severities(part, twin) for part in common.rows.values() for twin in twins))
         if shared:
-            kept = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in rows.items()}
-            found.append(_compared(twins, tuple(sorted(shared)), metric, kept, excluded, seed))
+            kept = {name: part.filter(pl.col("severity").is_in([0, *shared])) for name, part in common.rows.items()}
+            found.append(_compared(twins, tuple(sorted(shared)), metric, kept, excluded, common.remark, seed))
     return found
 
 
@@ -105,6 +107,7 @@ def _compared(
     metric: str,
     rows: Mapping[str, pl.DataFrame],
     excluded: Mapping[str, str],
+    remark: str,
     seed: int,
 ) -> TwinComparison:
     models = []
@@ -117,4 +120,4 @@ def _compared(
         models.append(TwinErrors(name, *errors, made["difference"], excluded[name]))
     ranked = [model for model in models if not model.excluded]
     rho, ends = rank_correlation([model.flat for model in ranked], [model.deep for model in ranked])
-    return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends)
+    return TwinComparison(*twins, severities, metric, tuple(models), len(ranked), rho, ends, remark)

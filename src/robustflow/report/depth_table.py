@@ -40,6 +40,7 @@ def depth_table(runs: Sequence[Run], seed: int = 0) -> Table:
     ]
     if any(one.count < LEAST_MODELS for one in found):
         remarks.append(f"No correlation is computed for fewer than {LEAST_MODELS} models.")
+    remarks += dict.fromkeys(one.remark for one in found if one.remark)
     sections = [Section("Rank correlation over models", tuple(map(_correlation_line, found)))]
     sections += [Section(_title(one), tuple(_model_line(model) for model in one.models)) for one in found]
     title = "Do 2D corruptions predict 3D corruptions?"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -62,7 +63,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         metric: metric for "severity": "epe", "cre", "crer" or "rcre".
 
     Returns:
-        A matplotlib `Figure`, which notebooks display and `savefig` writes.
+        A matplotlib `Figure`, which notebooks display and `savefig` writes. For "severity", a warning states which rows
+        are not drawn and how the runs differ.
 
     Raises:
         UsageError: the kind or metric is unknown, the runs measured different conditions, or there is nothing to draw.
@@ -84,7 +86,10 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         return figures.displacement_figure(displacements_of(runs))
     named = named_runs(runs)
     if kind == "severity":
-        return figures.severity_curves(common_to(named).rows, metric)
+        common = common_to(named)
+        if common.remark:
+            warnings.warn(common.remark, stacklevel=2)
+        return figures.severity_curves(common.rows, metric)
     if words := differences(named):
         raise UsageError(
             f"these runs measured different conditions and cannot be drawn together ({words}); plot them separately"
