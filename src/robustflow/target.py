@@ -6,7 +6,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import chdir
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
@@ -14,11 +14,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from .errors import AssetError, UsageError, unknown_name
+from .errors import AssetError, RobustFlowError, UsageError, unknown_name
 from .extras import EXTRAS, install_command
 
 MODULES = "ROBUSTFLOW_MODULES"
 """Environment variable that names an additional folder to import modules from; child processes inherit it."""
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
 class FolderOfModules:
@@ -129,6 +131,48 @@ def own_name(made: Any) -> str:
     kind = made if inspect.isclass(made) else type(made)
     named = getattr(made, "name", None)
     return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def checked_name(made: Any, kind: str, is_taken: Callable[[str], bool]) -> str:
+    """Return the name under which a user's class or object is registered.
+
+    Args:
+        made: the class or object.
+        kind: kind of object ("corruption", "attack"), for messages.
+        is_taken: function that returns whether this package uses a name.
+
+    Raises:
+        UsageError: the name is invalid or taken.
+    """
+    name = own_name(made)
+    if not _NAME.fullmatch(name) or name in ("clean", "average"):
+        raise UsageError(f"invalid {kind} name '{name}': use only letters, digits and '_'")
+    if is_taken(name):
+        raise UsageError(f"{described(made)} has the same name as the {kind} '{name}': give it a different `name`")
+    return name
+
+
+def called(doing: str, function: Callable[[], Any], advice: str = "", read_only: str = "") -> Any:
+    """Call a user's function and return its result; convert its exceptions to a `UsageError`.
+
+    Args:
+        doing: what failed, for the message: "corruption 'rain' failed in draw".
+        function: function without arguments that calls the user's code.
+        advice: what to do.
+        read_only: what has to be copied if the code changed a read-only array.
+
+    >>> called("attack 'mine' failed", lambda: {}["a"])
+    Traceback (most recent call last):
+    robustflow.errors.UsageError: attack 'mine' failed: KeyError: 'a'
+    """
+    try:
+        return function()
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        if read_only and "read-only" in str(error):
+            advice = f"copy {read_only} before changing it"
+        raise UsageError(f"{doing}: {type(error).__name__}: {error}" + (f"; {advice}" if advice else "")) from error
 
 
 def described(made: Any) -> str:

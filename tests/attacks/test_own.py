@@ -141,7 +141,7 @@ def test_an_instance_of_a_subclass_of_attack_is_registered_for_a_run():
     ("made", "message"),
     [
         (lambda problem: None, "has no method run, so it is not an attack"),
-        (type("Any", (), {"run": lambda *_: 0, "name": "two words"}), "cannot be called 'two words'"),
+        (type("Any", (), {"run": lambda *_: 0, "name": "two words"}), "invalid attack name 'two words'"),
         (type("Any", (), {"run": lambda *_: 0, "name": "pgd"}), "has the same name as the attack 'pgd'"),
         (type("Bad", (), {"run": lambda *_: 0, "__init__": lambda self, size: None}), "'bad' cannot be built"),
     ],
@@ -157,8 +157,8 @@ def test_what_is_no_attack_is_refused_in_one_line(made, message):
         (lambda problem, rng: None, "returned NoneType: run must return a float32 array of shape"),
         (lambda problem, rng: problem.ball.clean.astype(np.float64), "returned float64"),
         (lambda problem, rng: problem.ball.clean * np.float32(np.nan), "NaN or infinite"),
-        (lambda problem, rng: problem.ball.clean.fill(0), "read-only.*copy the images before"),
-        (lambda problem, rng: problem.pair.frames[0].fill(0), "read-only.*copy the images before"),
+        (lambda problem, rng: problem.ball.clean.fill(0), "read-only.*copy the pair before"),
+        (lambda problem, rng: problem.pair.frames[0].fill(0), "read-only.*copy the pair before"),
         (lambda problem, rng: 1 / 0, "'wrong' failed: ZeroDivisionError"),
     ],
 )

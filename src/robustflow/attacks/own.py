@@ -11,12 +11,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from ..errors import RobustFlowError, UsageError, unknown_name
+from ..errors import UsageError, unknown_name
 from ..models.base import AnyModel
 from ..random.rng import Rng
 from ..sample import Flow
 from ..source_digest import source_digest
-from ..target import described, import_target, is_target, own_name
+from ..target import called, checked_name, described, import_target, is_target, own_name
 from .base import Attack
 from .images import Images
 from .problem import Pair, Problem
@@ -26,7 +26,6 @@ Made = Any
 """The user's attack, as a class or object."""
 
 _own: dict[str, Made] = {}
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 _GUIDE = "see the guide 'add your attack'"
 
 
@@ -97,13 +96,8 @@ class OwnAttack(Attack):
 
     def run(self, problem: Problem, rng: Rng) -> Images:
         """See `Attack.run`."""
-        try:
-            images: Images = self.made_by_user.run(problem, rng)
-        except RobustFlowError:
-            raise
-        except Exception as error:
-            hint = "; copy the images before changing them" if "read-only" in str(error) else ""
-            raise UsageError(f"attack '{self.name}' failed: {type(error).__name__}: {error}{hint}") from error
+        run = self.made_by_user.run
+        images: Images = called(f"attack '{self.name}' failed", lambda: run(problem, rng), read_only="the pair")
         return images
 
 
@@ -118,11 +112,7 @@ def register_attack(made: Made) -> str:
     """
     if not callable(getattr(made, "run", None)):
         raise UsageError(f"{described(made)} has no method run, so it is not an attack; {_GUIDE}")
-    name = own_name(made)
-    if not _NAME.fullmatch(name) or name in ("clean", "average"):
-        raise UsageError(f"an attack cannot be called '{name}': the name must consist of letters, digits and '_'")
-    if name in ATTACKS:
-        raise UsageError(f"{described(made)} has the same name as the attack '{name}': give it a different `name`")
+    name = checked_name(made, "attack", ATTACKS.__contains__)
     _own[name] = made
     return name
 
@@ -166,12 +156,5 @@ def _parameters(made: Made) -> dict[str, Any]:
 def _build(made: Made, name: str, options: dict[str, Any]) -> Any:
     if not inspect.isclass(made):
         return made
-    try:
-        return made(**options)
-    except RobustFlowError:
-        raise
-    except Exception as error:
-        raise UsageError(
-            f"attack '{name}' cannot be built: {type(error).__name__}: {error}; give every argument a default value, "
-            "or pass an object"
-        ) from error
+    advice = "give every argument a default value, or pass an object"
+    return called(f"attack '{name}' cannot be built", lambda: made(**options), advice)

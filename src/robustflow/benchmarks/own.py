@@ -9,10 +9,10 @@ from typing import Any
 
 from ..corruptions import IMAGE_PAIR
 from ..datasets.facts import facts_of
-from ..datasets.own import called, check_members, open_own_dataset, own_source
+from ..datasets.own import check_members, open_own_dataset, own_source
 from ..datasets.split import read_split
 from ..errors import UsageError
-from ..target import import_target
+from ..target import called, import_target
 from .base import Benchmark
 from .facts import facts_of_dataset
 
@@ -33,8 +33,8 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
         if opener is None:
             raise UsageError(f"{target} is not a benchmark: it has no function open; see the guide 'add your dataset'")
         if inspect.isclass(made) and not isinstance(inspect.getattr_static(made, "open"), staticmethod | classmethod):
-            opener = called(target, "its construction", made).open
-        made = called(target, "open(data, split)", lambda: opener(data, split))
+            opener = called(f"{target} failed in its construction", made).open
+        made = called(f"{target} failed in open(data, split)", lambda: opener(data, split))
     if not isinstance(made, Benchmark):
         raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
     if made.name in reserved:

@@ -7,20 +7,19 @@ numbers; `robustflow.testing.check_corruption` performs additional checks (deter
 from __future__ import annotations
 
 import inspect
-import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import RobustFlowError, UsageError
+from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame, SceneDepth, described_array
 from ..severity import SEVERITIES
 from ..source_digest import source_digest
-from ..target import described, import_target, own_name
+from ..target import called, checked_name, described, import_target, own_name
 from .base import BGR, VARIANTS, Corruption, sample_without_depth
 from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
@@ -29,7 +28,6 @@ Made = Any
 """A corruption class, or an instance of one."""
 
 _own: dict[str, Made] = {}
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 _GUIDE = "see the guide 'add your corruption'"
 
 
@@ -80,24 +78,15 @@ class OwnCorruption(Corruption):
         self.parameter(severity)
         if self.needs_depth and depth is None:
             raise sample_without_depth(self.name)
-        try:
-            if self.needs_depth and depth is not None:
-                return self.made.draw_scene(rng, severity, _scene_read_only(depth))
-            return self.made.draw(rng, severity, shape)
-        except RobustFlowError:
-            raise
-        except Exception as error:
-            raise self._failed("draw_scene" if self.needs_depth else "draw", error) from error
+        if self.needs_depth and depth is not None:
+            scene = _scene_read_only(depth)
+            return self._called("draw_scene", lambda: self.made.draw_scene(rng, severity, scene))
+        return self._called("draw", lambda: self.made.draw(rng, severity, shape))
 
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
         """Return the frame from the user's `apply`, RGB uint8 of the same shape."""
         given = _read_only(np.ascontiguousarray(frame))
-        try:
-            out = self.made.apply(given, state, index)
-        except RobustFlowError:
-            raise
-        except Exception as error:
-            raise self._failed("apply", error) from error
+        out = self._called("apply", lambda: self.made.apply(given, state, index))
         if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
             raise UsageError(
                 f"corruption '{self.name}' returned {described_array(out)}: apply must return a uint8 array of shape "
@@ -105,10 +94,9 @@ class OwnCorruption(Corruption):
             )
         return np.array(out) if np.shares_memory(out, given) else out
 
-    def _failed(self, method: str, error: Exception) -> UsageError:
+    def _called(self, method: str, function: Callable[[], Any]) -> Any:
         what = "the frame or the depth" if self.needs_depth else "the frame"
-        hint = f"; copy {what} before changing it" if "read-only" in str(error) else ""
-        return UsageError(f"corruption '{self.name}' failed in {method}: {type(error).__name__}: {error}{hint}")
+        return called(f"corruption '{self.name}' failed in {method}", function, read_only=what)
 
 
 def register_custom(made: Made) -> str:
@@ -121,11 +109,7 @@ def register_custom(made: Made) -> str:
     for method in ("draw_scene" if getattr(made, "needs_depth", False) else "draw", "apply"):
         if not callable(getattr(made, method, None)):
             raise UsageError(f"{described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
-    name = own_name(made)
-    if not _NAME.fullmatch(name) or name in ("clean", "average"):
-        raise UsageError(f"invalid corruption name '{name}': use only letters, digits and '_'")
-    if name in SHIPPED or on_disk(name) is not None:
-        raise UsageError(f"{described(made)} has the same name as the corruption '{name}': give it a different `name`")
+    name = checked_name(made, "corruption", lambda name: name in SHIPPED or on_disk(name) is not None)
     _own[name] = made
     return name
 
@@ -188,13 +172,9 @@ def _scene_read_only(depth: SceneDepth) -> SceneDepth:
 
 
 def _build(kind: type[Any], variant: str) -> Any:
-    try:
+    def build() -> Any:
         takes = inspect.signature(kind).parameters
         return kind(variant=variant) if "variant" in takes and variant in VARIANTS else kind()
-    except RobustFlowError:
-        raise
-    except Exception as error:
-        raise UsageError(
-            f"corruption '{own_name(kind)}' cannot be built: {type(error).__name__}: {error}; "
-            "give every argument a default value, or pass an instance"
-        ) from error
+
+    advice = "give every argument a default value, or pass an instance"
+    return called(f"corruption '{own_name(kind)}' cannot be built", build, advice)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..digest import digest_of_bytes
-from ..errors import RobustFlowError, UsageError, unknown_name
+from ..errors import UsageError, unknown_name
 from ..sample import Sample
 from ..source_digest import source_digest
-from ..target import import_target, source_of_target
+from ..target import called, import_target, source_of_target
 from .base import Dataset
 
 _GUIDE = "see the guide 'add your dataset'"
@@ -51,7 +51,7 @@ def check_members(dataset: Any, what: str) -> None:
             raise UsageError(f"{what} has no '{member}', so it is not a dataset; {_GUIDE}")
     if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
         raise UsageError(f"{what}: the name {dataset.name!r} is invalid: use only letters, digits, '_' and '-'")
-    keys = called(what, "keys", dataset.keys)
+    keys = called(f"{what} failed in keys", dataset.keys)
     if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
         raise UsageError(f"{what}: keys() must return a non-empty list of strings, not {keys!r:.60}")
     if len(set(keys)) != len(keys):
@@ -65,7 +65,7 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
     Raises:
         UsageError: the check failed.
     """
-    sample = called(what, f"load('{key}')", lambda: dataset.load(key))
+    sample = called(f"{what} failed in load('{key}')", lambda: dataset.load(key))
     if not isinstance(sample, Sample):
         raise UsageError(f"{what}: load('{key}') returned {type(sample).__name__}; it must return a Sample")
     if sample.key != key:
@@ -73,7 +73,7 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
     if (sample.flow is not None) != bool(dataset.has_flow):
         state = "has ground truth" if sample.flow is not None else "has no ground truth"
         raise UsageError(f"{what}: has_flow is {dataset.has_flow}, but sample '{key}' {state}")
-    files = called(what, f"files('{key}')", lambda: dataset.files(key))
+    files = called(f"{what} failed in files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
         raise UsageError(f"{what}: files('{key}') must return the paths of existing files, not {files!r:.80}")
     return sample
@@ -83,16 +83,6 @@ def own_source(target: str, made: object) -> str:
     """Return a hash (16 hexadecimal digits) of the source code of a user's object: its class, and the module named
     in the target."""
     return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
-
-
-def called(what: str, call: str, function: Any) -> Any:
-    """Call the user's function and return its result; convert its exceptions to a UsageError."""
-    try:
-        return function()
-    except RobustFlowError:
-        raise
-    except Exception as error:
-        raise UsageError(f"{what} failed in {call}: {type(error).__name__}: {error}") from error
 
 
 def _opened(target: str, made: Any, options: dict[str, Any]) -> Any:
@@ -110,4 +100,4 @@ def _opened(target: str, made: Any, options: dict[str, Any]) -> Any:
     ]
     if missing:
         raise UsageError(f"{target} needs {', '.join(missing)}: give -D {missing[0]}=VALUE")
-    return called(target, "its construction", lambda: made(**options))
+    return called(f"{target} failed in its construction", lambda: made(**options))
