@@ -6,7 +6,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import chdir
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
@@ -150,6 +150,54 @@ def checked_name(made: Any, kind: str, is_taken: Callable[[str], bool]) -> str:
     if is_taken(name):
         raise UsageError(f"{described(made)} has the same name as the {kind} '{name}': give it a different `name`")
     return name
+
+
+def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """Return a callable's parameters, or an empty mapping if Python cannot determine them (some built-in types)."""
+    try:
+        return inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return {}
+
+
+def accepts(function: Callable[..., Any], option: str) -> bool:
+    """Return whether a callable accepts an option.
+
+    >>> accepts(lambda file: None, "size"), accepts(lambda file, **options: None, "size")
+    (False, True)
+    """
+    parameters = parameters_of(function)
+    return option in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+
+
+def needed_options(factory: Callable[..., Any]) -> list[str]:
+    """Return the names of a factory's required options.
+
+    >>> needed_options(lambda file, threads=1: None)
+    ['file']
+    """
+    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [key for key, one in parameters_of(factory).items() if one.kind in by_name and one.default is one.empty]
+
+
+def check_options(factory: Callable[..., Any], what: str, options: Collection[str], flag: str) -> None:
+    """Check the options for a class or function before it is called.
+
+    Args:
+        factory: the class or function.
+        what: what it builds, for messages: "model 'raft'".
+        options: names of the options that are given.
+        flag: option of the command line that passes them.
+
+    Raises:
+        UsageError: an option is unknown, or a required option is missing.
+    """
+    for option in options:
+        if not accepts(factory, option):
+            raise unknown_name(f"option of {what}", option, parameters_of(factory) or ["(it has no options)"])
+    missing = [option for option in needed_options(factory) if option not in options]
+    if missing:
+        raise UsageError(f"{what} needs the option {missing[0]}: pass {flag} {missing[0]}=VALUE")
 
 
 def called(doing: str, function: Callable[[], Any], advice: str = "", read_only: str = "") -> Any:

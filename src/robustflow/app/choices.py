@@ -8,9 +8,9 @@ from typing import Any
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
-from ..models.construct import needed_options
 from ..models.registry import EXPORTED
 from ..models.torch.network import RANDOM
+from ..target import needed_options
 
 
 class Models:

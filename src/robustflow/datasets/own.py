@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..digest import digest_of_bytes
-from ..errors import UsageError, unknown_name
+from ..errors import UsageError
 from ..sample import Sample
 from ..source_digest import source_digest
-from ..target import called, import_target, source_of_target
+from ..target import called, check_options, import_target, source_of_target
 from .base import Dataset
 
 _GUIDE = "see the guide 'add your dataset'"
@@ -30,7 +30,9 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     """
     made = import_target(target, "dataset")
     if inspect.isclass(made) or inspect.isroutine(made):
-        made = _opened(target, made, options)
+        check_options(made, target, options, "-D")
+        opener = made
+        made = called(f"{target} failed in its construction", lambda: opener(**options))
     elif options:
         raise UsageError(f"{target} is a dataset object, which does not accept options; omit {', '.join(options)}")
     check_members(made, target)
@@ -83,21 +85,3 @@ def own_source(target: str, made: object) -> str:
     """Return a hash (16 hexadecimal digits) of the source code of a user's object: its class, and the module named
     in the target."""
     return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
-
-
-def _opened(target: str, made: Any, options: dict[str, Any]) -> Any:
-    parameters = inspect.signature(made).parameters
-    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-    for option in options:
-        if option not in parameters and not takes_any:
-            raise unknown_name(f"option of {target}", option, list(parameters))
-    missing = [
-        name
-        for name, parameter in parameters.items()
-        if parameter.default is parameter.empty
-        and parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
-        and name not in options
-    ]
-    if missing:
-        raise UsageError(f"{target} needs {', '.join(missing)}: give -D {missing[0]}=VALUE")
-    return called(f"{target} failed in its construction", lambda: made(**options))

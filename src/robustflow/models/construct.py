@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import chdir
 from typing import Any
 
-from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..errors import ModelError, RobustFlowError, UsageError
 from ..sample import Flow, Frame
+from ..target import accepts, check_options, parameters_of
 from .base import AnyModel, model_identity
 from .registry import MODELS
 
@@ -87,17 +88,10 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
         UsageError: an option is unknown, or a required option is missing.
         ModelError: the call fails.
     """
-    parameters = parameters_of(factory)
-    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for option in options:
-        if takes_any or option in parameters:
-            continue
-        if option in _NOT_FOR_ALL and name in MODELS.names():
+        if option in _NOT_FOR_ALL and name in MODELS.names() and not accepts(factory, option):
             raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; omit --{option}")
-        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it has no options)"])
-    needed = [key for key in needed_options(factory) if key not in options]
-    if needed:
-        raise UsageError(f"model '{name}' needs the option {needed[0]}: pass -O {needed[0]}=VALUE")
+    check_options(factory, f"model '{name}'", options, "-O")
     try:
         with chdir("."):  # a model that changes the working folder does not change the paths of a run
             return factory(**options)
@@ -107,16 +101,6 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
         raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
 
 
-def needed_options(factory: Callable[..., Any]) -> list[str]:
-    """Return the names of a factory's required options.
-
-    >>> needed_options(lambda file, threads=1: None)
-    ['file']
-    """
-    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    return [key for key, one in parameters_of(factory).items() if one.kind in by_name and one.default is one.empty]
-
-
 def takes_two_frames(function: Callable[..., Any]) -> bool:
     """Return whether a callable predicts flow directly: a model, or a function with exactly two required arguments."""
     if isinstance(function, AnyModel):
@@ -124,11 +108,3 @@ def takes_two_frames(function: Callable[..., Any]) -> bool:
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     parameters = parameters_of(function).values()
     return len([p for p in parameters if p.default is p.empty and p.kind in positional]) == 2
-
-
-def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """Return a callable's parameters, or an empty mapping if Python cannot determine them (some built-in types)."""
-    try:
-        return inspect.signature(function).parameters
-    except (TypeError, ValueError):
-        return {}

@@ -11,10 +11,10 @@ from typing import Any
 
 from ..digest import digest_of_bytes
 from ..errors import UsageError, unknown_name
-from ..target import import_target, source_of_target
+from ..target import accepts, check_options, import_target, parameters_of, source_of_target
 from .base import AnyModel, model_identity
 from .catalog import PTLFLOW, is_in_ptlflow, methods
-from .construct import as_model, construct, is_module, parameters_of, takes_two_frames
+from .construct import as_model, construct, is_module, takes_two_frames
 from .preflight import preflight
 from .provenance import DECLARED
 from .registry import EXPORTED, MODELS, TORCHSCRIPT
@@ -174,10 +174,8 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     if is_module(target) and not isinstance(target, AnyModel):
         return _as_torch_model(target, name, options)
     if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):
-        parameters = parameters_of(target)
-        takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
         # If the factory builds a plain module, options that the factory does not accept are passed to `TorchModel`.
-        rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
+        rest = {key: options[key] for key in options if not accepts(target, key)}
         factory_options = {key: options[key] for key in options if key not in rest}
         if rest and not any(key in TORCH_OPTIONS for key in rest):
             factory_options, rest = options, {}
@@ -185,7 +183,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
         if is_module(built) and not isinstance(built, AnyModel):
             return _as_torch_model(built, name, rest)
         if rest:
-            raise unknown_name(f"option of model '{name}'", next(iter(rest)), parameters or ["(it has no options)"])
+            check_options(target, f"model '{name}'", options, "-O")
         target = built
     elif options:
         raise UsageError(f"model '{name}' is already built, so it does not accept options: {', '.join(options)}")

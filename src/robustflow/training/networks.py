@@ -13,7 +13,6 @@ from torch import Tensor, nn
 from ..errors import UsageError
 from ..models import load_model
 from ..models.catalog import PTLFLOW
-from ..models.construct import parameters_of
 from ..models.registry import MODELS
 from ..models.tiling import TiledModel
 from ..models.torch.find_checkpoint import RANDOM
@@ -22,6 +21,7 @@ from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
 from ..models.torch.network import weights_seeded
 from ..models.torch.user_model import ConventionWarning
+from ..target import accepts
 from .corrector import Corrector
 from .data.loader import Batch
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
@@ -254,4 +254,4 @@ def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
 
 
 def _takes_iterations(method: str) -> bool:
-    return method not in MODELS or "iterations" in parameters_of(MODELS.get(method))
+    return method not in MODELS or accepts(MODELS.get(method), "iterations")
