@@ -158,6 +158,17 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs):
     assert cells["Coverage"] == f"{gaps.summary.coverage:.2f}" == "0.75"
     (cells_of_line,) = whole_content([gaps], published=False).cells.values()
     assert cells_of_line["coverage", ""].text == "0.75"
+    for name in ("means", "uncoupled", "cost", "row"):
+        (table,) = tables_of([gaps], published=False, wanted=[name])
+        assert "errors cover 75.0 % of the pixels" in table.lines[0].note, name
+
+
+def test_anatomies_of_runs_on_different_conditions_are_marked(runs):
+    other = made_run(runs[1], runs[1].rows, "Other", seed=7)
+    (table,) = tables_of([runs[0], other], published=False, wanted=["anatomy"])
+    assert "Other has seed 7" in table.remarks[-1]
+    (alike,) = tables_of(runs[:2], published=False, wanted=["anatomy"])
+    assert len(alike.remarks) == 1
 
 
 def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(runs):

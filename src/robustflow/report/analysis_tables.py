@@ -15,7 +15,7 @@ from ..analysis.run_names import named_runs
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .run_tables import MEANS
-from .table import Column, Line, Section, Table, interval_text, number_text, seed_line
+from .table import Column, Line, Section, Table, differences_remark, full_note, interval_text, number_text, seed_line
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -32,7 +32,7 @@ def means_table(results: Sequence[ModelResult], *, seed: int = 0, seeds: Sequenc
             continue
         rows = intervals(line.run.rows, seed=seed).to_dicts()
         estimates = {(row["metric"], row["corruption"]): row for row in rows}
-        lines.append(Line.of(line.name, (_estimate(estimates.get(key)) for key in MEANS), line.note))
+        lines.append(Line.of(line.name, (_estimate(estimates.get(key)) for key in MEANS), full_note(line)))
         known.append(any(row["low"] is not None for row in rows))
         values[line.key] = [estimates[key]["estimate"] if key in estimates else None for key in MEANS]
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
@@ -56,7 +56,10 @@ def effective_table(results: Sequence[ModelResult]) -> Table:
     columns = tuple(map(Column, ("clean EPE", "EPE", "expected EPE", "factor")))
     sections = []
     for setting, models in effective_robustness(results).items():
-        lines = [Line.of_numbers(one.line.name, (one.clean, one.corrupted, one.expected, one.factor)) for one in models]
+        lines = [
+            Line.of_numbers(one.line.name, (one.clean, one.corrupted, one.expected, one.factor), full_note(one.line))
+            for one in models
+        ]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
     remark = (
         "factor: EPE divided by the EPE predicted from the clean EPE by a fit to the other models; a value below 1 "
@@ -69,7 +72,8 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     """Tabulate the error of each run by image region and corruption family, and its slope over severities."""
     columns = tuple(map(Column, ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
     sections = []
-    for name, run in named_runs(runs).items():
+    named = named_runs(runs)
+    for name, run in named.items():
         lines = []
         for part in error_parts(run.summary):
             scores = part.scores
@@ -78,11 +82,12 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
         for corruption, slope in severity_slopes(run.summary, "rcre").items():
             lines.append(Line.of_numbers(long_label(corruption), [None] * 6 + [slope]))
         sections.append(Section(name, tuple(lines)))
-    remark = (
+    explained = (
         "share: share of the pixels; adds: contribution of a family to the mean CRE, negative if it reduces the mean; "
         "broken: net share of pixels that became Fl outliers; slope: RCRE per severity step."
     )
-    return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")
+    remarks = (explained, *differences_remark(named))
+    return Table("anatomy", "Anatomy of error", columns, tuple(sections), remarks, "Part")
 
 
 def observations_table(results: Sequence[ModelResult]) -> Table:

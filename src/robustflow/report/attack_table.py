@@ -17,7 +17,7 @@ from ..attacks.result import EXPLAINED
 from ..errors import RunError, UsageError
 from ..runs.run import Run
 from ..text import counted, joined, plain
-from .table import DASH, Column, Line, Section, Table, number_text
+from .table import DASH, Column, Line, Section, Table, differences_remark, number_text
 
 _COLUMNS = (
     "budget",
@@ -141,13 +141,15 @@ def explained(warning: str) -> str:
 def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
     """Tabulate the security curves of runs, one section per run; return None if no run has attacks."""
     sections = []
-    for name, run in named_runs(runs).items():
+    named = named_runs(runs)
+    for name, run in named.items():
         if lines := tuple(map(_curve_line, security_curves(run, seed))):
             sections.append(Section(plain(name), lines))
     if not sections:
         return None
     columns = tuple(map(Column, ("norm", "budget", "metric", "error (px)", "low", "high")))
-    return Table("security", "Security curves", columns, tuple(sections), (_CURVES,), "Attack, budget")
+    remarks = (_CURVES, *differences_remark(named))
+    return Table("security", "Security curves", columns, tuple(sections), remarks, "Attack, budget")
 
 
 def prediction_table(runs: Sequence[Run]) -> Table | None:

@@ -10,7 +10,7 @@ from ..analysis.model_result import ModelResult
 from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER
 from ..errors import UsageError
 from ..runs.costs import COUNTED_SIZE, RunCost
-from .table import Column, Line, Section, Table, TableCell, number_text, with_exclusion
+from .table import Column, Line, Section, Table, TableCell, full_note, number_text
 
 _COLUMNS = (
     Column("Param. (M)"),
@@ -91,7 +91,7 @@ def _published_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
 def _measured_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
     lines = []
     for result, rank in run_ranks(results).items():
-        cost, note = result.cost, result.note
+        cost, note = result.cost, full_note(result)
         cells = [TableCell("-")] * len(_COLUMNS)
         crer_at, average_at = _PLACE.get(result.setting, _OTHER)
         cells[crer_at] = TableCell(number_text(result.crer, None) + _shown(rank.crer), rank.crer == 1)
@@ -101,7 +101,7 @@ def _measured_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
             if rank.average is not None:
                 cells[average_at] = TableCell(str(rank.average), rank.average == 1)
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
-        lines.append(Line(result.name, tuple(cells), with_exclusion(note, result.excluded), best=rank.average == 1))
+        lines.append(Line(result.name, tuple(cells), note, best=rank.average == 1))
     return tuple(lines)
 
 

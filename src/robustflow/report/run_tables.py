@@ -12,7 +12,7 @@ from ..analysis.model_result import ModelResult
 from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..metrics.summary import has_gaps
-from .table import Column, Line, Section, Table, number_text, seed_line, with_exclusion
+from .table import Column, Line, Section, Table, full_note, number_text, seed_line
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -60,7 +60,7 @@ def runs_table(results: Sequence[ModelResult], seeds: Sequence[SeedGroup] = ()) 
     for line in results:
         length = line.run.summary.clean_flow_length if line.run and without_truth else None
         values[line.key] = [*(line.number(*key) for key in MEANS), length]
-        lines.append(Line.of_numbers(line.name, values[line.key], with_exclusion(line.note, line.excluded)))
+        lines.append(Line.of_numbers(line.name, values[line.key], full_note(line)))
         lines += [seed_line(group, values) for group in seeds if group.runs[-1] == line.key]
     table = Table(
         "runs", "Means", (*map(Column, MEANS.values()), Column("clean flow (px)")), (Section("Runs", tuple(lines)),)

@@ -9,6 +9,8 @@ from statistics import mean, stdev
 
 from ..analysis.conditions import SeedGroup
 from ..analysis.model_result import ModelResult, Value
+from ..runs.comparable import differences
+from ..runs.run import Run
 
 DASH = "-"
 """Text of a cell without a number."""
@@ -139,6 +141,19 @@ def with_exclusion(note: str, reason: str) -> str:
     '3 pairs; not ranked: its weights are random'
     """
     return "; ".join(part for part in (note, reason and f"not ranked: {reason}") if part)
+
+
+def full_note(result: ModelResult) -> str:
+    """Return the note on the line of a result in a table without a column for the coverage: what was measured, the
+    share of the pixels that the model predicted if not all, and the reason if it is not ranked."""
+    share = "" if result.coverage is None else f"errors cover {100 * result.coverage:.1f} % of the pixels"
+    return with_exclusion("; ".join(filter(None, (result.note, share))), result.excluded)
+
+
+def differences_remark(runs: Mapping[str, Run]) -> tuple[str, ...]:
+    """Return the remark below a table of runs that measured different conditions; empty if they did not."""
+    words = differences(runs)
+    return (f"The runs differ: {words}.",) if words else ()
 
 
 def spread_text(values: Sequence[float | None]) -> str:

@@ -9,7 +9,7 @@ from ..analysis.model_result import ModelResult
 from ..analysis.results import AVERAGE
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
-from .table import Column, Line, Section, Table
+from .table import Column, Line, Section, Table, full_note
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -46,7 +46,7 @@ def uncoupled_table(results: Sequence[ModelResult]) -> Table:
         measured = uncoupled(run.rows)
         if measured.overall.log_ratio is None and measured.overall.median_cre is None:
             continue
-        lines.append(Line.of_numbers(result.name, _numbers(run, measured), result.note))
+        lines.append(Line.of_numbers(result.name, _numbers(run, measured), full_note(result)))
         clean, cre, ratio = run.epe_clean, run.cre, measured.overall.log_ratio
         if clean is not None and cre is not None and ratio is not None and not result.excluded:
             same_frames.setdefault(result.frames, []).append((clean, cre, ratio))
