@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import polars as pl
 
@@ -15,15 +15,14 @@ from .labels import benchmark_label
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
     """Return the figure's histograms by label, one per sample set, computed from the ground truth if a run has it."""
-    by_samples: dict[str, DisplacementFile] = {}
-    benchmarks: dict[str, str] = {}
+    by_samples: dict[str, tuple[str, DisplacementFile]] = {}
     for run in runs:
         one, frames = read_displacement(run), sample_set(run)
         if one is None or not any(one.pixels):
             continue
-        if frames not in by_samples or one.source == GROUND_TRUTH != by_samples[frames].source:
-            by_samples[frames], benchmarks[frames] = one, run.benchmark
-    return {label: one.table for label, one in _labelled(by_samples, benchmarks)}
+        if frames not in by_samples or one.source == GROUND_TRUTH != by_samples[frames][1].source:
+            by_samples[frames] = run.benchmark, one
+    return {label: one.table for label, one in _labelled(by_samples.values())}
 
 
 def label_of(benchmark: str, samples: int, source: str) -> str:
@@ -35,12 +34,12 @@ def label_of(benchmark: str, samples: int, source: str) -> str:
     return f"{benchmark_label(benchmark)}, {counted(samples, 'pair')} ({plain(source, 40)})"
 
 
-def _labelled(kept: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
+def _labelled(kept: Iterable[tuple[str, DisplacementFile]]) -> Iterator[tuple[str, DisplacementFile]]:
     """Keep one histogram for sample sets that differ only in corruptions or seed; number different histograms with the
     same label."""
     seen: dict[str, list[DisplacementFile]] = {}
-    for frames, one in kept.items():
-        label = label_of(benchmarks[frames], one.samples, one.source)
+    for benchmark, one in kept:
+        label = label_of(benchmark, one.samples, one.source)
         alike = seen.setdefault(label, [])
         if any((other.low, other.pixels) == (one.low, one.pixels) for other in alike):
             continue

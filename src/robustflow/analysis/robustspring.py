@@ -73,10 +73,9 @@ def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str
     Args:
         moved: RobustSpring's name of a corruption -> numbers of `ROBUSTNESS` for each pair.
     """
-    means = {ROBUSTSPRING.local_name(own): _columns(values) for own, values in moved.items()}
-    pairs = {ROBUSTSPRING.local_name(own): len(values) for own, values in moved.items()}
-    table = {name: (pairs[name], values) for name, values in means.items()}
-    return table | {AVERAGE: (min(pairs.values()), _columns(list(means.values())))}
+    table = {ROBUSTSPRING.local_name(own): (len(values), _columns(values)) for own, values in moved.items()}
+    pairs, means = zip(*table.values(), strict=True)
+    return table | {AVERAGE: (min(pairs), _columns(means))}
 
 
 def robustness_csv(means: Mapping[str, tuple[int, Sequence[float]]]) -> str:

@@ -48,13 +48,8 @@ class Subject(Frozen):
         named = {"clean EPE": self.epe_clean, "EPE": self.epe, "CRE": self.cre, "CREr": self.crer, "RCRE": self.rcre}
         scores = ", ".join(f"{name} {value:.2f}" for name, value in named.items() if value is not None)
         on = f"{self.benchmark}, {self.truth}" if self.truth else self.benchmark
-        extent = " x ".join(
-            (
-                counted(self.pairs, "pair", "pairs"),
-                counted(self.corruptions, "corruption", "corruptions"),
-                counted(self.severities, "severity", "severities"),
-            )
-        )
+        pairs, corruptions = counted(self.pairs, "pair"), counted(self.corruptions, "corruption")
+        extent = f"{pairs} x {corruptions} x {counted(self.severities, 'severity', 'severities')}"
         return f"{self.model} on {on} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
 
 

@@ -141,6 +141,6 @@ class Evidence:
         return [name for name in PAPER_ORDER if name in self._epe[entry]]
 
 
-def named(entries: list[ModelInSetting], most: int = 6) -> str:
+def named(entries: list[ModelInSetting]) -> str:
     """List the models for a sentence: "ID GMA, ID SKFlow"."""
-    return first_of([" ".join(entry) for entry in entries], most) or "none"
+    return first_of([" ".join(entry) for entry in entries], 6) or "none"

@@ -30,7 +30,7 @@ def flowformer_is_best(evidence: Evidence) -> Observation:
         verdict = of_majority(len(best), len(names), "corruption").verdict
         numbers = {"best": float(len(best)), "corruptions": float(len(names))}
         parts.append(part(claim, verdict, f"under {len(best)} of {len(names)}", numbers=numbers))
-    cnn = _of_encoder(evidence, order, "CNN")
+    cnn = _cnn_based(evidence, order)
     claim = "SKFlow has the lowest average RCRE of the CNN-based models"
     skflow = next((entry for entry in cnn if entry[1] == "SKFlow"), None)
     parts.append(part(claim, UNKNOWN, "none") if skflow is None else _lowest(evidence, claim, skflow, cnn))
@@ -71,7 +71,7 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     title = "VFM does not help in small displacement condition"
     entries = [entry for entry, values in evidence.rcre.items() if AVERAGE in values]
     sam = [entry for entry in entries if evidence.family(entry) == "SAMFlow"]
-    cnn = _of_encoder(evidence, entries, "CNN")
+    cnn = _cnn_based(evidence, entries)
     claim = "SAMFlow has a higher average RCRE than FlowFormer, which lacks the foundation model"
     if _FLOWFORMER not in entries or not sam or not cnn:
         return unknown(10, title, claim, _NEEDS)
@@ -112,5 +112,5 @@ def _in_px(margin: Margin | None) -> str:
     return "unknown, because the models have no corruption in common" if margin is None else margin.in_px
 
 
-def _of_encoder(evidence: Evidence, entries: Sequence[ModelInSetting], encoder: str) -> list[ModelInSetting]:
-    return [e for e in entries if (method := evidence.method(e[1])) is not None and method.encoder == encoder]
+def _cnn_based(evidence: Evidence, entries: Sequence[ModelInSetting]) -> list[ModelInSetting]:
+    return [e for e in entries if (method := evidence.method(e[1])) is not None and method.encoder == "CNN"]

@@ -32,7 +32,6 @@ def severity_curves(
     styles: Mapping[str, Style] = MappingProxyType({}),
     *,
     legend: bool = True,
-    seed: int = 0,
 ) -> MarkedFigure:
     """Plot a metric by severity for each corruption, with 95 % intervals if there are enough images. All panels have
     the same axes.
@@ -42,7 +41,6 @@ def severity_curves(
         metric: "epe", "cre", "crer" or "rcre".
         styles: styles of the runs by name; if empty, styles are assigned in order.
         legend: whether to draw the legend in the figure instead of on the page.
-        seed: random seed of the bootstrap.
 
     Raises:
         UsageError: there are more than eight runs, or none measured the metric.
@@ -51,7 +49,7 @@ def severity_curves(
         raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(MODEL_STYLES)}")
     styles = distinct_styles({name: styles.get(name) for name in runs})
     curves = {
-        name: intervals(rows, seed=seed, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
+        name: intervals(rows, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
         for name, rows in runs.items()
     }
     corruptions = {corruption for curve in curves.values() for corruption in curve["corruption"]}
