@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ..analysis.cost_ranks import counted_size, printed_cost_ranks, printed_costs, run_ranks
 from ..analysis.model_result import ModelResult
@@ -47,10 +46,6 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
         sections.append(Section("Measured on different frames", lines))
     if not sections:
         raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
-    shown = [index for index in range(len(_COLUMNS)) if lines or index not in _OTHER]
-    sections = [
-        Section(s.title, tuple(replace(x, cells=tuple(x.cells[i] for i in shown)) for x in s.lines)) for s in sections
-    ]
     remarks = [
         "FLOPs are ranked over all models, and CREr within its setting; equal values share a rank, and lower is "
         "better. The average rank is the rank of the mean of both ranks."
@@ -61,13 +56,8 @@ def cost_table(results: Sequence[ModelResult]) -> Table:
             f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted); "
             "runs are ranked among those on the same frames."
         )
-    return Table(
-        "cost",
-        "Computing cost, CREr and average rank",
-        tuple(_COLUMNS[i] for i in shown),
-        tuple(sections),
-        tuple(remarks),
-    )
+    table = Table("cost", "Computing cost, CREr and average rank", _COLUMNS, tuple(sections), tuple(remarks))
+    return table.without_empty_columns()
 
 
 def _published_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:

@@ -13,15 +13,8 @@ def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
     """Tabulate the output of `analysis.uncertainty.power.plan_pairs`: one section per metric, one row per
     comparison."""
     effect = plan["effect"][0]
-    columns = (
-        Column("difference (px)"),
-        Column("detectable now (px)"),
-        Column("pairs now"),
-        Column("groups now"),
-        Column(f"power for {effect:g} px"),
-        Column(f"pairs for {effect:g} px"),
-        Column("groups"),
-    )
+    now, then = ("detectable now (px)", "pairs now", "groups now"), f"for {effect:g} px"
+    columns = tuple(map(Column, ("difference (px)", *now, f"power {then}", f"pairs {then}", "groups")))
     sections = []
     for metric in plan["metric"].unique(maintain_order=True):
         lines = tuple(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 from ..analysis.model_result import ModelResult
@@ -61,17 +62,9 @@ def uncoupled_table(results: Sequence[ModelResult]) -> Table:
 
 
 def _numbers(run: Run, measured: Uncoupled) -> tuple[float | None, ...]:
-    scores, related = measured.overall, measured.correlation.get(AVERAGE)
-    return (
-        run.epe_clean,
-        run.cre,
-        scores.log_ratio,
-        scores.median_log_ratio,
-        scores.median_cre,
-        scores.fl_increase,
-        related.rho if related else None,
-        related.given_motion if related else None,
-    )
+    related = measured.correlation.get(AVERAGE)
+    correlations = (related.rho, related.given_motion) if related else (None, None)
+    return run.epe_clean, run.cre, *astuple(measured.overall), *correlations
 
 
 def _sentence(coupling: Coupling) -> str:

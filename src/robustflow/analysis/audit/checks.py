@@ -83,9 +83,10 @@ def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
 def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """Check that the average of each metric is the mean over the corruptions listed in the table."""
     count, findings = 0, []
-    for line, metric, values in _metrics(results):
-        given = values.get((metric, AVERAGE))
-        parts = [values[metric, name] for name in ORDER if (metric, name) in values]
+    metrics = ((line, metric) for line in results for metric in dict.fromkeys(metric for metric, _ in line.values))
+    for line, metric in metrics:
+        given = line.values.get((metric, AVERAGE))
+        parts = [line.values[metric, name] for name in ORDER if (metric, name) in line.values]
         if given is None or not parts:
             continue
         count += 1
@@ -171,12 +172,6 @@ def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
             )
             findings.append(finding("best", first, metric, corruption, message, (cells[first].number, least, 0.0)))
     return "best", count, findings
-
-
-def _metrics(results: Sequence[ModelResult]) -> Iterator[tuple[ModelResult, str, Values]]:
-    for line in results:
-        for metric in dict.fromkeys(metric for metric, _ in line.values):
-            yield line, metric, line.values
 
 
 def _settings(results: Sequence[ModelResult]) -> Iterator[tuple[str, list[ModelResult]]]:

@@ -12,18 +12,22 @@ from ...analysis.published.tables import method_of, of_paper
 from ...text import name_text
 
 # Okabe and Ito's palette, with four intermediate colours
-ORANGE, SKY, GREEN, OLIVE, BLUE, RED, PINK, BLACK = (
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#9A8F00",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-    "#000000",
-)
-VIOLET, BROWN, NAVY = "#6A3D9A", "#8C5A2B", "#24407A"
-GREY, GRID = "#999999", "#dddddd"
+COLOURS = {
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "olive": "#9A8F00",
+    "blue": "#0072B2",
+    "red": "#D55E00",
+    "pink": "#CC79A7",
+    "violet": "#6A3D9A",
+    "brown": "#8C5A2B",
+    "navy": "#24407A",
+    "grey": "#999999",
+}
+"""Colours by the name of the page's variable."""
+
+BLACK, GRID = "#000000", "#dddddd"
 
 
 @dataclass(frozen=True)
@@ -38,23 +42,23 @@ KeyEntry = tuple[str, Style, bool]
 """Entry of a legend: (label, style, whether the marker is filled)."""
 
 KIND_STYLES = {
-    "CNN-based": Style(PINK),
-    "Transformer-based": Style(GREEN),
-    "Unsupervised": Style(BLUE),
-    "Knowledge-driven": Style(GREY),
+    "CNN-based": Style(COLOURS["pink"]),
+    "Transformer-based": Style(COLOURS["green"]),
+    "Unsupervised": Style(COLOURS["blue"]),
+    "Knowledge-driven": Style(COLOURS["grey"]),
 }
 """Styles by model kind, similar to the paper's: purple for CNNs, green for Transformers, blue for unsupervised
 models."""
 
 MODEL_STYLES = (
-    Style(ORANGE, "o"),
-    Style(VIOLET, "s"),
-    Style(RED, "^"),
+    Style(COLOURS["orange"], "o"),
+    Style(COLOURS["violet"], "s"),
+    Style(COLOURS["red"], "^"),
     Style(BLACK, "D"),
-    Style(SKY, "v"),
-    Style(BROWN, "P"),
-    Style(OLIVE, "X"),
-    Style(NAVY, "p"),
+    Style(COLOURS["sky"], "v"),
+    Style(COLOURS["brown"], "P"),
+    Style(COLOURS["olive"], "X"),
+    Style(COLOURS["navy"], "p"),
 )
 """Styles of models that are not in the paper. Their colours differ from the colours of the kinds, so both can appear on
 one page."""

@@ -15,41 +15,15 @@ from ...text import plain
 from ..figures import figure_bytes
 from ..figures.files import any_script
 from ..figures.marks import Mark, MarkedFigure
-from ..figures.styles import (
-    BLACK,
-    BLUE,
-    BROWN,
-    GREEN,
-    GREY,
-    GRID,
-    NAVY,
-    OLIVE,
-    ORANGE,
-    OTHER,
-    PINK,
-    RED,
-    SKY,
-    VIOLET,
-    KeyEntry,
-)
+from ..figures.styles import BLACK, COLOURS, GRID, OTHER, KeyEntry
 
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {
     BLACK: "currentColor",
     "#ffffff": "var(--page)",
     GRID: "var(--grid)",
-    GREY: "var(--chart-grey)",
-    BLUE.lower(): "var(--chart-blue)",
-    RED.lower(): "var(--chart-red)",
-    GREEN.lower(): "var(--chart-green)",
-    ORANGE.lower(): "var(--chart-orange)",
-    SKY.lower(): "var(--chart-sky)",
-    PINK.lower(): "var(--chart-pink)",
-    OLIVE.lower(): "var(--chart-olive)",
-    VIOLET.lower(): "var(--chart-violet)",
-    BROWN.lower(): "var(--chart-brown)",
-    NAVY.lower(): "var(--chart-navy)",
     OTHER.colour: "var(--muted)",
+    **{colour.lower(): f"var(--chart-{name})" for name, colour in COLOURS.items()},
 }
 """Page colour names by the hex colour in matplotlib's SVG output (lower case)."""
 
