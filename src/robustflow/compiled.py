@@ -74,6 +74,25 @@ def njit(**options: Any) -> Callable[[Function], Any]:
     return decorate
 
 
+def inner(function: Function) -> Function:
+    """Let compiled functions call a function, which is compiled as a part of each of them.
+
+    `njit` would also compile an entry point for Python, as large as a short loop, and write one more cache file. Called
+    from Python, the function is not compiled.
+
+    >>> @inner
+    ... def square(x):
+    ...     return x * x
+    >>> @njit()
+    ... def fourth_power(x):
+    ...     return square(square(x))
+    >>> fourth_power(3)
+    81
+    """
+    registered: Function = numba.extending.register_jitable(function)
+    return registered
+
+
 def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
     """Apply `njit` to a function whose argument types are fixed; it is compiled on its first call.
 

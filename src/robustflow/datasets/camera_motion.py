@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compiled import njit
+from ..compiled import inner, njit
 from ..sample import Camera, Flow, Mask
 
 _MOST, _LEAST = 20_000, 50
@@ -122,7 +122,7 @@ def _fit(points: Any, targets: Any, lens: Any, scales: Any, rotation: Any, trans
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _solve(system: Any) -> Any:
     """Solve a symmetric positive definite system (6, 7) in place, with the solution in its last column; return False if
     the system is singular."""
@@ -142,7 +142,7 @@ def _solve(system: Any) -> Any:
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _turn(rotation: Any, wx: Any, wy: Any, wz: Any) -> None:
     """Rotate by a small rotation vector with the Cayley map, which gives an exact rotation without sines."""
     a, b, c = 0.5 * wx, 0.5 * wy, 0.5 * wz

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled import njit
+from ..compiled import inner, njit
 from .trace import Array, propagate
 
 FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
@@ -100,7 +100,7 @@ def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
     return c * c - s * s, 2 * c * s
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _launch(x: Any, y: Any, tangent: Any) -> Any:
     """Return rays that start at x and y (R,) in the vertex plane of the first surface, with one field tangent per
     ray.
@@ -109,7 +109,7 @@ def _launch(x: Any, y: Any, tangent: Any) -> Any:
     return (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _at_plane(rays: Any) -> Any:
     """Return x and y of the points where rays cross the plane z = 0."""
     t = -rays[2] / rays[5]
@@ -190,7 +190,7 @@ def landing(
     return sx, sy, weight * rays[6], weight
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _window(u: float, v: float) -> float:
     return min(max((WINDOW_RADIUS + 1.0 - np.sqrt(u * u + v * v)) * 0.5, 0.0), 1.0)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled import njit
+from ..compiled import inner, njit
 from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, aim, blur_statistics, landing
 from .paraxial import first_order
 from .prescription import PIXEL
@@ -54,7 +54,7 @@ def build_lens(free: Any, index: Any, stop: int, focal_length: float, f_number: 
     return curvature, thickness, radius, pupil, magnification
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _sag(c: float, h: float) -> float:
     """Return the sag of a sphere, extrapolated linearly beyond 0.95 of its radius."""
     limit = h if abs(c * h) < 0.95 else 0.95 / abs(c)

@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..compiled import njit, njit_late, types
+from ..compiled import inner, njit_late, types
 from ..sample import Flow, Mask
 from .error_maps import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
 
@@ -63,7 +63,7 @@ def edge_distance(edges: Mask) -> Errors:
     return np.asarray(np.sqrt(np.rint(np.square(distance, dtype=np.float64))))
 
 
-@njit(cache=True)
+@inner
 def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: Any) -> Any:
     du = np.float64(flow[y0, x0, 0]) - np.float64(flow[y1, x1, 0])
     dv = np.float64(flow[y0, x0, 1]) - np.float64(flow[y1, x1, 1])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..compiled import intrinsic, njit, types
+from ..compiled import inner, intrinsic, njit, types
 
 BLOCK = 64
 """Number of image rows transformed together."""
@@ -85,7 +85,7 @@ def transform(work: Any, roots: Any) -> None:
                             block[t, part, i] = spare[t, part, i]
 
 
-@njit(**_OPTIONS)
+@inner
 def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
     """Transform one block; return whether the result is in `spare`."""
     length, in_spare = roots.shape[0], False
@@ -136,7 +136,7 @@ def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
     return in_spare
 
 
-@njit(**_OPTIONS)
+@inner
 def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
     """Interpolate the kernels u + iv of the nodes for each row of a chunk, and store u, u + v and v - u.
 
@@ -165,7 +165,7 @@ def _blend(spectrum: Any, first: Any, weights: Any, blended: Any) -> None:
                 k[p + 2 * CHUNK] += v - u
 
 
-@njit(**_OPTIONS)
+@inner
 def _convolve(blended: Any, lines: Any, begin: Any, sums: Any, out: Any) -> None:
     """Convolve two lines with interpolated kernels, by summing products over the lags.
 

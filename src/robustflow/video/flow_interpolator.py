@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled import njit
+from ..compiled import inner, njit
 from ..errors import UsageError
 from ..models.dis.model import OperatingPoint, dis_flow
 from ..sample import Frame
@@ -116,7 +116,7 @@ def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first
     return flow, sight
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _fill_holes(flow: Any, cost: Any) -> None:
     """Fill holes with the flow at the nearest filled point in the same row, or otherwise in the same column."""
     height, width = cost.shape

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...errors import DataError
 from ...sample import Frame
 from ..kernels.borders import mirrored
@@ -72,7 +72,7 @@ def _moments(image: Any, other: Any) -> tuple[npt.NDArray[np.float64], ...]:
     return mean, square, product
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _along(padded: Any, taps: Any, out: Any) -> None:
     """Mirror both ends of `padded`, whose interior is already filled, and write the filtered result to `out`."""
     width = out.size

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Camera, DepthMap, Frame, SceneDepth
@@ -164,7 +164,7 @@ def _spread_near(inverse: Any, lens: Any, turn: Any, translation: Any, share: fl
                     around[t, s] = max(around[t, s], largest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _row_of_paths(
     inverse: Any, px: Any, py: Any, lens: Any, turn: Any, translation: Any, share: float, out: Any
 ) -> None:
@@ -201,7 +201,7 @@ def _fixed(value: Any) -> Any:
     return np.int64(np.rint(min(max(value, -_FARTHEST), _FARTHEST) * (1 << FRACTION)))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _cells(inverse: Any, out: Any) -> None:
     """Compute the largest inverse depth in each cell and its eight neighbours."""
     height, width = inverse.shape
@@ -226,7 +226,7 @@ def _cells(inverse: Any, out: Any) -> None:
             out[j, i] = max(max(first, last), max(above[i], max(here[i], below[i])))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _is_clear(cells: Any, limit: Any, x: Any, y: Any, dx: Any, dy: Any) -> Any:
     """Return whether no inverse depth within `_CELL` pixels of the path (dx, dy) centred on (x, y) exceeds `limit`."""
     height, width = cells.shape
@@ -242,7 +242,7 @@ def _is_clear(cells: Any, limit: Any, x: Any, y: Any, dx: Any, dy: Any) -> Any:
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _nearer(
     depths: Any, limit: Any, width: int, height: int, x: Any, y: Any, dx: Any, dy: Any, count: int, found: Any
 ) -> Any:
@@ -261,7 +261,7 @@ def _nearer(
     return size
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _shown(
     packed: Any,
     depths: Any,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...errors import UsageError
 from ...random.normal import natural_log
 from ...random.rng import Rng, hash64
@@ -153,13 +153,13 @@ def _wind(rng: Rng, fastest: float) -> tuple[float, float]:
             return fastest * x, fastest * z
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _uniform(key: Any, place: int) -> Any:
     """Return a uniformly distributed multiple of 2**-53 in (0, 1]."""
     return (np.float64(hash64(key, np.uint64(place)) >> np.uint64(11)) + 1.0) * 2.0**-53
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _seen(x: Any, y: Any, z: Any, diameter: Any, box: Any, lens: Any) -> Any:
     """Return whether a position is within the region in which particles are sampled for one camera."""
     if z < NEAREST or z > box[4] * diameter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiled import njit
+from ...compiled import inner, njit
 
 
 @njit(cache=True, nogil=True)
@@ -18,7 +18,7 @@ def mirrored(i: int, n: int) -> int:
     return min(i, 2 * n - 2 - i)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def mirrored_with_edge(i: int, n: int) -> int:
     """Mirror index `i` on an axis of length `n`, repeating the end pixels.
 

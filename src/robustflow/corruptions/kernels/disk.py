@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 from .borders import mirrored
@@ -39,7 +39,7 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
     return out.reshape(frame.shape)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _running_sums(row: Any, start: int, sums: Any) -> None:
     """Compute the running sums of each channel, starting at column `start`; columns outside the row are mirrored.
 
@@ -58,14 +58,14 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
         sums[to], sums[to + 1], sums[to + 2] = r, g, b
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
     """Add a row segment, using start indices in a loop because numba compiles slices more slowly."""
     for i in range(_U(total.size)):
         total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_four_segments(total: Any, a: Any, b: Any, l0: Any, r0: Any, c: Any, d: Any, l1: Any, r1: Any) -> None:
     for i in range(_U(total.size)):
         first = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r0 + i] - b[l0 + i]))
@@ -73,7 +73,7 @@ def _add_four_segments(total: Any, a: Any, b: Any, l0: Any, r0: Any, c: Any, d: 
         total[i] = np.int32(total[i] + np.int32(first + second))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
     """Sum over the uniform disk around row `y`; total[0] is centred on column `middle` of the running sums."""
     window = len(ring)
@@ -94,7 +94,7 @@ def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
         _add_segment(total, ring[(y + dy) % window], l0, r0)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_rim(
     total: Any,
     weight: Any,
@@ -117,7 +117,7 @@ def _add_rim(
         total[i] += weight * np.float32(np.int32(inside - outside))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_rim_rows(ring: Any, y: int, rim: Any, weights: Any, middle: int, total: Any) -> None:
     window = len(ring)
     for k in range(len(rim)):
@@ -131,13 +131,13 @@ def _add_rim_rows(ring: Any, y: int, rim: Any, weights: Any, middle: int, total:
         _add_rim(total, weights[k], a, right, left, b, right, left, p, last, first, q, last, first)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
     for i in range(out.size):
         out[i] = np.int32(a[i] + np.int32(b[i] + c[i]))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, columns: Any, total: Any) -> None:
     """Compute the rim; `columns[h]` is a buffer for the running sums over rows y - h to y + h, and `columns[-1]` is
     zero.
@@ -172,7 +172,7 @@ def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, col
         )
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
     """Blur vertically: apply `taps` to rows y - g to y + g of a ring buffer."""
     window = len(rows)

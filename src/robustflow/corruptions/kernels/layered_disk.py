@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 from .borders import mirrored
@@ -92,7 +92,7 @@ def _extend(layers: Any, reach: Any, distance: Any, source: Any) -> None:
             _walk(pixels, reach, at, -width, height - 1 - y, y, distance, source)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _walk(pixels: Any, reach: Any, edge: int, step: int, behind: int, ahead: int, distance: Any, source: Any) -> None:
     """Fill the pixels after the last background pixel, which has `behind` pixels before it and `ahead` pixels after
     it.
@@ -134,7 +134,7 @@ def _pack(frame: Any, layers: Any, source: Any, packed: Any, packed_behind: Any,
             row[x // _BLOCK] |= bits
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, height: int, width: int) -> Any:
     """Return whether a layer may occur in rows y0 to y1 - 1 and columns x0 to x1 - 1."""
     bit = np.uint32(1) << np.uint32(layer)
@@ -145,7 +145,7 @@ def _is_near(present: Any, layer: int, y0: int, y1: int, x0: int, x1: int, heigh
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _layer_sums(words: Any, own: Any, words_behind: Any, behind: Any, layer: Any, x0: int, sums: Any) -> None:
     """Compute the running sums of a layer's packed values in a row, starting at column `x0`: (n + 1,).
 
@@ -167,13 +167,13 @@ def _layer_sums(words: Any, own: Any, words_behind: Any, behind: Any, layer: Any
         sums[j + 1] = total
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
     for i in range(_U(total.size)):
         total[i] += row[right + i] - row[left + i]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _sum_row(sums: Any, y: int, reach: int, widths: Any, word: Any, total: Any) -> None:
     """Sum over the disk around row `y`; the running sums start `reach` columns before the first column of `total`."""
     last = sums.shape[1] - 1
@@ -191,7 +191,7 @@ def _sum_row(sums: Any, y: int, reach: int, widths: Any, word: Any, total: Any) 
     _unpack(word, total)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _unpack(word: Any, total: Any) -> None:
     """Add the packed values to `total` and set them to zero."""
     mask = _U((1 << _FIELD) - 1)
@@ -204,7 +204,7 @@ def _unpack(word: Any, total: Any) -> None:
         word[i] = _U(0)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
     """Add a layer behind the previous ones; return whether any pixel is not yet fully covered."""
     covers, open_ = total[3], np.float32(0)
@@ -218,7 +218,7 @@ def _put_behind(total: Any, area: Any, free: Any, colours: Any) -> Any:
     return open_ > 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _put_sharp_behind(
     packed: Any, layers: Any, packed_behind: Any, behind: Any, layer: int, y0: int, x0: int, free: Any, colours: Any
 ) -> Any:

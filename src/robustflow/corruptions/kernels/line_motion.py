@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 
@@ -71,7 +71,7 @@ def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
     return min(0, up), max(0, down), min(0, left), max(0, right)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _pad(row: Any, step: int, before: int, out: Any) -> None:
     """Pad a row by repeating its edge pixels on both sides."""
     n = row.size
@@ -84,13 +84,13 @@ def _pad(row: Any, step: int, before: int, out: Any) -> None:
         out[before + n + i] = row[n - step + i % step]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_tap(total: Any, a: Any, w: Any) -> None:
     for i in range(total.size):
         total[i] = np.uint16(total[i] + np.uint16(np.uint32(np.uint32(a[i]) * np.uint32(w)) >> 16))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_four_taps(total: Any, a: Any, b: Any, c: Any, d: Any, w: Any) -> None:
     w0, w1, w2, w3 = np.uint32(w[0]), np.uint32(w[1]), np.uint32(w[2]), np.uint32(w[3])
     for i in range(total.size):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import njit
+from ...compiled import inner, njit
 
 FRACTION = 16
 """Fractional bits of positions."""
@@ -20,7 +20,7 @@ LARGEST = 4096
 _ROUND = 1 << (FRACTION - 4)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def reciprocals() -> Any:
     """Return the reciprocals of 0 to `LARGEST` with 32 fractional bits, with which `divide` divides sums exactly."""
     out = np.zeros(LARGEST + 1, np.uint64)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...random.rng import Rng, hash64
 
 _WHOLE = 512
@@ -67,7 +67,7 @@ def _reach(length: int, factor: int) -> int:
     return points
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _wibble(bits: Any, amplitude: Any) -> Any:
     """Convert the lowest 16 bits to a uniformly distributed number in +-amplitude."""
     return amplitude * (np.float32(np.int32(bits & np.uint64(0xFFFF))) * np.float32(2.0**-15) - np.float32(1))

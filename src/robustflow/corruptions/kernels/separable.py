@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 
@@ -74,13 +74,13 @@ def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
     return out
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_pair(total: Any, a: Any, b: Any, w: Any) -> None:
     for i in range(total.size):
         total[i] += w * (a[i] + b[i])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2: Any, a3: Any, b3: Any, w: Any) -> None:
     """Add four taps per pass over `total`, which requires a quarter of the loads and stores."""
     w0, w1, w2, w3 = w[0], w[1], w[2], w[3]
@@ -90,7 +90,7 @@ def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2:
         total[i] += first + second
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _down_columns(source: Any, y: int, weights: Any, out: Any) -> None:
     """Filter row `y` of `source` vertically into `out`."""
     last = source.shape[0] - 1
@@ -118,7 +118,7 @@ def _down_columns(source: Any, y: int, weights: Any, out: Any) -> None:
         k += 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _along_row(padded: Any, step: int, weights: Any, out: Any) -> None:
     """Filter a padded row.
 
@@ -152,7 +152,7 @@ def _along_row(padded: Any, step: int, weights: Any, out: Any) -> None:
         k += 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _repeat_edges(padded: Any, step: int, pad: int) -> None:
     n = padded.size
     for i in range(pad):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...random.rng import Rng, hash64
 from .borders import mirrored_with_edge
 
@@ -62,7 +62,7 @@ def _kernel(sigma: float) -> npt.NDArray[np.float64]:
     return kernel / kernel.sum()
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _dot(a: Any, b: Any) -> Any:
     total = np.int32(0)
     for i in range(a.size):
@@ -108,7 +108,7 @@ def _blur_down(rows: Any, step: int, weights: Any, out: Any) -> None:
                 target[j] += w * row[j]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _cubic(t: Any) -> Any:
     """Return the weights of the samples at -1, 0, 1 and 2 for cubic interpolation at t in [0, 1)."""
     one, two = np.float32(1), np.float32(2)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 from ..kernels.borders import mirrored
@@ -110,7 +110,7 @@ def _develop(raw: Any, shot: Any, read: Any, gains: Any, matrix: Any, shown: Any
             _demosaic(linear, y - _PAD, matrix, shown, colours, places, out[y - 2 * _PAD])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _pad(row: Any, out: Any) -> None:
     """Convert a row of a RAW image to light, separate the even and odd columns, and pad both."""
     black, scale, width = np.float32(BLACK), np.float32(1.0 / (WHITE - BLACK)), row.size
@@ -189,7 +189,7 @@ def _balance(row: Any, gain: Any) -> None:
         row[i] = min(row[i], limit) * inverse + np.float32(2.0) * beyond / (gain + root)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places: Any, out: Any) -> None:
     """Interpolate the colours in row `y` of the ring buffer and convert them to bytes."""
     width = out.shape[0]
@@ -218,7 +218,7 @@ def _demosaic(linear: Any, y: int, matrix: Any, shown: Any, colours: Any, places
             out[x, 0], out[x, 1], out[x, 2] = shown[places[0, i]], shown[places[1, i]], shown[places[2, i]]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _filter(linear: Any, y: int, parity: int, weights: Any, out: Any) -> None:
     """Filter the pixels in row `y` and columns of one parity with 5x5 weights.
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiled import njit
+from ...compiled import inner, njit
 
 MOTION = 24
 """Length of a motion's parameter row."""
@@ -97,7 +97,7 @@ def from_time(m: Any, t: Any, x: Any, y: Any) -> Any:
     return px, py
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _between(m: Any, t: Any, x: Any, y: Any) -> Any:
     """Compute `from_time` by Newton's method."""
     px, py = x - t * m[2], y - t * m[3]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...sample import DepthMap, Flow, Frame, Mask
 from .motion import at_time, from_time
 from .outline import inset
@@ -101,7 +101,7 @@ def _time(which: Any, readout: Any, y: Any, height: Any) -> Any:
     return which + readout * ((y + 0.5) / height - 0.5)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _near(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
     """Return False if a point is outside a layer's bounding circle at time `t`; a cheap test that skips most layers."""
     if outline[7] < 0.0:
@@ -111,7 +111,7 @@ def _near(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
     return dx * dx + dy * dy <= reach * reach
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _inset_at(outline: Any, motion: Any, t: Any, x: Any, y: Any) -> Any:
     """Return `inset` of a point at time `t`."""
     mx, my = from_time(motion, t, x, y)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner
 from .pyramid import Image, with_border
 
 _TAPS = 3
@@ -28,7 +28,7 @@ def search_area(image: Image, patch: int) -> Image:
     return with_border(image, patch + _TAPS)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
     """Return the integer and fractional parts of the coordinate in `search_area` of a patch at `place` in frame 2.
 
@@ -39,7 +39,7 @@ def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
     return whole, inside - whole
 
 
-@njit(cache=True, nogil=True)
+@inner
 def from_coarser(coarse: Any, y: float, x: float) -> tuple[float, float]:
     """Return (u, v) at a position in pixels of the finer scale: twice the coarse flow, interpolated bilinearly."""
     height, width, _ = coarse.shape

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...sample import Flow
 from .patches import from_coarser, grid, in_search_area, search_area
 from .pyramid import Image, slopes
@@ -89,7 +89,7 @@ def _search(
                 displacements[i, j, 0], displacements[i, j, 1] = u, v
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _descend(
     image1: Any,
     spline2: Any,
@@ -131,7 +131,7 @@ def _descend(
     return u, v
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _centre(slope: Any, row: int, column: int, out: Any) -> None:
     """Copy a patch of a derivative image into `out` and subtract the mean of each channel."""
     patch, columns = out.shape
@@ -146,7 +146,7 @@ def _centre(slope: Any, row: int, column: int, out: Any) -> None:
                 out[r, k] = slope[row + r, column + k] - mean
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
     hxx = hxy = hyy = 0.0
     for r in range(sx.shape[0]):
@@ -157,7 +157,7 @@ def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
     return hxx, hxy, hyy
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
     """Sum a patch of `image` multiplied by `sx` and `sy`: first over each column in a vectorised loop, then over the
     columns.
@@ -177,7 +177,7 @@ def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) ->
     return total_a, total_b
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
     """Return the sum of squared differences between a patch and its bilinear match, after subtracting each channel's
     mean.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ...compiled import njit
+from ...compiled import inner, njit
 from ...random.rng import Rng
 from ...sample import Frame
 
@@ -78,7 +78,7 @@ def _mixed_with(image: Frame, grey: int, factor: float) -> Frame:
     return cv2.LUT(image, table)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _grey(red: Any, green: Any, blue: Any) -> Any:
     """Compute Pillow's luma (ITU-R 601-2) with 16 fractional bits."""
     return (np.int32(red) * 19595 + np.int32(green) * 38470 + np.int32(blue) * 7471 + 0x8000) >> 16
