@@ -7,14 +7,16 @@ function is algorithm AS 241, PPND16 (Wichura 1988, Applied Statistics 37:477), 
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ..compiled import njit
+from ..compiled import inner
 
-_LN2 = 0.6931471805599453
+Numbers = npt.NDArray[np.float64]
+
+_LN2, _SQRT_HALF = 0.6931471805599453, 0.7071067811865476
 
 # fmt: off
 _CENTRE_NUMERATOR = (
@@ -44,61 +46,55 @@ _FAR_DENOMINATOR = (
 # fmt: on
 
 
-@njit(cache=True, nogil=True)
-def normals_from_bits(bits: Any, out: Any) -> None:
+def normals_from_bits(bits: npt.NDArray[np.uint64]) -> Numbers:
     """Convert each 64-bit integer to a standard normal number: the quantile for p = (top 52 bits + 1/2) / 2**52.
 
-    `bits` is uint64 (n,), and `out` is float64 (n,). A vectorised loop evaluates the central approximation (85 % of the
-    distribution) for every integer; a second loop overwrites the values in the tails.
+    >>> normals_from_bits(np.array([0, 2**63 - 1, 2**63], np.uint64)).round(2).tolist()
+    [-8.21, -0.0, 0.0]
     """
-    for i in range(bits.size):
-        out[i] = _centre(_deviation(bits[i]))
-    for i in range(bits.size):
-        q = _deviation(bits[i])
-        if abs(q) > 0.425:
-            out[i] = _tail(q)
+    q = ((bits >> np.uint64(12)).astype(np.int64) - 2**51 + 0.5) * 2.0**-52  # p - 1/2, exact
+    r = 0.180625 - q * q
+    out = q * _horner7(r, _CENTRE_NUMERATOR) / _horner7(r, _CENTRE_DENOMINATOR)
+    in_tail = np.abs(q) > 0.425
+    out[in_tail] = _tail(q[in_tail])
+    return out
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _deviation(word: Any) -> Any:
-    """Return p - 1/2 exactly, as an odd multiple of 2**-53."""
-    return (np.float64(np.int64(word >> np.uint64(12)) - np.int64(2**51)) + 0.5) * 2.0**-52
+def _tail(q: Numbers) -> Numbers:
+    mantissa, exponent = np.frexp(0.5 - np.abs(q))
+    low = mantissa < _SQRT_HALF
+    r = np.sqrt(-log_of_scaled(np.where(low, 2.0 * mantissa, mantissa), low - exponent))
+    near = _horner7(r - 1.6, _TAIL_NUMERATOR) / _horner7(r - 1.6, _TAIL_DENOMINATOR)
+    far = _horner7(r - 5.0, _FAR_NUMERATOR) / _horner7(r - 5.0, _FAR_DENOMINATOR)
+    return np.copysign(np.where(r <= 5.0, near, far), q)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _horner7(x: Any, c: Any) -> Any:
+def _horner7(x: Numbers, c: tuple[float, ...]) -> Numbers:
     return ((((((c[0] * x + c[1]) * x + c[2]) * x + c[3]) * x + c[4]) * x + c[5]) * x + c[6]) * x + c[7]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _centre(q: Any) -> Any:
-    r = 0.180625 - q * q
-    return q * _horner7(r, _CENTRE_NUMERATOR) / _horner7(r, _CENTRE_DENOMINATOR)
-
-
-@njit(cache=True, nogil=True)
-def _tail(q: Any) -> Any:
-    r = math.sqrt(-natural_log(0.5 - abs(q)))
-    if r <= 5.0:
-        z = _horner7(r - 1.6, _TAIL_NUMERATOR) / _horner7(r - 1.6, _TAIL_DENOMINATOR)
-    else:
-        z = _horner7(r - 5.0, _FAR_NUMERATOR) / _horner7(r - 5.0, _FAR_DENOMINATOR)
-    return -z if q < 0.0 else z
-
-
-@njit(cache=True, nogil=True)
+@inner
 def natural_log(x: Any) -> Any:
-    """Return the natural logarithm of a float64 in (0, 1], accurate to a few ulp.
+    """Return the natural logarithm of a float64 in (0, 1], accurate to a few ulp; for use in compiled loops.
 
-    The argument is scaled to [sqrt(1/2), sqrt(2)), where log(m) = 2 atanh((m - 1) / (m + 1)) converges like 0.03**k.
+    >>> round(natural_log(0.5), 12)
+    -0.69314718056
     """
     halvings = 0
     while x < 2.0**-16:
         x *= 65536.0
         halvings += 16
-    while x < 0.7071067811865476:
+    while x < _SQRT_HALF:
         x *= 2.0
         halvings += 1
+    return log_of_scaled(x, halvings)
+
+
+@inner
+def log_of_scaled(x: Any, halvings: Any) -> Any:
+    """Return log(x / 2**halvings) for x in [sqrt(1/2), sqrt(2)), where log(x) = 2 atanh((x - 1) / (x + 1)) converges
+    like 0.03**k; for numbers in compiled loops and for arrays.
+    """
     s = (x - 1.0) / (x + 1.0)
     z = s * s
     series = 1.0 / 23.0

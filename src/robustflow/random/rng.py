@@ -23,18 +23,21 @@ from ..errors import UsageError
 from .normal import normals_from_bits
 
 _MASK = (1 << 64) - 1
+_ONE, _STEP = np.uint64(1), np.uint64(0x9E3779B97F4A7C15)
+_27, _30, _31 = np.uint64(27), np.uint64(30), np.uint64(31)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 @njit(inline="always", cache=True, nogil=True)
 def hash64(key: Any, counter: Any) -> Any:
     """Return 64 random bits for position `counter` of stream `key`; for use in compiled loops."""
-    z = (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15) + key
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = (z ^ (z >> np.uint64(31))) + key
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+    z = (counter + _ONE) * _STEP + key
+    z = (z ^ (z >> _30)) * _FIRST
+    z = (z ^ (z >> _27)) * _SECOND
+    z = (z ^ (z >> _31)) + key
+    z = (z ^ (z >> _30)) * _FIRST
+    z = (z ^ (z >> _27)) * _SECOND
+    return z ^ (z >> _31)
 
 
 @njit(cache=True, nogil=True)
@@ -127,6 +130,4 @@ class Rng:
         """Return `count` standard normal numbers, float64, one per position; they are bit-identical on every
         machine.
         """
-        out = np.empty(count, np.float64)
-        normals_from_bits(self.bits(count), out)
-        return out
+        return normals_from_bits(self.bits(count))

@@ -35,9 +35,8 @@ def quantiles() -> npt.NDArray[np.int16]:
     """Return the quantiles of the normal distribution for the probabilities (i + 1/2) / 65536, int16 in units of
     `UNIT`.
     """
-    out = np.empty(65536)
-    normals_from_bits((np.arange(65536, dtype=np.uint64) << np.uint64(48)) | np.uint64(1 << 47), out)
-    return np.rint(out / UNIT).astype(np.int16)
+    normals = normals_from_bits((np.arange(65536, dtype=np.uint64) << np.uint64(48)) | np.uint64(1 << 47))
+    return np.rint(normals / UNIT).astype(np.int16)
 
 
 @njit(cache=True, nogil=True)

@@ -14,7 +14,7 @@ from ...compiled import njit
 from ...random.rng import fill_bits
 from ...sample import Frame
 from ..kernels.alias import alias_table, height_bits, normal_cdf
-from .noise import BLOCK, Noise
+from .noise import BLOCK, Noise, work_arrays
 
 
 class GaussianNoise(Noise):
@@ -32,7 +32,7 @@ class GaussianNoise(Noise):
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
         """Write `source` plus Gaussian noise to `out`; see `Noise.add`."""
         table = gaussian_table(parameter, self.variant == "reference")
-        _add_noise(source.reshape(-1), table, key, out.reshape(-1))
+        _add_noise(source.reshape(-1), table, key, *work_arrays(np.uint32), out.reshape(-1))
 
 
 @lru_cache(maxsize=16)
@@ -49,10 +49,7 @@ def gaussian_table(scale: float, floor: bool = False) -> npt.NDArray[np.uint32]:
 
 
 @njit(cache=True, nogil=True)
-def _add_noise(source: Any, table: Any, key: Any, out: Any) -> None:
-    words = np.empty(BLOCK, np.uint64)
-    lanes = words.view(np.uint32)
-    entries = np.empty(2 * BLOCK, np.uint32)
+def _add_noise(source: Any, table: Any, key: Any, words: Any, lanes: Any, entries: Any, out: Any) -> None:
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]

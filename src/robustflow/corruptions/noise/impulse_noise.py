@@ -9,7 +9,7 @@ import numpy as np
 from ...compiled import njit
 from ...random.rng import fill_bits
 from ...sample import Frame
-from .noise import BLOCK, Noise
+from .noise import BLOCK, Noise, work_arrays
 
 
 class ImpulseNoise(Noise):
@@ -26,16 +26,15 @@ class ImpulseNoise(Noise):
     def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
         """Replace samples; see `Noise.add`."""
         pepper, both = np.uint16(round(parameter * 2**15)), np.uint16(round(parameter * 2**16))
+        words, lanes, _ = work_arrays(np.uint16)
         if self.variant == "paper":
-            _impulse_pixels(source.reshape(-1, 3), pepper, both, key, out.reshape(-1, 3))
+            _impulse_pixels(source.reshape(-1, 3), pepper, both, key, words, lanes, out.reshape(-1, 3))
         else:
-            _impulse_samples(source.reshape(-1), pepper, both, key, out.reshape(-1))
+            _impulse_samples(source.reshape(-1), pepper, both, key, words, lanes, out.reshape(-1))
 
 
 @njit(cache=True, nogil=True)
-def _impulse_samples(source: Any, pepper: Any, both: Any, key: Any, out: Any) -> None:
-    words = np.empty(BLOCK, np.uint64)
-    lanes = words.view(np.uint16)
+def _impulse_samples(source: Any, pepper: Any, both: Any, key: Any, words: Any, lanes: Any, out: Any) -> None:
     for start in range(0, source.size, 4 * BLOCK):
         fill_bits(key, np.uint64(start // 4), words)
         s = source[start : start + 4 * BLOCK]
@@ -46,9 +45,7 @@ def _impulse_samples(source: Any, pepper: Any, both: Any, key: Any, out: Any) ->
 
 
 @njit(cache=True, nogil=True)
-def _impulse_pixels(source: Any, pepper: Any, both: Any, key: Any, out: Any) -> None:
-    words = np.empty(BLOCK, np.uint64)
-    lanes = words.view(np.uint16)
+def _impulse_pixels(source: Any, pepper: Any, both: Any, key: Any, words: Any, lanes: Any, out: Any) -> None:
     for start in range(0, source.shape[0], 4 * BLOCK):
         fill_bits(key, np.uint64(start // 4), words)
         s = source[start : start + 4 * BLOCK]

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...random.rng import Rng
 from ...sample import Frame
@@ -58,3 +60,12 @@ class Noise(Corruption):
             key: key of the frame's random stream.
             out: output array, uint8 (H, W, 3).
         """
+
+
+def work_arrays(lane: type[np.uint16 | np.uint32]) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+    """Return the work arrays of a compiled loop: `BLOCK` hash values, their lanes in the same memory, and one table
+    entry for each lane. A loop that created them itself would take twice as long to compile.
+    """
+    words = np.empty(BLOCK, np.uint64)
+    lanes = words.view(lane)
+    return words, lanes, np.empty_like(lanes)

@@ -14,7 +14,7 @@ from ...random.rng import fill_bits
 from ...sample import Frame
 from ..kernels.alias import alias_table, counts_from_cdf, height_bits, poisson_cdf
 from ..kernels.rounding import to_bytes
-from .noise import BLOCK, Noise
+from .noise import BLOCK, Noise, work_arrays
 
 
 class ShotNoise(Noise):
@@ -32,7 +32,8 @@ class ShotNoise(Noise):
         """Replace each sample with a random photon count; see `Noise.add`."""
         tables, column_bits = shot_tables(parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
-        _replace_levels(source.reshape(-1), tables, shift, height_shift, key, out.reshape(-1))
+        work = work_arrays(np.uint32)
+        _replace_levels(source.reshape(-1), tables, shift, height_shift, key, *work, out.reshape(-1))
 
 
 @lru_cache(maxsize=8)
@@ -62,10 +63,17 @@ def _relabel(table: npt.NDArray[np.uint32], levels: npt.NDArray[Any]) -> npt.NDA
 
 
 @njit(cache=True, nogil=True)
-def _replace_levels(source: Any, tables: Any, column_bits: Any, height_shift: Any, key: Any, out: Any) -> None:
-    words = np.empty(BLOCK, np.uint64)
-    lanes = words.view(np.uint32)
-    entries = np.empty(2 * BLOCK, np.uint32)
+def _replace_levels(
+    source: Any,
+    tables: Any,
+    column_bits: Any,
+    height_shift: Any,
+    key: Any,
+    words: Any,
+    lanes: Any,
+    entries: Any,
+    out: Any,
+) -> None:
     for start in range(0, source.size, 2 * BLOCK):
         fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]

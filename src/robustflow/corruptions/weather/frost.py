@@ -78,7 +78,7 @@ def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
     rows, row_weights = _taps(image.shape[0], shape[0])
     columns, column_weights = _taps(image.shape[1], shape[1])
     out = np.empty((*shape, 3), np.uint8)
-    _resize(image, rows, row_weights, columns, column_weights, out)
+    _resize(image.reshape(len(image), -1), rows, row_weights, columns, column_weights, out)
     return out
 
 
@@ -96,11 +96,10 @@ def _taps(source: int, target: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[
 
 @njit(cache=True, nogil=True)
 def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, out: Any) -> None:
-    width = image.shape[1]
-    line = np.empty(3 * width, np.float32)
+    line = np.empty(image.shape[1], np.float32)
     for y in range(out.shape[0]):
-        a, b = image[rows[y, 0]].reshape(-1), image[rows[y, 1]].reshape(-1)
-        c, d = image[rows[y, 2]].reshape(-1), image[rows[y, 3]].reshape(-1)
+        a, b = image[rows[y, 0]], image[rows[y, 1]]
+        c, d = image[rows[y, 2]], image[rows[y, 3]]
         w = row_weights[y]
         for i in range(line.size):
             inner = w[1] * np.float32(b[i]) + w[2] * np.float32(c[i])
