@@ -65,24 +65,27 @@ def twiddles(length: int) -> npt.NDArray[np.float32]:
     return np.array([(math.cos(angle), -math.sin(angle)) for angle in angles], np.float32)
 
 
-@njit(**_OPTIONS)
-def transform(work: Any, roots: Any) -> None:
+def transform(work: npt.NDArray[np.float32], roots: npt.NDArray[np.float32]) -> None:
     """Fourier-transform the third axis in place, using Stockham's algorithm with radices 4, 3 and 2.
 
     Args:
-        work: real and imaginary parts, float32 (m, n, T, 2, BLOCK). If the parts are swapped before and after, the
-            result is T times the inverse transform.
+        work: real and imaginary parts, float32 (m, n, T, 2, BLOCK), contiguous. If the parts are swapped before and
+            after, the result is T times the inverse transform.
         roots: roots of unity, `twiddles(T)`.
     """
-    spare = np.empty(work.shape[2:], np.float32)
-    for m in range(work.shape[0]):
-        for n in range(work.shape[1]):
-            block = work[m, n]
-            if _transform_block(block, spare, roots):
-                for t in range(spare.shape[0]):
-                    for part in range(2):
-                        for i in range(BLOCK):
-                            block[t, part, i] = spare[t, part, i]
+    blocks = work.reshape(-1, len(roots), 2 * BLOCK)
+    _transform(blocks, np.empty(blocks.shape[1:], np.float32), roots)
+
+
+@njit(**_OPTIONS)
+def _transform(blocks: Any, spare: Any, roots: Any) -> None:
+    for m in range(blocks.shape[0]):
+        block = blocks[m]
+        if _transform_block(block, spare, roots):
+            for t in range(spare.shape[0]):
+                source, target = spare[t], block[t]
+                for i in range(2 * BLOCK):
+                    target[i] = source[i]
 
 
 @inner
@@ -103,35 +106,38 @@ def _transform_block(work: Any, spare: Any, roots: Any) -> Any:
                 e, f = y[q + s * radix * p], y[q + s * (radix * p + 1)]
                 if radix == 2:
                     for i in range(BLOCK):
-                        ur, ui = a[0, i] - b[0, i], a[1, i] - b[1, i]
-                        e[0, i], e[1, i] = a[0, i] + b[0, i], a[1, i] + b[1, i]
-                        f[0, i], f[1, i] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
+                        j = i + BLOCK
+                        ur, ui = a[i] - b[i], a[j] - b[j]
+                        e[i], e[j] = a[i] + b[i], a[j] + b[j]
+                        f[i], f[j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
                     continue
                 c, g = x[q + s * (p + 2 * m)], y[q + s * (radix * p + 2)]
                 if radix == 3:
                     for i in range(BLOCK):
-                        tr, ti = b[0, i] + c[0, i], b[1, i] + c[1, i]
-                        dr, di = (b[0, i] - c[0, i]) * _SIN_60, (b[1, i] - c[1, i]) * _SIN_60
-                        hr, hi = a[0, i] - _HALF * tr, a[1, i] - _HALF * ti
-                        e[0, i], e[1, i] = a[0, i] + tr, a[1, i] + ti
+                        j = i + BLOCK
+                        tr, ti = b[i] + c[i], b[j] + c[j]
+                        dr, di = (b[i] - c[i]) * _SIN_60, (b[j] - c[j]) * _SIN_60
+                        hr, hi = a[i] - _HALF * tr, a[j] - _HALF * ti
+                        e[i], e[j] = a[i] + tr, a[j] + ti
                         ur, ui = hr + di, hi - dr
-                        f[0, i], f[1, i] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
+                        f[i], f[j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
                         ur, ui = hr - di, hi + dr
-                        g[0, i], g[1, i] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
+                        g[i], g[j] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
                     continue
                 d, h = x[q + s * (p + 3 * m)], y[q + s * (radix * p + 3)]
                 for i in range(BLOCK):
-                    t0r, t0i = a[0, i] + c[0, i], a[1, i] + c[1, i]
-                    t1r, t1i = a[0, i] - c[0, i], a[1, i] - c[1, i]
-                    t2r, t2i = b[0, i] + d[0, i], b[1, i] + d[1, i]
-                    t3r, t3i = b[0, i] - d[0, i], b[1, i] - d[1, i]
-                    e[0, i], e[1, i] = t0r + t2r, t0i + t2i
+                    j = i + BLOCK
+                    t0r, t0i = a[i] + c[i], a[j] + c[j]
+                    t1r, t1i = a[i] - c[i], a[j] - c[j]
+                    t2r, t2i = b[i] + d[i], b[j] + d[j]
+                    t3r, t3i = b[i] - d[i], b[j] - d[j]
+                    e[i], e[j] = t0r + t2r, t0i + t2i
                     ur, ui = t1r + t3i, t1i - t3r
-                    f[0, i], f[1, i] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
+                    f[i], f[j] = ur * w1r - ui * w1i, ur * w1i + ui * w1r
                     ur, ui = t0r - t2r, t0i - t2i
-                    g[0, i], g[1, i] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
+                    g[i], g[j] = ur * w2r - ui * w2i, ur * w2i + ui * w2r
                     ur, ui = t1r - t3i, t1i + t3r
-                    h[0, i], h[1, i] = ur * w3r - ui * w3i, ur * w3i + ui * w3r
+                    h[i], h[j] = ur * w3r - ui * w3i, ur * w3i + ui * w3r
         n, s, x, y, in_spare = m, s * radix, y, x, not in_spare
     return in_spare
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -22,9 +23,10 @@ def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np
     >>> chamfer_distance(np.array([[0, 0, 0, 255]], np.uint8), limit=2).tolist()
     [[20000, 20000, 10000, 0]]
     """
-    distance = np.where(edges > 0, 0, limit * _STRAIGHT).astype(np.int32)
+    far = limit * _STRAIGHT
+    distance = np.where(edges > 0, 0, far).astype(np.int32)
     for _ in range(2):  # first from the upper left, then from the lower right
-        _sweep(distance, limit * _STRAIGHT)
+        _sweep(distance, far, np.full((2, distance.shape[1] + 4), far, np.int32))
         distance = np.ascontiguousarray(distance[::-1, ::-1])  # contiguous, so the loops are compiled only once
     return distance
 
@@ -33,32 +35,16 @@ def mean_distance(distance: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
     """Compute the mean distance in each 3 x 3 neighbourhood in pixels, rounded down: uint8 (H, W). Borders are
     mirrored.
     """
-    out = np.empty(distance.shape, np.uint8)
-    _mean(distance, out)
-    return out
+    sums = cv2.boxFilter(distance, cv2.CV_32S, (3, 3), normalize=False, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(sums // (9 * _STRAIGHT), np.uint8)
 
 
 @njit(cache=True, nogil=True)
-def _mean(values: Any, out: Any) -> None:
-    height, width = values.shape
-    line = np.empty(width + 2, np.int32)
-    for y in range(height):
-        above, here, below = values[abs(y - 1)], values[y], values[y + 1 if y + 1 < height else height - 2]
-        middle = line[1 : width + 1]
-        for x in range(width):
-            middle[x] = np.int32(above[x] + np.int32(here[x] + below[x]))
-        line[0], line[width + 1] = line[2], line[width - 1]
-        target = out[y]
-        for x in range(width):
-            total = np.uint32(line[x] + np.int32(line[x + 1] + line[x + 2]))
-            target[x] = np.uint8(np.uint32(total // np.uint32(9 * _STRAIGHT)))
-
-
-@njit(cache=True, nogil=True)
-def _sweep(distance: Any, far: int) -> None:
-    """Propagate shortest paths from the rows above and from the left."""
+def _sweep(distance: Any, far: int, above: Any) -> None:
+    """Propagate shortest paths from the left and from the rows above; a work array contains the latest two of them,
+    with a margin of two pixels.
+    """
     height, width = distance.shape
-    above = np.full((2, width + 4), far, np.int32)
     line = np.empty(width, np.int32)
     for y in range(height):
         one, two = above[(y + 1) % 2], above[y % 2]

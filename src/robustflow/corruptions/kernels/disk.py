@@ -178,11 +178,11 @@ def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
     window = len(rows)
     row = rows[y % window]
     for i in range(out.size):
-        out[i] = taps[0] * np.float32(row[i])
+        out[i] = taps[0] * row[i]
     for j in range(1, len(taps)):
         a, b = rows[(y - j) % window], rows[(y + j) % window]
         for i in range(out.size):
-            out[i] += taps[j] * (np.float32(a[i]) + np.float32(b[i]))
+            out[i] += taps[j] * (a[i] + b[i])
 
 
 @njit(cache=True, nogil=True)
@@ -205,17 +205,21 @@ def _convolve(
     reach = len(widths) - 1 + g
     window = 2 * reach + 1
     sums = np.empty((window, n + 3 * window), np.int32)
-    disks = np.empty((2 * g + 1, n + 6 * g), np.int32)
+    disk = np.empty(n + 6 * g, np.int32)
+    disks = np.empty((2 * g + 1, disk.size), np.float32)
     columns = np.zeros((tallest, sums.shape[1]), np.int32)
     sides = np.zeros((2 * g + 1, n), np.float32)
-    down = np.empty(n + 6 * g, np.float32)
+    down = np.empty(disk.size, np.float32)
     total = np.empty(n, np.float32)
     for y in range(-reach, reach - 2 * g):
         _running_sums(source[mirrored(y, height)], x0 - reach, sums[y % window])
     for y in range(-2 * g, height):
         ahead = y + g
         _running_sums(source[mirrored(y + reach, height)], x0 - reach, sums[(y + reach) % window])
-        _sum_disk(sums, ahead, widths, reach - g, disks[ahead % len(disks)])
+        _sum_disk(sums, ahead, widths, reach - g, disk)
+        row = disks[ahead % len(disks)]
+        for i in range(row.size):
+            row[i] = np.float32(disk[i])
         if len(rim) > 0:
             side = sides[ahead % len(sides)]
             for i in range(n):
@@ -231,6 +235,6 @@ def _convolve(
             tap = taps[j] if j > 0 else taps[j] * np.float32(0.5)
             for i in range(n):
                 total[i] += tap * (a[i] + b[i])
-        row = out[y]
+        target = out[y]
         for i in range(n):
-            row[i] = np.uint8(np.rint(min(max(total[i] + offset, np.float32(0)), np.float32(255))))
+            target[i] = np.uint8(np.rint(min(max(total[i] + offset, np.float32(0)), np.float32(255))))

@@ -116,31 +116,34 @@ def _move(
     height, n = source.shape
     taps = len(weights)
     before, after = -left * step, right * step
-    window = bottom - top + 1
-    rows = np.empty((window, before + n + after), np.uint16)
+    window, length = bottom - top + 1, before + n + after
+    rows = np.empty(window * length, np.uint16)
+    starts = np.empty(taps, np.int64)
     total = np.empty(n, np.uint16)
     for y in range(top, bottom):
-        _pad(source[min(max(y, 0), height - 1)], step, before, rows[y % window])
+        begin = (y % window) * length
+        _pad(source[min(max(y, 0), height - 1)], step, before, rows[begin : begin + length])
     bias = np.uint16(128 + taps // 2)
     for y in range(height):
-        _pad(source[min(max(y + bottom, 0), height - 1)], step, before, rows[(y + bottom) % window])
-        total[:] = bias
+        begin = ((y + bottom) % window) * length
+        _pad(source[min(max(y + bottom, 0), height - 1)], step, before, rows[begin : begin + length])
+        for k in range(taps):
+            starts[k] = ((y + offsets[k, 0]) % window) * length + before + offsets[k, 1] * step
+        for i in range(n):
+            total[i] = bias
         k = 0
         while k + 4 <= taps:
-            l0, l1 = before + offsets[k, 1] * step, before + offsets[k + 1, 1] * step
-            l2, l3 = before + offsets[k + 2, 1] * step, before + offsets[k + 3, 1] * step
             _add_four_taps(
                 total,
-                rows[(y + offsets[k, 0]) % window][l0 : l0 + n],
-                rows[(y + offsets[k + 1, 0]) % window][l1 : l1 + n],
-                rows[(y + offsets[k + 2, 0]) % window][l2 : l2 + n],
-                rows[(y + offsets[k + 3, 0]) % window][l3 : l3 + n],
+                rows[starts[k] : starts[k] + n],
+                rows[starts[k + 1] : starts[k + 1] + n],
+                rows[starts[k + 2] : starts[k + 2] + n],
+                rows[starts[k + 3] : starts[k + 3] + n],
                 weights[k : k + 4],
             )
             k += 4
         while k < taps:
-            l0 = before + offsets[k, 1] * step
-            _add_tap(total, rows[(y + offsets[k, 0]) % window][l0 : l0 + n], weights[k])
+            _add_tap(total, rows[starts[k] : starts[k] + n], weights[k])
             k += 1
         row = out[y]
         for i in range(n):

@@ -70,7 +70,8 @@ def _blurred(rows: npt.NDArray[Any], step: int, sigma: float) -> Plane:
     """Blur rows of pixels; horizontal neighbours within a channel are `step` values apart."""
     out = np.empty(rows.shape, np.float32)
     # Always use float32 and pass the step as an argument, so that the loops are compiled only once.
-    _blur_to_float(np.ascontiguousarray(rows, np.float32), step, gaussian_weights(sigma), out)
+    source = np.ascontiguousarray(rows, np.float32).reshape(-1)
+    _blur_to_float(source, len(rows), step, gaussian_weights(sigma), out.reshape(-1))
     return out
 
 
@@ -91,64 +92,30 @@ def _add_four_pairs(total: Any, a0: Any, b0: Any, a1: Any, b1: Any, a2: Any, b2:
 
 
 @inner
-def _down_columns(source: Any, y: int, weights: Any, out: Any) -> None:
-    """Filter row `y` of `source` vertically into `out`."""
-    last = source.shape[0] - 1
-    row = source[y]
-    w0 = weights[0]
-    for i in range(out.size):
-        out[i] = w0 * row[i]
-    k = 1
-    while k + 4 <= weights.size:
-        _add_four_pairs(
-            out,
-            source[max(y - k, 0)],
-            source[min(y + k, last)],
-            source[max(y - k - 1, 0)],
-            source[min(y + k + 1, last)],
-            source[max(y - k - 2, 0)],
-            source[min(y + k + 2, last)],
-            source[max(y - k - 3, 0)],
-            source[min(y + k + 3, last)],
-            weights[k : k + 4],
-        )
-        k += 4
-    while k < weights.size:
-        _add_pair(out, source[max(y - k, 0)], source[min(y + k, last)], weights[k])
-        k += 1
-
-
-@inner
-def _along_row(padded: Any, step: int, weights: Any, out: Any) -> None:
-    """Filter a padded row.
-
-    Neighbours within a channel are `step` values apart, and the padding is (weights.size - 1) * step values.
-    """
+def _weigh(values: Any, centre: int, left: Any, right: Any, weights: Any, out: Any) -> None:
+    """Compute weights[0] * values[centre + i] + sum of weights[k] * (values[left[k] + i] + values[right[k] + i])."""
     n = out.size
-    middle = (weights.size - 1) * step
-    row = padded[middle : middle + n]
+    row = values[centre : centre + n]
     w0 = weights[0]
     for i in range(n):
         out[i] = w0 * row[i]
     k = 1
     while k + 4 <= weights.size:
-        left, right = middle - k * step, middle + k * step
         _add_four_pairs(
             out,
-            padded[left : left + n],
-            padded[right : right + n],
-            padded[left - step : left - step + n],
-            padded[right + step : right + step + n],
-            padded[left - 2 * step : left - 2 * step + n],
-            padded[right + 2 * step : right + 2 * step + n],
-            padded[left - 3 * step : left - 3 * step + n],
-            padded[right + 3 * step : right + 3 * step + n],
+            values[left[k] : left[k] + n],
+            values[right[k] : right[k] + n],
+            values[left[k + 1] : left[k + 1] + n],
+            values[right[k + 1] : right[k + 1] + n],
+            values[left[k + 2] : left[k + 2] + n],
+            values[right[k + 2] : right[k + 2] + n],
+            values[left[k + 3] : left[k + 3] + n],
+            values[right[k + 3] : right[k + 3] + n],
             weights[k : k + 4],
         )
         k += 4
     while k < weights.size:
-        left, right = middle - k * step, middle + k * step
-        _add_pair(out, padded[left : left + n], padded[right : right + n], weights[k])
+        _add_pair(out, values[left[k] : left[k] + n], values[right[k] : right[k] + n], weights[k])
         k += 1
 
 
@@ -161,14 +128,21 @@ def _repeat_edges(padded: Any, step: int, pad: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _blur_to_float(source: Any, step: int, weights: Any, out: Any) -> None:
-    height, n = source.shape
-    pad = (weights.size - 1) * step
+def _blur_to_float(source: Any, height: int, step: int, weights: Any, out: Any) -> None:
+    """Filter each row of a flattened image vertically into a padded row, and then horizontally."""
+    n, taps = source.size // height, weights.size
+    pad = (taps - 1) * step
     padded = np.empty(n + 2 * pad, np.float32)
+    above, below = np.empty(taps, np.int64), np.empty(taps, np.int64)
+    left, right = np.empty(taps, np.int64), np.empty(taps, np.int64)
+    for k in range(taps):
+        left[k], right[k] = pad - k * step, pad + k * step
     for y in range(height):
-        _down_columns(source, y, weights, padded[pad : pad + n])
+        for k in range(taps):
+            above[k], below[k] = max(y - k, 0) * n, min(y + k, height - 1) * n
+        _weigh(source, y * n, above, below, weights, padded[pad : pad + n])
         _repeat_edges(padded, step, pad)
-        _along_row(padded, step, weights, out[y])
+        _weigh(padded, pad, left, right, weights, out[y * n : y * n + n])
 
 
 @njit(cache=True, nogil=True)

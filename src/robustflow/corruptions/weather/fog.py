@@ -49,22 +49,23 @@ class Fog(Corruption):
         """Add the fog to one frame."""
         strength, fog = state
         frame = contiguous(frame)
+        rows = frame.reshape(len(frame), -1)
         brightest = float(frame.max()) / 255
         gain = brightest / (brightest + strength)
-        out = np.empty_like(frame)
-        _blend(frame, fog, np.float32(gain), np.float32(gain * strength * 255), out)
-        return out
+        out = np.empty_like(rows)
+        _blend(rows, fog, np.float32(gain), np.float32(gain * strength * 255), out)
+        return out.reshape(frame.shape)
 
 
 @njit(cache=True, nogil=True)
-def _blend(frame: Any, fog: Any, gain: Any, strength: Any, out: Any) -> None:
-    """Compute gain * frame + strength * fog, at most 255 because gain * (1 + strength / brightest) is 1."""
+def _blend(rows: Any, fog: Any, gain: Any, strength: Any, out: Any) -> None:
+    """Compute gain * rows + strength * fog, at most 255 because gain * (1 + strength / brightest) is 1."""
     height, width = fog.shape
     added = np.empty(3 * width, np.float32)
     for y in range(height):
         layer = fog[y]
         for x in range(width):
             added[3 * x] = added[3 * x + 1] = added[3 * x + 2] = strength * layer[x]
-        source, target = frame[y].reshape(3 * width), out[y].reshape(3 * width)
+        source, target = rows[y], out[y]
         for i in range(3 * width):
             target[i] = np.uint8(np.rint(min(gain * np.float32(source[i]) + added[i], np.float32(255))))

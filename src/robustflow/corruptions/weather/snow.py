@@ -91,9 +91,9 @@ class Snow(Corruption):
             flakes,
         )
         layer = move_plane(flakes, state.motion)
-        out = np.empty_like(frame, order="C")
-        _whiten(contiguous(frame), layer, np.float32(level.share), out)
-        return out
+        out = np.empty((height, 3 * width), np.uint8)
+        _whiten(contiguous(frame).reshape(out.shape), layer, np.float32(level.share), out)
+        return out.reshape(frame.shape)
 
 
 def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
@@ -131,17 +131,17 @@ def _enlarge(
 
 
 @njit(cache=True, nogil=True)
-def _whiten(frame: Any, layer: Any, share: Any, out: Any) -> None:
+def _whiten(rows: Any, layer: Any, share: Any, out: Any) -> None:
     """Add the veil and the flakes.
 
     Both are first copied to all three channels, so that the last loop processes contiguous rows. `layer` may be larger
     than the frame.
     """
-    height, width = frame.shape[:2]
+    height, width = rows.shape[0], rows.shape[1] // 3
     rest, top = np.float32(1) - share, np.float32(255)
     veil, snow = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     for y in range(height):
-        source, target = frame[y].reshape(3 * width), out[y].reshape(3 * width)
+        source, target = rows[y], out[y]
         flakes, turned = layer[y], layer[height - 1 - y, :width][::-1]
         for x in range(width):
             r, g, b = np.float32(source[3 * x]), np.float32(source[3 * x + 1]), np.float32(source[3 * x + 2])

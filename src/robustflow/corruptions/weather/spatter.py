@@ -85,10 +85,11 @@ class Spatter(Corruption):
     def apply(self, frame: Frame, state: SpatterLayer, index: int) -> Frame:
         """Add the drops to one frame."""
         frame = contiguous(frame)
-        out = np.empty_like(frame)
+        rows = frame.reshape(len(frame), -1)
+        out = np.empty_like(rows)
         colour = np.array(state.colour, np.float32)
-        _blend(frame, state.opacity, colour, np.float32(state.covers), out)
-        return out
+        _blend(rows, state.opacity, colour, np.float32(state.covers), out)
+        return out.reshape(frame.shape)
 
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
@@ -113,13 +114,13 @@ def _quantise(noise: Any, limit: Any, mean: Any, scale: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _blend(frame: Any, opacity: Any, colour: Any, covers: Any, out: Any) -> None:
+def _blend(rows: Any, opacity: Any, colour: Any, covers: Any, out: Any) -> None:
     """Add the layer; it is first copied to all three channels, so that the last loop processes contiguous rows."""
     height, width = opacity.shape
     keep, add = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     red, green, blue = colour[0], colour[1], colour[2]
     for y in range(height):
-        source, layer, target = frame[y].reshape(3 * width), opacity[y], out[y].reshape(3 * width)
+        source, layer, target = rows[y], opacity[y], out[y]
         for x in range(width):
             keep[3 * x] = keep[3 * x + 1] = keep[3 * x + 2] = np.float32(1) - covers * layer[x]
             add[3 * x], add[3 * x + 1], add[3 * x + 2] = layer[x] * red, layer[x] * green, layer[x] * blue
