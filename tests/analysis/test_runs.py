@@ -15,8 +15,9 @@ from robustflow.errors import UsageError
 from robustflow.report.assemble import ALL_TABLES, ATTACK_TABLES, FLAT_AND_DEPTH, figures_of, results_of, tables_of
 from robustflow.report.leaderboard import by_error
 from robustflow.report.render import FORMATS, render
-from robustflow.report.site.content import whole_content
+from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.figures import page_figures
+from robustflow.report.site.headline import headline
 from robustflow.runs.comparable import sample_set
 from robustflow.runs.manifest import Selection
 from robustflow.runs.run import Run
@@ -188,6 +189,7 @@ def test_cre_of_a_run_with_gaps_is_the_same_in_tables_figures_and_observations(r
     for run in measured:
         summary = run.summary
         assert summary.epe < summary.epe_clean
+        assert "corruption raises the end-point error over the pixels" in headline(run_content(run))[0]
         assert summary.cre > 0
         assert evidence.cre((run_setting(run), run.name)) == summary.cre
         assert evidence.family_crer((run_setting(run), run.name), "digital") == pytest.approx(summary.crer)

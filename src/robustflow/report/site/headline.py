@@ -23,6 +23,8 @@ from .content import Content
 
 _CLEAN: ValueKey = ("epe", CLEAN)
 _MOVED: ValueKey = ("rcre", AVERAGE)
+_PRINTED = 0.015
+"""Largest combined error, in pixels, of three numbers rounded to hundredths."""
 _RANKED: tuple[ValueKey, ...] = (("cre", AVERAGE), _MOVED)
 
 
@@ -86,7 +88,7 @@ def _printed(line: ModelResult, key: ValueKey) -> str:
     """Format a printed score; if a CRE is inconsistent with the printed EPE, add the CRE recomputed from the EPE."""
     epe, clean, value = line.number("epe", AVERAGE), line.number("epe", CLEAN), line.values[key]
     text = f"{value.text} px"
-    if key != ("cre", AVERAGE) or epe is None or clean is None or not misfits(value.number, epe - clean, 0.015):
+    if key != ("cre", AVERAGE) or epe is None or clean is None or not misfits(value.number, epe - clean, _PRINTED):
         return text
     return f"{text} as printed, {epe - clean:.2f} px from its EPE"
 
@@ -97,11 +99,16 @@ def _alone(line: ModelResult) -> list[str]:
     if not clean or not whole:
         moved = _text(line, _MOVED)
         return [f"{where}: corruption changes its flow by {moved} px (RCRE)."] if moved else []
-    changes = (
-        f"leaves the end-point error unchanged at {clean} px"
-        if clean == whole
-        else f"{'raises' if float(whole) > float(clean) else 'lowers'} the end-point error from {clean} to {whole} px"
-    )
+    if line.run is not None and cre and misfits(float(cre), float(whole) - float(clean), _PRINTED):
+        up = "raises" if float(cre) > 0 else "lowers"
+        changes = (
+            f"{up} the end-point error over the pixels that have a flow on both the clean and the corrupted frames"
+        )
+    elif clean == whole:
+        changes = f"leaves the end-point error unchanged at {clean} px"
+    else:
+        up = "raises" if float(whole) > float(clean) else "lowers"
+        changes = f"{up} the end-point error from {clean} to {whole} px"
     sentence = (
         f"{where}: corruption {changes} "
         f"(CRE {cre or '–'} px, CREr {'–' if line.crer is None else number_text(line.crer)})"
