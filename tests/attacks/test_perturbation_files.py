@@ -48,6 +48,11 @@ def _zip():
 BOMB = _npy(np.zeros((3, 8, 10), np.float32)).replace(b"(3, 8, 10)", b"(3, 8, 99)")
 
 
+def test_a_perturbation_file_of_an_unknown_user_is_refused():
+    with refused(DataError, "there is no such user"):
+        rf.attack(*GREY, still, "universal:file=~no_such_user_here/d.npy", 3)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

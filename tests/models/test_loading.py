@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model, write_flow
-from robustflow.errors import ModelError, UsageError
+from robustflow.errors import DataError, ModelError, UsageError
 from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
 from robustflow.models.base import model_identity, predict_checked
 from robustflow.models.construct import as_model
@@ -91,6 +91,33 @@ def test_module_and_attribute(module, attribute, options, value):
 def test_what_cannot_be_loaded(module, name, options, error, says):
     with pytest.raises(error, match=says):
         load_model(name.format(module=module), **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("~no_such_user_here/net.onnx", {}),
+        ("~no_such_user_here/flows", {}),
+        ("precomputed", {"folder": "~no_such_user_here"}),
+        ("raft_small", {"checkpoint": "~no_such_user_here/raft.pth"}),
+    ],
+)
+def test_a_path_of_an_unknown_user_is_refused(name, options):
+    with pytest.raises(DataError, match="there is no such user; write out the full path"):
+        load_model(name, **options)
+
+
+@pytest.mark.parametrize(
+    "spec", [ModelSpec("~nobody_here/a.onnx"), ModelSpec("raft", (("checkpoint", "~nobody_here/a"),))]
+)
+def test_an_early_check_refuses_a_path_of_an_unknown_user(spec):
+    with pytest.raises(DataError, match="there is no such user; write out the full path"):
+        spec.preflight()
+
+
+def test_a_name_too_long_for_a_path_is_refused():
+    with pytest.raises(DataError, match="not a valid path"):
+        load_model("net:" + 300 * "x")
 
 
 def test_objects_classes_and_functions_are_models():

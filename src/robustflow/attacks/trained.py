@@ -6,13 +6,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ..digest import digest_of_bytes
 from ..errors import DataError, UsageError
+from ..layout import user_path
 from ..models.base import AnyModel
 from ..random.rng import Rng
 from ..sample import Flow
@@ -182,7 +182,7 @@ def read_file(path: str) -> bytes:
     Raises:
         DataError: the file does not exist or is too large.
     """
-    file = Path(path).expanduser()
+    file = user_path(path)
     try:
         if not file.is_file():
             raise DataError(f"{path} is not a file; give a NumPy array (.npy) written by PCFA or by a run")
@@ -200,7 +200,7 @@ def read_array(path: str) -> Pattern:
         DataError: not a NumPy array of finite floating-point numbers with three or four axes.
     """
     content = read_file(path)
-    file = Path(path).expanduser()
+    file = user_path(path)
     try:
         array = np.lib.format.open_memmap(file, mode="r") if content[:6] == b"\x93NUMPY" else None
     except Exception as error:  # NumPy's parser can raise any exception on a manipulated header

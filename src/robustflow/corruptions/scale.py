@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..digest import digest_of_bytes
 from ..errors import DataError, UsageError, first_misfit
+from ..layout import user_path
 from ..sealed import unsealed
 from ..severity import SEVERITIES
 from ..validated import FrozenFinite
@@ -128,7 +129,7 @@ def shipped() -> CalibrationTable:
 def calibration() -> CalibrationTable:
     """Return the table specified by `ROBUSTFLOW_CALIBRATION`, or the shipped table if it is not set."""
     chosen = os.environ.get(CALIBRATION_VARIABLE)
-    return _cached(Path(chosen).expanduser()) if chosen else shipped()
+    return _cached(user_path(chosen)) if chosen else shipped()
 
 
 @lru_cache(maxsize=2)

@@ -20,6 +20,7 @@ from ..api import evaluate
 from ..atomic import make_folder
 from ..datasets import dataset_facts, load_dataset
 from ..errors import RunError, UsageError
+from ..layout import user_path
 from ..models import ModelSpec
 from ..runs.run import Run
 from ..training.checkpoint import LAST, read_progress
@@ -102,7 +103,7 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
             raise UsageError(
                 f"--data {entry}: {dataset_facts(name).title} has no ground truth; choose a dataset with ground truth"
             )
-        sets.append(EvaluationSet(name, Path(folder).expanduser().resolve()))
+        sets.append(EvaluationSet(name, user_path(folder).resolve()))
     return tuple(sets)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..digest import digest_of_bytes
 from ..errors import UsageError, unknown_name
+from ..layout import user_path
 from ..target import accepts, check_options, import_target, parameters_of, source_of_target
 from .base import AnyModel, model_identity
 from .catalog import PTLFLOW, is_in_ptlflow, methods
@@ -76,9 +77,9 @@ def load_model(name: str, **options: Any) -> AnyModel:
         )
     if architecture != name or is_in_ptlflow(name):
         return _load_from_ptlflow(name, architecture, options)
-    if ":" in name and not Path(name).exists():
+    if ":" in name and not user_path(name).exists():
         return _load_attribute(name, options)
-    if not registered and Path(name).expanduser().is_dir():
+    if not registered and user_path(name).is_dir():
         return construct(MODELS.get("precomputed"), name, {"folder": name, **options})
     if not registered and ("/" in name or Path(name).suffix):
         raise _no_such_path(name)
@@ -127,12 +128,12 @@ class ModelSpec:
 
     def preflight(self) -> None:
         """Raise an error if a file or library is missing, without importing heavy libraries; see `preflight`."""
-        preflight(self.name, dict(self.options), EXPORTED)
+        preflight(self.name, dict(self.options))
 
     @property
     def is_own(self) -> bool:
         """Whether the name refers to user code, `module.path:Attribute`."""
-        return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
+        return ":" in self.name and not self.name.startswith(PTLFLOW) and not user_path(self.name).exists()
 
     def identity(self, model: AnyModel) -> dict[str, Any]:
         """Return the identity of `model` in a run. For user code, it includes the hash of the source file, so a run
@@ -157,7 +158,7 @@ def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) ->
 
 
 def _no_such_path(name: str) -> UsageError:
-    if Path(name).expanduser().exists():
+    if user_path(name).exists():
         return UsageError(
             f"model '{name}' is a file but not an exported network ({', '.join(EXPORTED)}); pass weights as "
             "--model NAME --checkpoint FILE"

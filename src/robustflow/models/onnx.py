@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ..digest import sha256_of_file
 from ..errors import ModelError, UsageError, first_line, unknown_name
 from ..extras import require
+from ..layout import user_path
 from ..sample import Flow, Frame
 from .input_convention import InputConvention, named_convention
 from .model_file import damaged, opened, require_file
@@ -79,7 +80,7 @@ class OnnxModel(PairNetwork):
         check_count("threads", threads)
         self.device = _parse_device(device)
         named_convention(order=order, scaling=scaling, multiple=multiple)  # check the options before reading the file
-        path = Path(checkpoint).expanduser()
+        path = user_path(checkpoint)
         require_file(path, "file; pass the path of the exported network")
         for library in ("onnxruntime", "onnx"):
             require(library, "model 'onnx'")

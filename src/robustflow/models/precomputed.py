@@ -11,6 +11,7 @@ import numpy as np
 from ..digest import sha256_of_file
 from ..errors import ModelError
 from ..flowio import FLOW_SUFFIXES, read_flow
+from ..layout import user_path
 from ..sample import Flow
 
 
@@ -25,7 +26,7 @@ class Precomputed:
     """
 
     def __init__(self, folder: str | Path) -> None:
-        self._folder = Path(folder).expanduser()
+        self._folder = user_path(folder)
         if not (self._folder / "clean").is_dir():
             raise ModelError(
                 f"{self._folder}: no folder 'clean' with flow files; expected clean/<key>.flo and "

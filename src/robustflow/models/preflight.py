@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from ..extras import require
+from ..layout import user_path
 from .catalog import is_in_ptlflow, methods, published_names
 from .model_file import require_file
 from .networks.table import NETWORKS
 from .ptlflow.pairs import BESIDES
+from .registry import EXPORTED
 from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 
 
-def preflight(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
+def preflight(name: str, options: Mapping[str, Any]) -> None:
     """Raise an error if a model's file, library or checkpoint is missing.
 
     This is only an early check: it is repeated, together with all other checks, when the model is loaded.
@@ -22,18 +24,17 @@ def preflight(name: str, options: Mapping[str, Any], exported: Mapping[str, str]
     Args:
         name: name of the model.
         options: options of the model.
-        exported: file extensions of exported networks.
 
     Raises:
         ModelError: the file or the checkpoint is missing.
         AssetError: the library is not installed.
 
-    >>> preflight("dis", {}, {})
+    >>> preflight("dis", {})
     """
     checkpoint, method = options.get("checkpoint"), methods().get(name)
     if method is None:
-        if Path(name).suffix.lower() in exported:
-            require_file(Path(name).expanduser(), "file; pass the path of the exported network")
+        if Path(name).suffix.lower() in EXPORTED:
+            require_file(user_path(name), "file; pass the path of the exported network")
             require("onnxruntime", f"model '{name}'")
         if not is_in_ptlflow(name):
             return

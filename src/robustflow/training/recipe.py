@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from ..digest import digest_of_value
 from ..errors import UsageError, unknown_name
+from ..layout import user_path
 from ..validated import Frozen
 from .objectives import Objective
 
@@ -211,7 +212,7 @@ def mix_parts(name: str) -> tuple[Part, ...]:
     [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
     """
     if name.endswith(".toml"):
-        return _own_parts(Path(name).expanduser())
+        return _own_parts(user_path(name))
     mixes = _read(MIXES)
     if name not in mixes:
         raise unknown_name("mix of data", name, list(mixes))

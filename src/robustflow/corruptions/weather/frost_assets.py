@@ -23,6 +23,7 @@ from pathlib import Path
 
 from ...cache import cache_folder
 from ...errors import AssetError
+from ...layout import user_path
 
 FOLDER_VARIABLE = "ROBUSTFLOW_FROST_DIR"
 WHEEL = "imagecorruptions==1.1.2"
@@ -56,7 +57,7 @@ def read_texture(slot: int) -> bytes:
     name = list(TEXTURES)[slot]
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
-        return _read_named(Path(named).expanduser(), name)
+        return _read_named(user_path(named), name)
     for folder in (*_installed_folders(), cache_folder(PART)):
         content = _read(folder / name)
         if content is not None and _is_genuine(name, content):

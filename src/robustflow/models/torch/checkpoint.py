@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ...errors import ModelError
+from ...layout import user_path
 from ..model_file import damaged, opened
 
 
@@ -76,7 +77,7 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
             than plain weights.
         UsageError: `sha256` is not a valid SHA-256 or prefix of one.
     """
-    path = Path(path).expanduser()
+    path = user_path(path)
     content, digest = read_content(path, sha256)
     beside = content.get("hyper_parameters") if isinstance(content, dict) else None
     declared = content.get(TRAINED_ON) if isinstance(content, dict) else None

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from ...errors import ModelError, first_line, unknown_name
+from ...layout import user_path
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file from https://download.pytorch.org/models"}
 """Source of the published weights of library models, for messages."""
@@ -31,7 +32,7 @@ def refuse_missing_file(
         ModelError: the file does not exist.
         UsageError: the name is not published.
     """
-    if checkpoint is None or str(checkpoint) in (RANDOM, *published) or Path(checkpoint).expanduser().exists():
+    if checkpoint is None or str(checkpoint) in (RANDOM, *published) or user_path(checkpoint).exists():
         return
     path = Path(checkpoint)
     if not path.suffix and len(path.parts) == 1 and (published or not strict):
@@ -69,7 +70,7 @@ def find_checkpoint(
     if str(checkpoint) in published:
         return _cached(model, published[str(checkpoint)])
     refuse_missing_file(model, checkpoint, published, source)
-    return Path(checkpoint).expanduser(), None
+    return user_path(checkpoint), None
 
 
 def needs_checkpoint(model: str, published: Collection[str], source: str) -> ModelError:
