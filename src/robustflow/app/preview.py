@@ -16,7 +16,7 @@ from ..corruptions.stack import levels_of
 from ..errors import UsageError
 from ..images.error_colours import error_colours
 from ..images.flow_colours import flow_colours, flow_radius
-from ..images.io import png_address
+from ..images.io import png_address, shrunk
 from ..images.sparse import thickened
 from ..metrics.error_maps import epe_map
 from ..metrics.regions import Regions
@@ -31,7 +31,7 @@ from ..validated import Frozen
 from .choices import Models
 from .pairs import SourceStore
 
-WIDEST = 1280
+_WIDEST = 1280
 """Maximum width of a picture, in pixels; metrics are computed at full resolution."""
 
 _CLEAN_KEPT = 4
@@ -182,5 +182,5 @@ def _pictures(
         if sample.flow is not None and sample.valid is not None:
             pictures["truth_flow"] = thickened(flow_colours(sample.flow, radius, sample.valid), sample.valid)
     # Lossless, because some pictures show noise.
-    addresses = {name: png_address(picture, WIDEST) for name, picture in pictures.items()}
+    addresses = {name: png_address(shrunk(picture, _WIDEST)) for name, picture in pictures.items()}
     return {"radius": radius, "pictures": addresses}

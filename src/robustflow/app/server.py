@@ -27,7 +27,7 @@ from ..images.io import png_address
 from .choices import Models
 from .pairs import DEMO, SourceStore
 from .prediction_queue import Message, PredictionQueue, QueuedPrediction
-from .preview import WIDEST, Previewer, PreviewRequest
+from .preview import Previewer, PreviewRequest
 from .upload_folder import UploadFolder
 from .uploads import MAX_BYTES, limited, source_of
 
@@ -127,6 +127,6 @@ def _choices(models: Models, sources: SourceStore) -> dict[str, Any]:
         "families": {family: names for family, names in (families | {"other": others}).items() if names},
         "demo": {"source": DEMO, "name": sources.get(DEMO).name, "pairs": 1},
         "max_bytes": MAX_BYTES,
-        "error_scale": png_address(error_colours(scale), WIDEST),
-        "wheel": png_address(flow_colours(wheel, 1.0), WIDEST),
+        "error_scale": png_address(error_colours(scale)),
+        "wheel": png_address(flow_colours(wheel, 1.0)),
     }

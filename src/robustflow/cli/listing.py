@@ -1,7 +1,7 @@
 """`robustflow list`: list available models, corruptions, attacks, benchmarks, datasets and recipes."""
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -9,9 +9,6 @@ from ..errors import UsageError, unknown_name
 from ..severity import SEVERITIES
 from . import complete
 from .complete import KINDS
-
-if TYPE_CHECKING:
-    from ..datasets import DatasetFacts
 
 _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
@@ -197,13 +194,9 @@ def _datasets() -> list[str]:
         lines.append(
             f"    {count}ground truth: {facts.ground_truth}, further frames: {facts.clips}, depth: {facts.depth}"
         )
-        lines += [f"    {what}: {text}" for what, text in _stated(facts)]
+        stated = {"layout": facts.layout, "licence": facts.licence, "citation": facts.citation}
+        lines += [f"    {what}: {text}" for what, text in stated.items() if text]
     return lines
-
-
-def _stated(facts: "DatasetFacts") -> list[tuple[str, str]]:
-    stated = {"layout": facts.layout, "licence": facts.licence, "citation": facts.citation}
-    return [(what, text) for what, text in stated.items() if text]
 
 
 def _recipes() -> list[str]:

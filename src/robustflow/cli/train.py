@@ -138,11 +138,10 @@ def train(
     if not data and needs_data(chosen):
         raise UsageError("nothing to train on: give --data FOLDER, which contains the datasets; --plan lists them")
     if validate is None:
-        _refuse_alone(
-            ("--validate-data", validate_data),
-            ("--validate-every", validate_every),
-            ("--validate-corruptions", validate_corruptions),
-        )
+        alone = {"data": validate_data, "every": validate_every, "corruptions": validate_corruptions}
+        for name, value in alone.items():
+            if value is not None:
+                raise UsageError(f"--validate-{name} needs --validate BENCHMARK")
     from ..training.session import run_training
 
     request = Request(
@@ -167,12 +166,6 @@ def train(
     options = [word for text in option or [] for word in ("-O", text)]
     measure = ["robustflow", "run", "--model", chosen.method, *options, "--checkpoint", str(checkpoint)]
     typer.echo(f"trained; measure it with: {shlex.join(measure)}")
-
-
-def _refuse_alone(*options: tuple[str, object]) -> None:
-    for option, value in options:
-        if value is not None:
-            raise UsageError(f"{option} needs --validate BENCHMARK")
 
 
 def _corruptions(text: str | None) -> list[str]:

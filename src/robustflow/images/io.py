@@ -162,9 +162,9 @@ def jpeg_address(image: Frame, widest: int, quality: int = 80) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(data).decode()
 
 
-def png_address(image: Frame, widest: int) -> str:
-    """Encode an RGB uint8 (H, W, 3) image as a lossless `data:` URL, at most `widest` pixels wide."""
-    return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
+def png_address(image: Frame) -> str:
+    """Encode an RGB uint8 (H, W, 3) image as a lossless `data:` URL."""
+    return "data:image/png;base64," + base64.b64encode(png_bytes(image)).decode()
 
 
 def _stored_size(image: Image.Image) -> tuple[int, int]:

@@ -168,14 +168,6 @@ def _upsampling(module: Any, x: Tensor, y: Tensor) -> int:
     return y.numel() * {"nearest": 1, "linear": 5, "bilinear": 11, "bicubic": 259}.get(module.mode, 0)
 
 
-def _elements_in(module: Any, x: Tensor, y: Tensor) -> int:
-    return x.numel()
-
-
-def _elements_out(module: Any, x: Tensor, y: Tensor) -> int:
-    return y.numel()
-
-
 _RULES: dict[type[nn.Module], Callable[[Any, Tensor, Tensor], int]] = {
     **dict.fromkeys((nn.Conv1d, nn.Conv2d, nn.Conv3d), _convolution),
     **dict.fromkeys((nn.ConvTranspose1d, nn.ConvTranspose2d, nn.ConvTranspose3d), _convolution),
@@ -183,8 +175,8 @@ _RULES: dict[type[nn.Module], Callable[[Any, Tensor, Tensor], int]] = {
     **dict.fromkeys((nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm, nn.LayerNorm), _norm),
     **dict.fromkeys((nn.InstanceNorm1d, nn.InstanceNorm2d, nn.InstanceNorm3d), _norm),
     nn.Softmax: _softmax,
-    nn.PReLU: _elements_in,
-    **dict.fromkeys((nn.AvgPool1d, nn.AvgPool2d, nn.AvgPool3d), _elements_out),
+    nn.PReLU: lambda module, x, y: x.numel(),
+    **dict.fromkeys((nn.AvgPool1d, nn.AvgPool2d, nn.AvgPool3d), lambda module, x, y: y.numel()),
     **dict.fromkeys((nn.AdaptiveAvgPool1d, nn.AdaptiveAvgPool2d, nn.AdaptiveAvgPool3d), _adaptive_pooling),
     **dict.fromkeys((nn.Upsample, nn.UpsamplingNearest2d, nn.UpsamplingBilinear2d), _upsampling),
 }

@@ -41,7 +41,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
         )
     depths = _depths_read(plan, old)
     files = {key: _files(plan, key, depths) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
-    samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
+    samples = {key: tuple((name, stat.st_size) for name, stat in _stats(paths)) for key, paths in files.items()}
     digests = {key: tuple(each) for key, each in file_digests(files).items()}
     _compare_with_list(plan, files, digests)
     chosen, left_out = plan.benchmark, plan.left_out()
@@ -167,10 +167,6 @@ def _depths_read(plan: Plan, manifest: Manifest | None = None) -> Depths | None:
     """Return the source of the depth that a plan, or the run that it continues, reads; None if neither reads depth."""
     earlier = manifest.selection.corruptions if manifest is not None else ()
     return plan.benchmark.depths if any(map(needs_depth, (*earlier, *plan.benchmark.corruptions))) else None
-
-
-def _names_and_sizes(files: Sequence[Path]) -> tuple[tuple[str, int], ...]:
-    return tuple((name, stat.st_size) for name, stat in _stats(files))
 
 
 def _stats(files: Sequence[Path]) -> list[tuple[str, os.stat_result]]:

@@ -11,6 +11,7 @@ import os
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -188,15 +189,10 @@ class VideoReader:
         if first is None or first.pts > self._stamps[index]:  # the container's index pointed to a later frame
             self._open()
         else:
-            self._frames = _again(first, self._frames)
+            self._frames = chain([first], self._frames)
         self._position = -1
 
     def _number(self, frame: Any) -> int:
         if not self._stamps:
             return self._position + 1
         return bisect_right(self._stamps, frame.pts) - 1
-
-
-def _again(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
-    yield first
-    yield from rest
