@@ -5,6 +5,7 @@ ignores its frames.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,12 @@ def _scenes(run: Result, worse: float) -> Run:
     gone = [name for name, dtype in ROW_SCHEMA.items() if dtype in (pl.Int64, pl.Float64) and name not in WITHOUT_TRUTH]
     without = rows.with_columns(pl.lit(None, ROW_SCHEMA[name]).alias(name) for name in gone)
     return made_run(run, without, run.manifest.identity.model.settings)
+
+
+def test_conclusion_about_models_with_equally_shortened_names_compares_them(runs):
+    lines = [replace(line, name=f"{'m' * 90}{index}") for index, line in enumerate(run_results(runs[:2]))]
+    (text,) = conclusions(lines)
+    assert "changes least on average" in text
 
 
 def test_one_run_says_what_changes_its_flow_most_and_least(runs):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from ..benchmarks import benchmark_facts
@@ -45,7 +46,7 @@ def conclusions(results: Iterable[ModelResult]) -> list[str]:
 
 def conclusion(results: Sequence[ModelResult]) -> str:
     """Write the conclusion for runs on the same frames without ground truth."""
-    sound = {plain(line.name): line.run for line in ranked(results) if line.run is not None}
+    sound = {line.name: line.run for line in ranked(results) if line.run is not None}
     sentences = []
     if len(sound) == 1:
         sentences.append(_of_one(*next(iter(sound.items()))))
@@ -59,7 +60,8 @@ def conclusion(results: Sequence[ModelResult]) -> str:
 def _of_one(name: str, run: Run) -> str:
     values = _by_corruption(run)
     order = sorted(values, key=lambda corruption: -values[corruption])
-    moves = f"On {_evidence(run)}, corruption changes the flow of {name} by {run.summary.rcre:.2f} px on average (RCRE)"
+    moved = f"{run.summary.rcre:.2f} px on average (RCRE)"
+    moves = f"On {_evidence(run)}, corruption changes the flow of {plain(name)} by {moved}"
     if len(order) > 1:
         most, least = (
             f"{long_label(corruption)} ({values[corruption]:.2f} px)" for corruption in (order[0], order[-1])
@@ -83,40 +85,43 @@ def _surety(run: Run) -> str:
 
 
 def _of_several(runs: Mapping[str, Run]) -> str:
-    order = sorted(runs, key=lambda name: (runs[name].summary.rcre or 0.0, name))
-    best, second = order[0], order[1]
-    values = {name: _by_corruption(runs[name]) for name in order}
-    least: dict[str, list[str]] = {name: [] for name in order}
-    for corruption in values[best]:
-        lowest = min(values[name].get(corruption, float("inf")) for name in order)
-        holders = [name for name in order if values[name].get(corruption) == lowest]
+    runs = dict(sorted(runs.items(), key=lambda item: (item[1].summary.rcre or 0.0, item[0])))
+    (best, best_run), (second, second_run), *_ = ((plain(name), run) for name, run in runs.items())
+    values = {name: _by_corruption(run) for name, run in runs.items()}
+    measured = _by_corruption(best_run)
+    least: dict[str, list[str]] = {name: [] for name in runs}
+    for corruption in measured:
+        lowest = min(of_run.get(corruption, float("inf")) for of_run in values.values())
+        holders = [name for name, of_run in values.items() if of_run.get(corruption) == lowest]
         if len(holders) == 1:
             least[holders[0]].append(corruption)
-    total = len(values[best])
     first, other = (
-        f"{runs[name].summary.rcre:.2f} px for a clean flow of {_clean_length(runs[name])}" for name in (best, second)
+        f"{run.summary.rcre:.2f} px for a clean flow of {_clean_length(run)}" for run in (best_run, second_run)
     )
-    if runs[best].summary.rcre == runs[second].summary.rcre:
-        head = f"the flows of {best} and {second} change equally on average (RCRE {runs[best].summary.rcre:.2f} px)"
+    if best_run.summary.rcre == second_run.summary.rcre:
+        head = f"the flows of {best} and {second} change equally on average (RCRE {best_run.summary.rcre:.2f} px)"
     else:
         head = f"the flow of {best} changes least on average (RCRE {first}; {second} {other})"
-    parts = [f"{name} changes least under {_listed(names, total)}" for name, names in least.items() if names]
-    where = f"On {_evidence(runs[best])}, {head}"
-    return f"{'; '.join([where, *parts, _lead(runs, order)])}."
+    parts = [
+        f"{plain(name)} changes least under {_listed(names, len(measured))}" for name, names in least.items() if names
+    ]
+    where = f"On {_evidence(best_run)}, {head}"
+    return f"{'; '.join([where, *parts, _lead(runs)])}."
 
 
-def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
-    """State whether the first model's lead is significant."""
-    best, second = order[0], order[1]
+def _lead(runs: Mapping[str, Run]) -> str:
+    """State whether the lead of the first of several runs, given in order, is significant."""
+    best, second = (plain(name) for name in list(runs)[:2])
+    run = next(iter(runs.values()))
     try:
-        pair = compare_leaders({name: runs[name].rows for name in order[:MOST_COMPARED]}, "rcre")
+        pair = compare_leaders({name: run.rows for name, run in islice(runs.items(), MOST_COMPARED)}, "rcre")
     except RunError:
         return "it is unknown whether the lead is due to chance, because the runs have no measurements in common"
     if pair is None or (p := pair["p_holm"]) is None:
-        return _too_few(runs[best])
+        return _too_few(run)
     if p < 0.05:
         return f"the lead of {best} over {second} is significant (p {p_text(p)}) for scenes like these"
-    return f"the lead of {best} over {second} may be due to chance (p {p_text(p)}); {_others(runs[best])} would help"
+    return f"the lead of {best} over {second} may be due to chance (p {p_text(p)}); {_others(run)} would help"
 
 
 def enough_to_compare(run: Run) -> bool:

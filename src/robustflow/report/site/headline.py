@@ -66,8 +66,8 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
 
 def _phantom(lines: Sequence[ModelResult]) -> list[str]:
     """State the phantom motion of each run in a group on static scenes."""
-    known = {plain(line.name): phantom_motion(line.run) for line in lines if line.run is not None}
-    return [f"{model}: {sentence}." for model, sentence in known.items() if sentence]
+    known = [(line.name, phantom_motion(line.run)) for line in lines if line.run is not None]
+    return [f"{plain(name)}: {sentence}." for name, sentence in known if sentence]
 
 
 _LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
