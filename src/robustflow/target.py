@@ -6,8 +6,8 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import chdir
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -43,6 +43,27 @@ class FolderOfModules:
 sys.meta_path.append(FolderOfModules)
 
 
+@contextmanager
+def working_folder_kept() -> Iterator[None]:
+    """Return to the working folder, to which the paths of a command are relative, if the user's code leaves it.
+
+    >>> before = Path.cwd()
+    >>> with working_folder_kept():
+    ...     os.chdir("/")
+    >>> Path.cwd() == before
+    True
+    """
+    try:
+        before = os.getcwd()
+    except FileNotFoundError:  # the folder was deleted, so there is nothing to return to
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
 def is_target(text: str) -> bool:
     """Return whether a text has the form `module.path:Attribute`.
 
@@ -54,8 +75,7 @@ def is_target(text: str) -> bool:
 
 
 def import_target(target: str, kind: str) -> Any:
-    """Import an attribute of a module that is installed or in the working folder. The working folder, to which the
-    paths of a command are relative, stays the same if the module changes it.
+    """Import an attribute of a module that is installed or in the working folder.
 
     Args:
         kind: expected kind of object ("model", "corruption", ...), for messages.
@@ -72,7 +92,7 @@ def import_target(target: str, kind: str) -> Any:
     if str(here) not in sys.path and "" not in sys.path:
         os.environ[MODULES] = str(here)
     try:
-        with chdir("."):
+        with working_folder_kept():
             value: Any = import_module(name)
     except (Exception, SystemExit) as cause:  # SystemExit: a script that reads its arguments on import
         missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""

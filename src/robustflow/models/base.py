@@ -6,7 +6,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import chdir, contextmanager
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import ModelError, RobustFlowError, first_line
 from ..sample import Flow, Frame
+from ..target import working_folder_kept
 from .traceback_hint import traceback_hint
 from .window import Window
 
@@ -216,7 +217,7 @@ def naming_errors(where: str) -> Iterator[None]:
     working folder if the model left it."""
     process = os.getpid()
     try:
-        with chdir("."):
+        with working_folder_kept():
             yield
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error

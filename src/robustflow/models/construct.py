@@ -5,12 +5,11 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable
-from contextlib import chdir
 from typing import Any
 
 from ..errors import ModelError, RobustFlowError, UsageError
 from ..sample import Flow, Frame
-from ..target import accepts, check_options, parameters_of
+from ..target import accepts, check_options, parameters_of, working_folder_kept
 from .base import AnyModel, model_identity
 from .registry import MODELS
 
@@ -93,7 +92,7 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
             raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; omit --{option}")
     check_options(factory, f"model '{name}'", options, "-O")
     try:
-        with chdir("."):  # a model that changes the working folder does not change the paths of a run
+        with working_folder_kept():
             return factory(**options)
     except RobustFlowError:
         raise
