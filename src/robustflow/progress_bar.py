@@ -20,6 +20,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from .text import plain
+
 T = TypeVar("T")
 
 LINE_EVERY_S = 10.0
@@ -68,18 +70,19 @@ class ProgressBar:
                 text = TextColumn("{task.description}", markup=False)
                 self._bar = Progress(text, BarColumn(), MofNCompleteColumn(), *times, console=console)
                 self._bar.start()
-            bar = self._bar.add_task(task, total=total, completed=done)
+            bar = self._bar.add_task(plain(task, None), total=total, completed=done)
         self._tasks[task] = _Task(total, done, time.monotonic(), bar)
 
     def update(self, task: str, done: int, what: str = "") -> None:
         """Show that `done` steps of a task are complete; `what` describes the last one."""
         total, first, started, bar = self._tasks[task]
+        name, what = plain(task, None), plain(what, None)
         if self._bar is not None and bar is not None:
-            self._bar.update(bar, completed=done, description=" ".join(part for part in (task, what) if part))
+            self._bar.update(bar, completed=done, description=" ".join(part for part in (name, what) if part))
         elif self._shown and (time.monotonic() - self._last_line >= LINE_EVERY_S or done == total):
             self._last_line = time.monotonic()
             left = (self._last_line - started) / max(done - first, 1) * (total - done)
-            parts = (f"{task} {done}/{total} ({100 * done / total:.0f} %)".strip(), f"{left:.0f} s left", what)
+            parts = (f"{name} {done}/{total} ({100 * done / total:.0f} %)".strip(), f"{left:.0f} s left", what)
             print(", ".join(part for part in parts if part), file=sys.stderr, flush=True)
 
     def track(self, items: Iterable[T], task: str, total: int) -> Iterator[T]:

@@ -143,6 +143,17 @@ def test_a_name_or_folder_is_not_markup_and_steers_no_terminal(robustflow, run_o
     assert "r[/blue]" in out
 
 
+def test_names_of_frames_and_folders_steer_no_terminal_while_a_run_goes_on(robustflow):
+    for path in write_frames(Path("frames")):
+        path.rename(path.with_stem(f"{path.stem}\x1b[31m"))
+    command = "run -m dis -d frames -c contrast -s 1 --no-examples"
+    code, out, error = robustflow(*command.split(), "-o", "made\x1b[31m")
+    assert code == 0
+    assert "last 000\ufffd[31m contrast" in error
+    assert "report: made\ufffd[31m/report.html" in out
+    assert "\x1b" not in out + error
+
+
 def test_what_a_file_says_steers_no_terminal_from_an_error(robustflow):
     error = robustflow.refuses("run", "--model", "no\x1b[31m\u202esuch")
     assert "unknown model 'no\ufffd[31m\ufffdsuch'" in error

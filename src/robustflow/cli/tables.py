@@ -101,7 +101,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if result.left_out:
         console.print(f"Left out: {left_out_sentence(result.left_out)}.")
     if report:
-        console.print(f"report: {result.path / 'report.html'}")
+        console.print(f"report: {plain(str(result.path), None)}/report.html")
 
 
 def print_results(results: Sequence[Run]) -> None:

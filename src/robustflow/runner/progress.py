@@ -11,7 +11,7 @@ from typing import Protocol
 from rich.console import Console
 
 from ..progress_bar import ProgressBar
-from ..text import counted
+from ..text import counted, plain
 from .engines.base import FinishedUnit
 
 
@@ -61,7 +61,7 @@ class TerminalProgress:
     def __init__(self) -> None:
         self._console = Console(stderr=True, markup=False)
         self._bar = ProgressBar()
-        self._folder: Path | None = None
+        self._folder: str | None = None
         self._engine = ""
         self._total = self._finished = self._evaluations = 0
 
@@ -79,10 +79,11 @@ class TerminalProgress:
 
     def start(self, folder: Path, total: int, finished: int) -> None:
         """Start a run of `total` units, of which `finished` were completed by earlier calls."""
-        self._folder, self._total, self._finished, self._evaluations = folder, total, finished, 0
+        self._folder, self._total = plain(str(folder), None), total
+        self._finished, self._evaluations = finished, 0
         kept = f", {finished} already finished" if finished else ""
         self._console.print(
-            f"{folder}: {counted(total, 'step')} (one pair under one condition per step){kept}{self._engine}",
+            f"{self._folder}: {counted(total, 'step')} (one pair under one condition per step){kept}{self._engine}",
             highlight=False,
             soft_wrap=True,
         )
