@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from functools import partial
 from itertools import islice
@@ -49,6 +50,16 @@ def test_folder_of_folders(tmp_path: Path) -> None:
     dataset = load_dataset("folder", tmp_path)
     assert dataset.keys() == ["clip9/1", "clip9/2", "clip10/1", "clip10/2"]
     assert dataset.load("clip10/2").group == "clip10"
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9.png", b"caf\xe9/1.png"])
+def test_a_name_that_is_not_utf_8_is_refused(tmp_path: Path, name: bytes) -> None:
+    """A zip file of an older Windows contains such names."""
+    path = tmp_path / os.fsdecode(name)
+    path.parent.mkdir(exist_ok=True)
+    picture(tmp_path / "ascii.png")
+    (tmp_path / "ascii.png").rename(path)
+    refused(tmp_path, "the name is not valid UTF-8; rename")
 
 
 def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:

@@ -5,14 +5,24 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from ..errors import DataError
+
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 """Extensions of the files that are treated as images when a folder is listed."""
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the images directly inside a folder in natural order, without hidden files."""
+    """Return the images directly inside a folder in natural order, without hidden files.
+
+    Raises:
+        DataError: the name of an image, or of a folder with images, is not valid UTF-8; samples are named after them.
+    """
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != ".")
-    return sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
+    ordered = sorted((path for path in images if path.is_file()), key=lambda path: natural_order(path.name))
+    for path in ordered:
+        if any("\ud800" <= letter <= "\udfff" for letter in str(path)):  # how Python represents other bytes
+            raise DataError(f"{path}: the name is not valid UTF-8; rename the file or folder")
+    return ordered
 
 
 def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
