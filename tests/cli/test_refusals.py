@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -232,6 +234,29 @@ def test_an_empty_value_is_refused_instead_of_meaning_the_working_folder(robustf
     write_frames(tmp_path)
     assert f"{empty} is empty: give a value" in robustflow.refuses(*command)
     assert not (tmp_path / "runs").exists()
+
+
+def test_a_name_that_is_not_utf_8_is_refused(robustflow):
+    """Python reads the Latin-1 byte of an accented e as a lone surrogate, which no JSON file can contain."""
+    assert "caf\ufffd is not valid UTF-8: rename" in robustflow.refuses("predict", "caf\udce9")
+
+
+def test_a_terminal_with_a_small_character_set_shows_question_marks(robustflow, runs, monkeypatch):
+    out = io.TextIOWrapper(io.BytesIO(), "ascii")
+    monkeypatch.setattr(sys, "stdout", out)
+    assert robustflow("show", runs[0])[0] == 0
+    out.flush()
+    assert b"contrast   ? " in out.buffer.getvalue()
+
+
+class _Full(io.StringIO):
+    def write(self, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_an_output_that_cannot_be_written_is_one_line(robustflow, runs, monkeypatch):
+    monkeypatch.setattr(sys, "stdout", _Full())
+    assert "No space left on device; check" in robustflow.refuses("show", runs[0], code=1)
 
 
 def test_an_option_that_is_repeatable_and_a_flag_may_be_given_twice(robustflow, tmp_path):

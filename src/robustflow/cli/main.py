@@ -1,6 +1,7 @@
 """The `robustflow` command: subcommands and error output."""
 
 import inspect
+import io
 import os
 import sys
 import traceback
@@ -90,8 +91,8 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
 
 
 class _Command(TyperCommand):
-    """A command that refuses an option given twice, and an empty value. Of `-c fog -c snow`, Typer would silently use
-    only `snow`, and the path in `--data "$UNSET"` would be the working folder.
+    """A command that refuses an option given twice, an empty value, and bytes that are not text. Of `-c fog -c snow`,
+    Typer would silently use only `snow`, and the path in `--data "$UNSET"` would be the working folder.
 
     In its help, paragraphs are wrapped to the terminal's width, and only `run` has enough options for headings.
     """
@@ -105,6 +106,9 @@ class _Command(TyperCommand):
                 option.rich_help_panel = None
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for text in args:
+            if any("\ud800" <= letter <= "\udfff" for letter in text):  # how Python represents such bytes
+                raise UsageError(f"{text} is not valid UTF-8: rename the file or folder")
         values, _, given = self.make_parser(ctx).parse_args(list(args))
         for parameter in self.params:
             value = values.get(parameter.name)
@@ -149,18 +153,22 @@ def main() -> None:
     warnings.formatwarning = plain_warning
     ignore_local_settings()
     os.environ[SAFE_PATH] = "1"  # inherited by every child process
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal with a small character set shows question marks
     debug = "--debug" in sys.argv[1:]
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     # shells request completions for any command through the environment
     completing = "_ROBUSTFLOW_COMPLETE" in os.environ
     try:
         command_line(None if completing else arguments)(arguments)
-    except RobustFlowError as error:
+    except (RobustFlowError, OSError) as error:
         if debug:
             traceback.print_exception(error)
         from ..text import plain
 
-        print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)
-        sys.exit(error.exit_code)
+        known = isinstance(error, RobustFlowError)
+        line = str(error) if known else f"{error}; check the file or device, or use --debug for the full traceback"
+        print(f"robustflow: {plain(line, None)}", file=sys.stderr)
+        sys.exit(error.exit_code if isinstance(error, RobustFlowError) else 1)
     except KeyboardInterrupt:  # raised outside a command
         sys.exit(130)
