@@ -4,6 +4,7 @@ shared real data.
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
+import skimage
 from PIL import Image
 
 from .command_line import CommandLine
@@ -26,9 +28,15 @@ from .shared_data import shared_folder
 from .small_demo import write_small_demo
 
 cv2.setNumThreads(1)
+gc.set_threshold(20_000, 20, 20)  # a search of all modules and tests in memory takes a third of a second
 os.fsync = lambda _: None  # no test needs durable files, and a small run would wait nineteen times for the disk
 hypothesis.settings.register_profile("untimed", deadline=None)  # tests must not fail on a busy machine
 hypothesis.settings.load_profile("untimed")
+
+
+def pytest_collection_finish() -> None:
+    """Exclude the modules and tests from every later search for garbage."""
+    gc.freeze()
 
 
 @pytest.fixture
@@ -70,8 +78,16 @@ def quick_workers(_prepared_process: None, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.fixture(scope="session")
 def small_demo(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The demo pair at a ninth of its pixels: `monkeypatch.setattr(skimage, "__file__", small_demo)`."""
+    """The demo pair at a ninth of its pixels: `patch.setattr(skimage, "__file__", small_demo)`."""
     return write_small_demo(tmp_path_factory.mktemp("skimage"))
+
+
+@pytest.fixture(scope="module")
+def demo_is_small(small_demo: str) -> Iterator[None]:
+    """Let a test module measure the small demo pair: `pytestmark = pytest.mark.usefixtures("demo_is_small")`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skimage, "__file__", small_demo)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

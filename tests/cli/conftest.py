@@ -1,20 +1,35 @@
-"""Two finished runs for commands to read."""
+"""The demo pair at a ninth of its pixels for all commands run in this process, and two finished runs to read."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import skimage
 
 from robustflow.api import evaluate
 
+WHOLE_DEMO = skimage.__file__
+"""The value of `skimage.__file__` that gives the demo pair at its size, for which the documentation prints numbers."""
 
-@pytest.fixture(scope="session")
-def runs(tmp_path_factory) -> list[Path]:
+
+@pytest.fixture(scope="package", autouse=True)
+def _small_demo(small_demo: str) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skimage, "__file__", small_demo)
+        yield
+
+
+@pytest.fixture(scope="package")
+def runs(tmp_path_factory, _small_demo: None) -> list[Path]:
     """The folders of two runs on the embedded pair, by DIS and by Farneback's method; the tests only read them."""
-    folder = tmp_path_factory.mktemp("runs")
+    return two_runs(tmp_path_factory.mktemp("runs"))
+
+
+def two_runs(folder: Path) -> list[Path]:
     options = {"corruptions": ["contrast"], "severities": [1, 5]}
     return [evaluate(model, "demo", output=folder / model, **options).path for model in ("dis", "farneback")]
 

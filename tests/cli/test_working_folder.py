@@ -136,7 +136,7 @@ def test_commands_in_a_folder_of_decoys_import_a_model_and_a_corruption_there_an
     frames = _two_clips(tmp_path / "clips")
     corrupt = ("corrupt", frames / "a/000.png", frames / "a/001.png", "-c", "fog", "-s", 2, "-o", tmp_path / "out")
     prepare = (*_prepare(tmp_path, frames), "--workers", 2)
-    engine = ("--engine", "processes", "--workers", 2)
+    engine = ("--engine", "processes", "--workers", 1)
     shown = _finishes(place, *run, *engine, "then", *report, "then", *corrupt, "then", *prepare)
     assert "darker" in shown
     assert (tmp_path / "out").exists()

@@ -11,6 +11,8 @@ from robustflow.records.pack import record_bytes
 
 from .forge import assert_fails, at, failure, verified, with_json, with_rows
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 _SQUARE = pl.col("corruption") == "square:queries=3"
 
 

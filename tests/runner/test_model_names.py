@@ -9,6 +9,8 @@ from robustflow.records.pack import pack
 from robustflow.report.site.content import run_content
 from robustflow.testing import ZeroFlow
 
+pytestmark = pytest.mark.usefixtures("demo_is_small")
+
 SETTINGS = {"corruptions": ["contrast"], "severities": [1]}
 
 
