@@ -89,6 +89,9 @@ def test_no_checkpoint_of_ptlflow_is_left_out():
         ("C+T+K:drive-disjoint", "kitti2012", "ID"),
         ("C,S", "sintel", "LEAKED"),
         ("G:train", "gopro-fc", "ID"),
+        ("S:train", "sintel", "UNKNOWN"),  # evaluated whole: the training part of a split that is not known
+        ("K12:train", "kitti2012", "UNKNOWN"),
+        ("S:train", "kitti-fc", "OOD"),
         ("M", "demo", "LEAKED"),
         ("X", "spring", "OOD"),
         ("C", "folder", "UNKNOWN"),

@@ -2,7 +2,8 @@
 
 "ID" means that the model was trained on the domain, but on none of the evaluated frames. This depends on the pairs:
 `K:train` denotes the 120 training pairs of the project's split. If one of them is evaluated, because of a different
-`--split`, a small folder, or an evaluation on the whole dataset, the model is evaluated on its training data.
+`--split`, a small folder, or an evaluation on the whole dataset, the model is evaluated on its training data. Datasets
+without a standard split, such as Sintel, are evaluated whole, so the evaluated pairs in `S:train` are unknown.
 
 KITTI's raw data contain the frames of most pairs. A model trained on the raw data without labels has seen these frames
 unless its authors left them out (`KR:train`); its setting is "ID", and a note gives the number of pairs.
@@ -13,11 +14,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from ..datasets import DATASETS
 from ..datasets.kitti_drives import drives, related
 from ..datasets.split import KITTI_KEYS, KITTI_SPLITS, kitti_split
 from ..datasets.still import pair_key
 from ..models.provenance import RANDOM, Setting, Training
-from .facts import is_still
+from .facts import is_still, moving_name
 from .registry import benchmark_facts
 
 _KITTI = "kitti2015"
@@ -80,6 +82,11 @@ def judge(
             setting, note = _kitti_part(part, keys, protocol)
             settings.add(setting)
             notes.append(note)
+    elif parts and moving_name(benchmark) in DATASETS:
+        settings.add("UNKNOWN")
+        notes.append(
+            f"whether {facts.training_set}:train contains evaluated pairs is unknown; it has no standard split"
+        )
     worst = next(one for one in ("LEAKED", "UNKNOWN", "ID", "OOD") if one in settings)
     return worst, [f"{PAIRS_NOTE}{note}" for note in notes if note]
 
